@@ -4,6 +4,7 @@ Data on stdout, log and progress on stderr. Exit 0: done; 1: failed; 2: wrong in
 """
 
 import argparse
+import io
 import os
 import signal
 import sys
@@ -28,13 +29,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         argv = sys.argv[1:]
         for stream in (sys.stdout, sys.stderr):  # Windows gives files and pipes another encoding
-            stream.reconfigure(encoding="utf-8")
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(encoding="utf-8")
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
             raise InputError(f"unrecognized arguments: {' '.join(unknown)} (see phd {args.verb} --help)")
-        code = args.do(args)
+        code = args.do(args) or DONE
         sys.stdout.flush()
         return code
     except SystemExit as end:  # --help and --version

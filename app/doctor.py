@@ -36,7 +36,7 @@ def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
     boards = [board_check(ask_board(port)) for port in boards_at]
     checks = [
         libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(),
-        check_disk(data_dir, sync=True)[0], kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
+        check_disk(data_dir, sync=True), kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
     ]  # fmt: skip
     return [*checks, first_change(checks)]
 

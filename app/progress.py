@@ -77,7 +77,8 @@ class Compiling:
     """Shows which of how many kernels is being compiled, and adds up how long that takes (s)."""
 
     def __init__(self) -> None:
-        self.seconds, self._began, self._bar = 0.0, None, Progress("compiling kernels")
+        self.seconds, self._bar = 0.0, Progress("compiling kernels")
+        self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
         """As `kernel.watchers` are called: before each kernel of an entry, and after the last with no name."""
@@ -94,8 +95,9 @@ def watch_compiling() -> Compiling:
     """From here on a bar shows each compilation of kernels."""
     from core.kernel import watchers
 
-    watchers[:] = [Compiling()]
-    return watchers[0]
+    compiling = Compiling()
+    watchers[:] = [compiling]
+    return compiling
 
 
 class Display:

@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
@@ -62,7 +62,7 @@ def main() -> int:
         set_up(kind)
         return DONE if WINDOWS else become(PYTHON, __file__, *arguments)
     if not is_ready(kind):
-        return NOT_READY if WINDOWS else become(sys._base_executable, __file__, *arguments)
+        return NOT_READY if WINDOWS else become(sys._base_executable, __file__, *arguments)  # type: ignore[attr-defined]
     if tests:
         if sys.platform == "linux":
             install_test_programs()
@@ -156,7 +156,7 @@ def fill(kind: str) -> bool:
 
 
 #: Of a process of the set-up: nothing to read, its messages to stderr, and the lock held while it lives.
-QUIET = {"stdin": subprocess.DEVNULL, "stdout": sys.stderr, "close_fds": False}
+QUIET: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": sys.stderr, "close_fds": False}
 
 
 def pip_install(*what: str) -> bool:
@@ -182,7 +182,7 @@ def one_at_a_time() -> Iterator[None]:
 def is_locked(lock: int) -> bool:
     """Try to lock this open file; whether it is ours now."""
     try:
-        if WINDOWS:
+        if sys.platform == "win32":
             import msvcrt
 
             msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)

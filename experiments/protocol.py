@@ -178,8 +178,14 @@ class Settings(Table, frozen=True, kw_only=True):
                 raise ValueError(f"form.{name} must offer at least two different choices")
 
 
-class _NamedController(Table, frozen=True):
-    """What every controller of a file has."""
+_Parameters: Any = msgspec.defstruct(
+    "_Parameters", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()], bases=(Table,), frozen=True,
+    kw_only=True,
+)  # fmt: skip
+
+
+class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
+    """One controller as it stands in a file: an algorithm and its parameters."""
 
     name: Text
     kind: Annotated[str, choice(*ALGORITHMS)]
@@ -192,13 +198,6 @@ class _NamedController(Table, frozen=True):
     def preset(self) -> Preset:
         """The controller. ValueError if its parameters are not those of its algorithm."""
         return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
-
-
-#: One controller as it stands in a file: an algorithm and its parameters.
-ControllerFile = msgspec.defstruct(
-    "ControllerFile", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()],
-    bases=(_NamedController,), frozen=True, kw_only=True, forbid_unknown_fields=True,
-)  # fmt: skip
 
 
 class ProtocolFile(Settings, frozen=True, kw_only=True):
@@ -431,7 +430,7 @@ def _checked(
     release = file.release if file.release.on else None
     settings["assumptions"] = assumptions
     settings["trial"] = TrialRules(
-        *msgspec.structs.astuple(file.trial), release=release, assumptions=assumptions, slave=file.slave,
+        **msgspec.structs.asdict(file.trial), release=release, assumptions=assumptions, slave=file.slave,
         around=_around(file, devices, paths, where),
     )  # fmt: skip
     return Protocol(
@@ -455,7 +454,9 @@ def _around(
         for end, (x, y) in (("starts", points[0]), ("ends", points[-1])):
             if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
                 raise InputError(f"{where}: path {number} {end} in an obstacle")
-        for name, device in devices if file.guard else ():
+        for name, device in devices:
+            if file.guard is None:
+                break
             if not device.brakes.present.any():
                 raise InputError(f"{where}: guard: {name} has no brakes to lock")
             held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])

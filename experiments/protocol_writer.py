@@ -58,9 +58,8 @@ def save_variant(
     content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": sensing}
     paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
     changed = strength != 1.0 or backlash_deg is not None
-    files, variant = {}, device
-    if changed or device.name not in shipped_devices() or load_device(device.name).text != device.text:
-        files, variant = _device_files(path, device, strength, backlash_deg)
+    changed = changed or device.name not in shipped_devices() or load_device(device.name).text != device.text
+    files, variant = _device_files(path, device, strength, backlash_deg) if changed else ({}, device)
     content |= {
         "name": path.stem,
         "rules": rules,

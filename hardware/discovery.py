@@ -45,6 +45,11 @@ class BoardFound(NamedTuple):
     fault: str = ""  # latched, in words
     problem: str = ""  # why none answers; "": one does
 
+    @property
+    def words(self) -> str:
+        """What answers, or why nothing does."""
+        return self.problem or f"answers, {self.device or 'names no device'}"
+
 
 class HidDevice(NamedTuple):
     """A six-axis device that is known here."""
@@ -89,15 +94,7 @@ def ask_board(port: str) -> BoardFound:
         return BoardFound(port, problem=str(error).rpartition(f"{port}: ")[2])
 
 
-class PortFound(NamedTuple):
-    """A port at which a board may be."""
-
-    port: str
-    words: str  # what answers there, or why nothing does
-    answers: bool
-
-
-def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[PortFound, ...]:
+def look_at_ports(before: Sequence[BoardFound] = (), besides: str = "") -> tuple[BoardFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
     before: an earlier look; no port is asked twice, for some devices start anew when their port is opened.
@@ -108,13 +105,11 @@ def look_at_ports(before: Sequence[PortFound] = (), besides: str = "") -> tuple[
     return tuple(known.get(port) or _found(port) for port in ports if port != besides)
 
 
-def _found(port: str) -> PortFound:
+def _found(port: str) -> BoardFound:
     try:
-        board = ask_board(port)
+        return ask_board(port)
     except InputError as error:  # it has just gone
-        return PortFound(port, str(error), False)
-    words = board.problem or f"answers, {board.device or 'names no device'}"
-    return PortFound(port, words, not board.problem)
+        return BoardFound(port, problem=str(error))
 
 
 def described(port: str, hello: Hello) -> BoardFound:

@@ -51,14 +51,13 @@ def _listed(counts: tuple[int, ...]) -> str:
 
 def limits_of(hello: Hello, device: Device) -> SetLimits:
     """What the board shall enforce: the currents of the brake files, and a speed for each encoder."""
-    a, e, b, c = (round(SPEED_MAX / (2.0 * math.pi) * n) for n in hello.counts_per_rev)
-    return SetLimits(currents_of(device), (a, e, b, c))
+    speeds = tuple(round(SPEED_MAX / (2.0 * math.pi) * n) for n in hello.counts_per_rev)
+    return SetLimits(currents_of(device), speeds)
 
 
 def currents_of(device: Device) -> Four:
     """The brake files' largest currents, mA; 0 at joints without a brake."""
-    a, e, b, c = (round(1000.0 * float(most)) for most in device.brakes.current_max)
-    return a, e, b, c
+    return tuple(round(1000.0 * float(most)) for most in device.brakes.current_max)
 
 
 def wired_to(hello: Hello) -> str:

@@ -47,7 +47,6 @@ class Layouts(Table, frozen=True):
     usage_page: int
     usage: int
     full_scale_counts: int
-    buttons_report: int
     layout: tuple[Layout, ...]
 
 
@@ -73,9 +72,7 @@ class Reading(NamedTuple):
     fy_N: float  # away from the person
     connected: bool
     text: str  # for a screen: which device, what is wrong
-    age_s: float  # since its newest report; inf before the first
     reports: int  # drained so far
-    unplugged: int  # times that it went away
 
 
 @cache
@@ -139,15 +136,20 @@ class HidHand:
     """The newest deflection of one six-axis device, as a force in the plane of the handle."""
 
     def __init__(
-        self, force_full_N: float = FORCE_FULL_N, listing: Callable[[], list[dict]] = list_hid,
-        opening: Callable[[bytes], Any] = open_hid, clock: Callable[[], float] = time.perf_counter,
+        self, push: Callable[[float, float], None] = lambda fx_N, fy_N: None,
+        listing: Callable[[], list[dict]] = list_hid, opening: Callable[[bytes], Any] = open_hid,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:  # fmt: skip
-        """InputError if no known device is attached or it may not be read."""
-        self._scale = force_full_N / layouts().full_scale_counts
+        """push: gets each new force, on the thread that reads the device; none once that is over.
+
+        listing, opening, clock: of the machine, but for tests.
+        InputError if no known device is attached or it may not be read.
+        """
+        self._push, self._scale = push, FORCE_FULL_N / layouts().full_scale_counts
         self._listing, self._opening, self._clock = listing, opening, clock
         self._ended = threading.Event()
         self._lock = threading.Lock()
-        self._newest, self._reports, self._unplugged, self._problem = -math.inf, 0, 0, ""
+        self._newest, self._reports, self._problem = -math.inf, 0, ""
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
         self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
         self._found, self._device = self._look()
@@ -157,14 +159,13 @@ class HidHand:
     def read(self) -> Reading:
         """The hand now. No force while the device is away, or silent although it was deflected."""
         with self._lock:
-            age = self._clock() - self._newest
             connected = self._device is not None
             x, y = (self._scale * (self._counts[axis] - self._bias[axis]) for axis in ("x", "y"))
-            fx, fy = (x, -y) if connected and age <= SILENT_S else (0.0, 0.0)
+            fx, fy = (x, -y) if connected and self._clock() - self._newest <= SILENT_S else (0.0, 0.0)
             bias = self._scale * math.hypot(self._bias["x"], self._bias["y"])
             zero = f"; {bias:.1f} N taken off as its zero" if bias else ""
             text = f"{self._found.product} ({WORD}{zero})" if connected else self._problem
-            return Reading(fx, fy, connected, text, age, self._reports, self._unplugged)
+            return Reading(fx, fy, connected, text, self._reports)
 
     def take_bias(self) -> bool:
         """Call what the cap reads now its zero; False, and nothing changes, if somebody seems to hold it."""
@@ -209,10 +210,13 @@ class HidHand:
             except (OSError, ValueError) as error:
                 self._lost(error)
                 continue
+            finally:
+                self._push(*self.read()[:2])
             if not biased and self._clock() - started >= BIAS_S:
                 biased = True
                 self._biases.setdefault(self._found.who, self._bias)
                 self.take_bias()
+        self._push(0.0, 0.0)
         if self._device is not None:
             self._device.close()
 
@@ -233,7 +237,6 @@ class HidHand:
         device = self._device
         with self._lock:
             self._device = None
-            self._unplugged += 1
             self._counts = dict.fromkeys(AXES, 0)
             self._problem = f"{self._found.product} was unplugged: plug it in again ({error or 'read error'})"
         with contextlib.suppress(OSError):  # it is gone: there is nothing left to close

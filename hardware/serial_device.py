@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice, ZeroRecord
@@ -42,7 +42,7 @@ WRAP = 1 << 32
 NOT_CONNECTED = m.Refused(m.TYPES[m.Command], Refusal.WRONG_STATE)
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 
-REFUSAL_WORDS = {
+REFUSAL_WORDS: dict[int, str] = {
     Refusal.WRONG_STATE: "it does not do that in the state it is in",
     Refusal.BAD_VALUE: "it cannot take what it was told",
     Refusal.FAULT_STANDS: "what caused its fault is still there",
@@ -59,29 +59,13 @@ ASKED_WORDS = {
 Answer = TypeVar("Answer")
 
 
-class Wire(Protocol):
-    """What a connection needs of a port; all raise DeviceError where it has died."""
-
-    name: str
-    not_taken: int  # writes that found no room in time
-
-    def read(self) -> bytes:
-        """What has come; waits at most some ms."""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-
-    def close(self) -> None:
-        """Close; never waits for long."""
-
-
 class Connection:
     """Messages to and from one board, from Hello to Bye."""
 
-    def __init__(self, wire: Wire, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, wire: Port, clock: Callable[[], float] = time.perf_counter) -> None:
         self.wire, self._clock = wire, clock
         self._decoder = FrameDecoder()
-        self._layout: m.SampleLayout | None = None
+        self._layout: m.Layout | None = None
         self.not_understood = 0  # whole frames that hold no message of this protocol
 
     @property
@@ -142,8 +126,7 @@ class Connection:
 def refusal(question: tuple, reason: int) -> str:
     """That the board would not do what it was asked, in one sentence."""
     asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
-    words = {int(known): text for known, text in REFUSAL_WORDS.items()}
-    return f"the board would not {asked}: {words.get(reason, f'its reason, {reason}, is not known here')}"
+    return f"the board would not {asked}: {REFUSAL_WORDS.get(reason, f'its reason, {reason}, is not known here')}"
 
 
 def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
@@ -152,8 +135,8 @@ def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
     The last line before the wire.
     """
     asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
-    a, e, b, c = map(min, most_mA, asked)
-    return (a, e, b, c), asked != [a, e, b, c] or not all(0.0 <= current < math.inf for current in currents)
+    given = tuple(map(min, most_mA, asked))
+    return given, given != tuple(asked) or not all(0.0 <= current < math.inf for current in currents)
 
 
 @dataclass
@@ -209,7 +192,7 @@ class SerialDevice:
 
     def __init__(
         self, device: Device, port: str, net_force: str = "", clock: Callable[[], float] = time.perf_counter,
-        open_port: Callable[[str], Wire] = Port, sleep: Callable[[float], None] = time.sleep,
+        open_port: Callable[[str], Port] = Port, sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
         """port: its name, or "auto": the only serial port on USB. net_force: a Net F/T, as `NetFT` takes it; "": none.
 
@@ -217,12 +200,13 @@ class SerialDevice:
         """
         self.device, self.port = device, port
         self._problem, self._trouble = "not opened yet", ""  # of the board, of the force sensor
-        self._net_force, self._force_sensor = net_force, None  # opened with the device
+        self._net_force = net_force
+        self._force_sensor: NetFT | None = None  # opened with the device
         self.health = Health()
         self.encoders, self.force_channels = "", 0
         self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
         self.clock, self._sleep, self._open_port = clock, sleep, open_port
-        self._connection: Connection | None = None
+        self._reached: Reached | None = None
         self._back: Reached | None = None  # made by the thread that brings it back
         self._bringing: threading.Thread | None = None
         self._closing = threading.Event()
@@ -232,7 +216,6 @@ class SerialDevice:
         self._last: int | None = None  # sequence of the last sample
         self._watch = FreshnessWatch()  # of the present connection
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
-        self._limits_mA: Four = (0, 0, 0, 0)
         self._identity: Identity | None = None
 
     @property
@@ -284,28 +267,27 @@ class SerialDevice:
 
     def _begin(self, reached: Reached) -> None:
         """A connection begins: everything that does not outlive one is new."""
-        self._connection, self.sensing, self._limits_mA = reached
-        hello = self.sensing.hello
+        self._reached, self.sensing, hello = reached, reached.sensing, reached.sensing.hello
         self.encoders = "".join(JOINTS[i] for i in joints_of(hello.encoders))
         self.force_channels = hello.force_channels
         self._back = self._bringing = self._last = self._beat = None
         self._watch, self._sequence = FreshnessWatch(), 0
         self._heard = self.clock()
-        self.health.frames = self._connection.frames
+        self.health.frames = reached.connection.frames
         self._problem = ""
 
     def _lose(self, reason: str) -> None:
         """The link is lost: a thread brings it back."""
         self._problem = reason
         self.health.lost_links += 1
-        lost, self._connection = self._connection, None
+        lost, self._reached = self._reached, None
         self._bringing = threading.Thread(
             target=self._bring_back, args=(lost,), name="bring the board back", daemon=True
         )
         self._bringing.start()
 
-    def _bring_back(self, lost: Connection) -> None:
-        lost.wire.close()
+    def _bring_back(self, lost: Reached) -> None:
+        lost.connection.wire.close()
         while not self._closing.is_set():
             try:
                 self._back = self._reach()
@@ -319,15 +301,16 @@ class SerialDevice:
         self._closing.set()
         if self._bringing is not None:
             self._bringing.join(2.0)
-        for connection in (self._connection, self._back and self._back.connection):
-            if connection is not None:
+        for reached in (self._reached, self._back):
+            if reached is not None:
+                connection = reached.connection
                 try:
                     self._command(connection, (0, 0, 0, 0))
                     connection.send(m.Bye())
                 except DeviceError:
                     pass  # gone already: its watchdog has made the currents zero
                 connection.wire.close()
-        self._connection = self._back = None
+        self._reached = self._back = None
         self._problem = "closed"
         if self._force_sensor:
             self._force_sensor.close()
@@ -347,19 +330,19 @@ class SerialDevice:
         self._asked = now
         if self._back is not None:
             self._begin(self._back)
-        connection = self._connection
-        if connection is None:
+        reached = self._reached
+        if reached is None:
             self._sleep(SAMPLE_S)
             return None
         try:
-            milliamperes, put_right = clamped(currents, self._limits_mA)
+            milliamperes, put_right = clamped(currents, reached.limits_mA)
             self.health.clamped += put_right
-            self._command(connection, milliamperes)
+            self._command(reached.connection, milliamperes)
             if now >= self._beat_at:
                 self._token = (self._token + 1) % WRAP
                 self._beat, self._beat_at = (self._token, now), now + HEARTBEAT_S
-                connection.send(m.Heartbeat(self._token))
-            return self._listen(connection, now + SAMPLE_S)
+                reached.connection.send(m.Heartbeat(self._token))
+            return self._listen(reached, now + SAMPLE_S)
         except DeviceError as error:
             self._lose(cause_of(error))
             return None
@@ -369,15 +352,15 @@ class SerialDevice:
         now_us = round(1e6 * self.clock())
         connection.send(m.Command(self._sequence, now_us, int(any(milliamperes)), milliamperes))
 
-    def _listen(self, connection: Connection, until: float) -> DeviceSample | None:
+    def _listen(self, reached: Reached, until: float) -> DeviceSample | None:
         """Take in what comes until there is a sample, or the time is over."""
         newest = None
         while newest is None:
-            messages = connection.read()
+            messages = reached.connection.read()
             now = self.clock()
             for message in messages:
                 if isinstance(message, m.Sample):
-                    newest = self._sample(message, now) or newest
+                    newest = self._sample(reached.sensing, message, now) or newest
                 elif isinstance(message, m.HeartbeatReply):
                     if self._beat is not None and self._beat[0] == message.token:
                         self.health.round_trip_s = min(self.health.round_trip_s, now - self._beat[1])
@@ -391,7 +374,7 @@ class SerialDevice:
                 break
         return newest
 
-    def _sample(self, sample: m.Sample, now: float) -> DeviceSample | None:
+    def _sample(self, sensing: BoardSensing, sample: m.Sample, now: float) -> DeviceSample | None:
         """A sample in SI units; None for one that came before. DeviceError: the connection must begin anew."""
         if self._last is not None:
             ahead = (sample.sequence - self._last) % WRAP
@@ -404,12 +387,12 @@ class SerialDevice:
         self.health.late_commands += bool(sample.flags & m.Flag.LATE)
         if self._force_sensor:
             sample = sample._replace(force=self._force_sensor.read())
-        taken = self.sensing.take(sample, now)
+        taken = sensing.take(sample, now)
         self.health.not_closed += not taken.closed
         self._taken.append(taken)
         if doubt := self._watch.doubt(sample, now):
             self.health.begun_anew += 1
-            self.sensing.clock.begin()
+            sensing.clock.begin()
             raise DeviceError(doubt)
         return taken
 
@@ -431,15 +414,15 @@ class SerialDevice:
 
     def report(self) -> dict:
         """Counters since `open`, clock model (offset, drift, residual of host time over board time), and the zero."""
-        report = self.health.report(self.sensing, self._connection)
+        report = self.health.report(self.sensing, self._reached and self._reached.connection)
         return report | ({"force_sensor": self._force_sensor.report()} if self._force_sensor else {})
 
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now: set the encoders. DeviceError if the board did not."""
         self.exchange(NO_CURRENT)
-        connection = self._there()
-        connection.ask(m.Home(self.sensing.hello.encoders, self.sensing.pose.counts_at(tip)), m.Homed)
-        self.sensing.moved()
+        connection, sensing, _ = self._there()
+        connection.ask(m.Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), m.Homed)
+        sensing.moved()
         self._last = None
 
     def zero(self) -> ZeroRecord:
@@ -447,8 +430,7 @@ class SerialDevice:
 
         DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away meanwhile.
         """
-        self._there()
-        sensing, taken = self.sensing, []
+        sensing, taken = self._there().sensing, []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
                 taken.append(sample)
@@ -465,24 +447,24 @@ class SerialDevice:
 
     def stop(self) -> None:
         """Brakes off, latched on the board; where it cannot be reached, its watchdog does it."""
-        if self._connection is not None:
+        if self._reached is not None:
             try:
-                self._connection.send(m.Stop())
+                self._reached.connection.send(m.Stop())
             except DeviceError as error:
                 self._lose(cause_of(error))
 
     def reset(self) -> None:
         """Forget the board's faults. DeviceError: a condition still stands, or the board is not there."""
-        connection = self._there()
+        connection = self._there().connection
         report = connection.ask(m.ResetFault(), m.FaultReport)
         if report.faults:
             raise DeviceError(after("the board keeps its fault: ", fault_words(report.cause)))
         self._begin(self._shake_hands(connection))
 
-    def _there(self) -> Connection:
-        if self._connection is None:
+    def _there(self) -> Reached:
+        if self._reached is None:
             raise DeviceError(after("the board cannot be reached: ", self.problem))
-        return self._connection
+        return self._reached
 
 
 def device_at(device: Device, where: str) -> RealDevice:

@@ -57,7 +57,7 @@ class Identity(NamedTuple):
 
 def is_address(name: str) -> bool:
     """Whether a port's name is the address of a TCP port."""
-    return bool(found := _ADDRESS.fullmatch(name)) and 0 < int(found[1]) < 1 << 16
+    return (found := _ADDRESS.fullmatch(name)) is not None and 0 < int(found[1]) < 1 << 16
 
 
 def is_missing(name: str) -> bool:

@@ -43,7 +43,6 @@ class Client:
 
     @property
     def pid(self) -> int:
-        """Process number of the session server."""
         return self._server.pid
 
     @property

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from app.ipc.scheduling import Scheduling
     from core.device import Device
     from core.device_interface import ZeroRecord
+    from experiments.analysis.metrics import Metrics
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
     from experiments.protocol import Protocol
@@ -248,16 +249,13 @@ class Opened(NamedTuple):
 
 
 class Pass(NamedTuple):
-    """A pass of Try that has ended, and its measures; None: it has not, e.g. the handle was never moved."""
+    """A pass of Try that has ended."""
 
     number: int  # 1 ..
     settings: SandboxSettings  # at its end
     changed: bool  # on the way
     status: str  # "done", "timeout"
-    path_error_m: float | None
-    mean_tip_force_N: float | None
-    roughness_m_s2: float | None  # `acceleration_weighted_rms_m_s2`
-    duration_s: float | None
+    measures: "Metrics"
 
 
 class SandboxState(NamedTuple):
@@ -295,7 +293,9 @@ class Snapshot(NamedTuple):
     @property
     def not_now(self) -> str:
         """Why what does not fit the stage is refused."""
-        return NOT_NOW[self.stage] if self.stage in NOT_NOW else f"{self.card.title}: this comes first."
+        if self.card is None or self.stage in NOT_NOW:
+            return NOT_NOW[self.stage]
+        return f"{self.card.title}: this comes first."
 
     @property
     def why_not(self) -> str:
@@ -353,7 +353,6 @@ class Pulse(NamedTuple):
     proof: Proof | None  # None: nothing is being recorded
     timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
-    disk_free_bytes: int
     device: "DeviceStatus | None" = None  # a real one, while no trial runs; None: not told yet
 
 

@@ -1,14 +1,18 @@
 """One end of the two pipes between a process and the one that started it; neither end ever waits for the other."""
 
+import os
 import pickle
 import queue
 import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any, BinaryIO
 
-from app.ipc.process import start_python
+from app.ipc.scheduling import program_cores
 
+_ROOT = str(Path(__file__).resolve().parents[2])
 _LOOK_S = 0.005
 _END = object()
 
@@ -85,14 +89,11 @@ class Child(Pipe):
 
     def __init__(self, module: str, *arguments: str, **options: Any) -> None:
         """Run `main` of a module. options: as for Popen."""
-        self._process = start_python(
-            module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **options
-        )  # fmt: skip
+        self._process = start_python(module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **options)
         super().__init__(self._process.stdout, self._process.stdin)
 
     @property
     def pid(self) -> int:
-        """Its process number."""
         return self._process.pid
 
     @property
@@ -113,3 +114,19 @@ class Child(Pipe):
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def start_python(
+    module: str, *arguments: str, environment: dict[str, str] | None = None, **options: Any
+) -> subprocess.Popen:
+    """Run `main` of a module of this program in a new process, wherever we were started from.
+
+    Not `-m`: what it pickles is of that module. environment: is added to ours; options: as for Popen.
+    """
+    program_cores()  # handed down
+    path = os.environ.get("PYTHONPATH", "")
+    found = {"PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
+    command = [sys.executable, "-c", f"from {module} import main; main()", *arguments]
+    if sys.platform == "win32":  # neither a console window of its own nor the Ctrl-C of ours
+        options["creationflags"] = subprocess.CREATE_NO_WINDOW
+    return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)

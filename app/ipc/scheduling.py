@@ -114,11 +114,11 @@ def _process_cores() -> list[int]:
     """The cores that this process may use; none where the system does not let a program choose."""
     if sys.platform == "linux":
         return sorted(os.sched_getaffinity(0))
-    if sys.platform != "win32":
-        return []
-    kernel32, ours, every = _kernel32(), ctypes.c_size_t(), ctypes.c_size_t()
-    kernel32.GetProcessAffinityMask(kernel32.GetCurrentProcess(), ctypes.byref(ours), ctypes.byref(every))
-    return [core for core in range(64) if ours.value >> core & 1]
+    if sys.platform == "win32":
+        kernel32, ours, every = _kernel32(), ctypes.c_size_t(), ctypes.c_size_t()
+        kernel32.GetProcessAffinityMask(kernel32.GetCurrentProcess(), ctypes.byref(ours), ctypes.byref(every))
+        return [core for core in range(64) if ours.value >> core & 1]
+    return []
 
 
 def _own_core() -> int:
@@ -128,7 +128,7 @@ def _own_core() -> int:
         return -1
     if sys.platform == "linux":
         os.sched_setaffinity(0, {max(cores)})
-    else:
+    elif sys.platform == "win32":
         kernel32 = _kernel32()
         kernel32.SetThreadAffinityMask(kernel32.GetCurrentThread(), _mask({max(cores)}))
     return max(cores)
@@ -160,39 +160,41 @@ def _short_slice(libc: ctypes.CDLL) -> bool:
 # ----------------------------------------------------------------------------------------------------------- Windows
 
 
-def _kernel32() -> Any:
-    """Windows' own functions; what they are given as a handle or a mask has the size of a pointer."""
-    kernel32 = ctypes.WinDLL("kernel32")
-    for get in (kernel32.GetCurrentProcess, kernel32.GetCurrentThread):
-        get.restype = ctypes.c_void_p
-    kernel32.SetThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
-    for take in (kernel32.SetProcessAffinityMask, kernel32.SetThreadAffinityMask):
-        take.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
-    kernel32.GetProcessAffinityMask.argtypes = (ctypes.c_void_p,) * 3
-    kernel32.SetProcessWorkingSetSizeEx.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_uint32)
-    return kernel32
+if sys.platform == "win32":
+    def _kernel32() -> Any:
+        """Windows' own functions; what they are given as a handle or a mask has the size of a pointer."""
+        kernel32 = ctypes.WinDLL("kernel32")
+        for get in (kernel32.GetCurrentProcess, kernel32.GetCurrentThread):
+            get.restype = ctypes.c_void_p
+        kernel32.SetThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
+        for take in (kernel32.SetProcessAffinityMask, kernel32.SetThreadAffinityMask):
+            take.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
+        kernel32.GetProcessAffinityMask.argtypes = (ctypes.c_void_p,) * 3
+        size = ctypes.c_size_t
+        kernel32.SetProcessWorkingSetSizeEx.argtypes = (ctypes.c_void_p, size, size, ctypes.c_uint32)
+        return kernel32
 
 
-def _mask(cores: set[int]) -> int:
-    return sum(1 << core for core in cores)
+    def _mask(cores: set[int]) -> int:
+        return sum(1 << core for core in cores)
 
 
-def _windows(real_time: bool) -> Scheduling:
-    kernel32, core = _kernel32(), _own_core()
-    kept = bool(kernel32.SetProcessWorkingSetSizeEx(kernel32.GetCurrentProcess(), *WORKING_SET, _KEEP_LEAST))
-    if real_time and _multimedia():
-        return Scheduling(True, kept, core, "real-time: multimedia class Pro Audio")
-    highest = kernel32.SetThreadPriority(kernel32.GetCurrentThread(), _HIGHEST)
-    return Scheduling(False, kept, core, f"default{', highest priority of a thread' if highest else ''}")
+    def _windows(real_time: bool) -> Scheduling:
+        kernel32, core = _kernel32(), _own_core()
+        kept = bool(kernel32.SetProcessWorkingSetSizeEx(kernel32.GetCurrentProcess(), *WORKING_SET, _KEEP_LEAST))
+        if real_time and _multimedia():
+            return Scheduling(True, kept, core, "real-time: multimedia class Pro Audio")
+        highest = kernel32.SetThreadPriority(kernel32.GetCurrentThread(), _HIGHEST)
+        return Scheduling(False, kept, core, f"default{', highest priority of a thread' if highest else ''}")
 
 
-def _multimedia() -> bool:
-    """Whether the service for multimedia takes the calling thread as one of those that must not be late."""
-    avrt, task = ctypes.WinDLL("avrt"), ctypes.c_uint32()
-    avrt.AvSetMmThreadCharacteristicsW.restype = ctypes.c_void_p
-    avrt.AvSetMmThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
-    handle = avrt.AvSetMmThreadCharacteristicsW("Pro Audio", ctypes.byref(task))
-    return bool(handle and avrt.AvSetMmThreadPriority(handle, _CRITICAL))
+    def _multimedia() -> bool:
+        """Whether the service for multimedia takes the calling thread as one of those that must not be late."""
+        avrt, task = ctypes.WinDLL("avrt"), ctypes.c_uint32()
+        avrt.AvSetMmThreadCharacteristicsW.restype = ctypes.c_void_p
+        avrt.AvSetMmThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
+        handle = avrt.AvSetMmThreadCharacteristicsW("Pro Audio", ctypes.byref(task))
+        return bool(handle and avrt.AvSetMmThreadPriority(handle, _CRITICAL))
 
 
 # ------------------------------------------------------------------------------------------------------------- macOS

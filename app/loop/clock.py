@@ -45,24 +45,25 @@ def new_timer() -> np.ndarray:
     return timer
 
 
-def _prepare_windows(timer: np.ndarray) -> None:
-    """Ticks per second of the counter and a waitable timer: of high resolution (Windows 10 1803 and later), else one of
-    1 ms, beside which the loop looks at the clock all the time.
-    """
-    kernel32 = ctypes.WinDLL("kernel32", use_last_error=True)
-    rate = ctypes.c_int64()
-    kernel32.QueryPerformanceFrequency(ctypes.byref(rate))
-    create = kernel32.CreateWaitableTimerExW
-    create.restype = ctypes.c_void_p
-    all_access, fine = 0x1F0003, 0x2
-    handle = create(None, None, fine, all_access)
-    if not handle:
-        ctypes.WinDLL("winmm").timeBeginPeriod(1)
-        handle = create(None, None, 0, all_access)
-        timer[_SPIN] = 2_000_000
-    if not handle:
-        raise ctypes.WinError(ctypes.get_last_error())
-    timer[_FIRST], timer[_SECOND] = rate.value, handle
+if sys.platform == "win32":
+    def _prepare_windows(timer: np.ndarray) -> None:
+        """Ticks per second of the counter and a waitable timer: of high resolution (Windows 10 1803 and later), else
+        one of 1 ms, beside which the loop looks at the clock all the time.
+        """
+        kernel32 = ctypes.WinDLL("kernel32", use_last_error=True)
+        rate = ctypes.c_int64()
+        kernel32.QueryPerformanceFrequency(ctypes.byref(rate))
+        create = kernel32.CreateWaitableTimerExW
+        create.restype = ctypes.c_void_p
+        all_access, fine = 0x1F0003, 0x2
+        handle = create(None, None, fine, all_access)
+        if not handle:
+            ctypes.WinDLL("winmm").timeBeginPeriod(1)
+            handle = create(None, None, 0, all_access)
+            timer[_SPIN] = 2_000_000
+        if not handle:
+            raise ctypes.WinError(ctypes.get_last_error())
+        timer[_FIRST], timer[_SECOND] = rate.value, handle
 
 
 def timer_words(timer: np.ndarray) -> str:

@@ -110,17 +110,11 @@ def _try(state: State, command: m.Sandbox) -> None:
 
 
 def _run(state: State, session: Session, planned: PlannedTrial) -> None:
-    _need_no_hindrance(state)
-    if wrong := _wrong_hand(state, session):
-        raise InputError(wrong)
+    if why := state.broken or state.snapshot().why_not or _wrong_hand(state, session):
+        raise InputError(why)
     trial, writer = state.device.begin(session, planned)
     state.runner.start(planned, trial, writer, state.lsl.begin(planned.run) if state.lsl else None)
     state.notify("")
-
-
-def _need_no_hindrance(state: State) -> None:
-    if why := state.broken or state.snapshot().why_not:
-        raise InputError(why)
 
 
 def _abort(state: State, command: m.Abort) -> None:

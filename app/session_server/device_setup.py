@@ -5,7 +5,6 @@ simulated operator moves it. A real one is made ready step by step, connected, h
 how it is; a person's hand moves it.
 """
 
-import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -33,7 +32,6 @@ from hardware.hid import HidHand
 if TYPE_CHECKING:
     from app.session_server.session_progress import SessionProgress
 
-HID_S = 0.004  # between two looks at a six-axis device: twice as often as one reports
 Write = Callable[..., None]  # an event and its fields, into the journal
 
 
@@ -42,10 +40,10 @@ class SimulatedSetup:
 
     real, status = False, None
 
-    def __init__(self, ring: Ring, hand: str, hid: Callable[[], HidHand] = HidHand) -> None:
-        """hand: what moves it, of `INPUTS` InputError: it is a six-axis device, and none is attached."""
+    def __init__(self, ring: Ring, hand: str, hid: Callable[..., HidHand] = HidHand) -> None:
+        """hand: what moves it, of `INPUTS`. InputError: it is a six-axis device, and none is attached."""
         self.hand, self._ring = hand, ring
-        self._hid = HidInput(ring, hid()) if hand == HID else None
+        self._hid = hid(ring.push) if hand == HID else None  # pushes until it is closed
 
     def card(self, progress: "SessionProgress") -> Card | None:
         """What is to be done before the coming trial; None: nothing."""
@@ -64,7 +62,7 @@ class SimulatedSetup:
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""
-        return check_device(True, why_off), self._hid.check if self._hid else check_hand(self.hand)
+        return check_device(True, why_off), check_hand(self.hand, self._hid and self._hid.read())
 
     def allow(self, presses: int) -> None:
         """Currents may flow again, if the brakes-off was not pressed again after those presses."""
@@ -100,36 +98,6 @@ class SimulatedSetup:
         """Let the six-axis device go."""
         if self._hid is not None:
             self._hid.close()
-
-
-class HidInput:
-    """Brings the newest force of a six-axis device to the control loop, until `close`; it is no force sensor."""
-
-    def __init__(self, ring: Ring, hand: HidHand) -> None:
-        """hand: an attached device, which is this object's from now on."""
-        self._ring, self._hand, self._ended = ring, hand, threading.Event()
-        self._thread = threading.Thread(target=self._work, name="hand force", daemon=True)
-        self._thread.start()
-
-    def _work(self) -> None:
-        while not self._ended.wait(HID_S):
-            reading = self._hand.read()
-            self._ring.push(reading.fx_N, reading.fy_N)
-
-    @property
-    def check(self) -> Check:
-        """For the pre-flight row: which device, and that it is no force sensor."""
-        reading = self._hand.read()
-        if reading.connected:
-            return Check("Hand", m.GOOD, reading.text)
-        return Check("Hand", m.BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
-
-    def close(self) -> None:
-        """No force from now on."""
-        self._ended.set()
-        self._thread.join()
-        self._ring.push(0.0, 0.0)
-        self._hand.close()
 
 
 class RealSetup:

@@ -9,11 +9,10 @@ HUNG_S = 2.0
 #: The same for a loop with a real device between trials, which says ten times a second how it is; a handshake takes a
 #: few seconds at most.
 BENCH_HUNG_S = 10.0
-END_S = 3.0  # longest wait for it to end by itself
 
 
-class LoopProcess:
-    """A control loop in a process of its own, on the server's ring."""
+class LoopProcess(Child):
+    """A control loop in a process of its own, on the server's ring; `closed` once it is dead."""
 
     def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
         """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
@@ -21,48 +20,25 @@ class LoopProcess:
         port: of a real device; "": the device is simulated.
         """
         self._ring = ring
-        mode = REAL_TIME if real_time else DEFAULT
-        self._child = Child("app.loop.loop", ring.handle, mode, port, **ring.inherited)
-        self.running = False  # a trial
+        self._running = False  # a trial
         self._beats = False  # also without a trial
-        self.dead = False  # seen by the end of its output, at once
-
-    @property
-    def pid(self) -> int:
-        """Its process number."""
-        return self._child.pid
-
-    @property
-    def closed(self) -> bool:
-        """Whether it has ended and been waited for."""
-        return self._child.ended
+        super().__init__("app.loop.loop", ring.handle, REAL_TIME if real_time else DEFAULT, port, **ring.inherited)
 
     @property
     def hung(self) -> bool:
         """Whether it runs a trial and has had no tick for long, or has a board and did not look at it for long."""
         silent_s = self._ring.loop_silent_s
-        return (self.running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
+        return (self._running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
     def send(self, job: object) -> None:
-        """Give it something to do; one that is dead is seen by `dead`. Does not wait for it."""
-        self.running = isinstance(job, Run)
-        self._child.send(job)
+        """Give it something to do. Does not wait for it."""
+        self._running = isinstance(job, Run)
+        super().send(job)
 
-    def receive(self, wait_s: float = 0.0) -> list[object]:
+    def receive(self, wait_s: float = 0.0) -> list:
         """What it has answered since the last time; waits at most `wait_s` for the first answer."""
-        answers = self._child.receive(wait_s)
+        answers = super().receive(wait_s)
         for answer in answers:
-            self.running &= not isinstance(answer, Done)
+            self._running &= not isinstance(answer, Done)
             self._beats |= isinstance(answer, DeviceStatus)
-        self.dead |= self._child.closed
         return answers
-
-    def kill(self) -> None:
-        """End it at once, whatever it does."""
-        self._child.kill()
-        self.running, self.dead = False, True
-
-    def close(self) -> None:
-        """Let it end; kill it if it does not."""
-        self._child.end(END_S)
-        self.running, self.dead = False, True

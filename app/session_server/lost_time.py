@@ -30,7 +30,7 @@ class LostTime(NamedTuple):
     def since(self, before: "LostTime") -> "LostTime":
         """What has been added."""
         pairs = zip(self, before, strict=True)
-        return LostTime(*(None if now is None or then is None else now - then for now, then in pairs))
+        return LostTime._make(None if now is None or then is None else now - then for now, then in pairs)
 
 
 def lost_time(pid: int, core: int, read: Callable[[str], str] = read) -> LostTime:
@@ -43,7 +43,8 @@ def lost_time(pid: int, core: int, read: Callable[[str], str] = read) -> LostTim
             lines = dict(line.split(":", 1) for line in read(f"/proc/{pid}/status").splitlines())
             switches = int(lines["nonvoluntary_ctxt_switches"])
     stolen = _jiffies(core, read)
-    return LostTime(stolen and 1e3 * stolen[STEAL] / os.sysconf("SC_CLK_TCK"), waited, switches)
+    stolen_ms = None if stolen is None else 1e3 * stolen[STEAL] / os.sysconf("SC_CLK_TCK")
+    return LostTime(stolen_ms, waited, switches)
 
 
 STEAL = 7  # place in a line of /proc/stat
@@ -52,7 +53,7 @@ STEAL = 7  # place in a line of /proc/stat
 def stolen_share(read: Callable[[str], str] = read) -> float | None:
     """The share of all cores' time that the host has kept since the machine started."""
     counted = _jiffies(-1, read)
-    return counted and counted[STEAL] / max(1, sum(counted[: STEAL + 1]))
+    return None if counted is None else counted[STEAL] / max(1, sum(counted[: STEAL + 1]))
 
 
 def _jiffies(core: int, read: Callable[[str], str]) -> list[int] | None:

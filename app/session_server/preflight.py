@@ -15,6 +15,7 @@ from experiments.inputs import INPUTS, is_person
 
 if TYPE_CHECKING:
     from experiments.protocol import Protocol
+    from hardware.hid import Reading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
@@ -57,9 +58,13 @@ def check_sensor(status: DeviceStatus | None) -> Check:
     return Check("Hand", GOOD, "force sensor")
 
 
-def check_hand(hand: str) -> Check:
-    """hand: of `INPUTS`."""
-    return Check("Hand", GOOD, INPUTS[hand].title.lower())
+def check_hand(hand: str, reading: "Reading | None") -> Check:
+    """hand: of `INPUTS`. reading: of a six-axis device; None: the hand is another one."""
+    if reading is None:
+        return Check("Hand", GOOD, INPUTS[hand].title.lower())
+    if reading.connected:
+        return Check("Hand", GOOD, reading.text)
+    return Check("Hand", BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
 
 
 def check_loop(
@@ -78,8 +83,8 @@ def check_loop(
     return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
 
 
-def check_disk(folder: Path, sync: bool = False) -> tuple[Check, int]:
-    """Whether the data folder, which need not exist yet, can be written to and has room; and its free bytes.
+def check_disk(folder: Path, sync: bool = False) -> Check:
+    """Whether the data folder, which need not exist yet, can be written to and has room.
 
     sync: also how long a write takes to reach the disk itself.
     """
@@ -92,19 +97,19 @@ def check_disk(folder: Path, sync: bool = False) -> tuple[Check, int]:
             waits = [_time_to_write(file, sync) for _ in range(5 if sync else 1)]
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}. Choose another --data-dir."), 0
+        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}. Choose another --data-dir.")
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
     wait_s = statistics.median(waits)
     if sync:
         text = f"{folder}: {text}, {1e3 * wait_s:.1f} ms to bring a write to the disk"
     room = f"Make room on the disk of {folder}"
     if free < TOO_LOW:
-        return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB."), free
+        return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB.")
     if free < LOW:
-        return Check("Disk", CAUTION, text, f"{room}."), free
+        return Check("Disk", CAUTION, text, f"{room}.")
     if sync and wait_s > SLOW_SYNC_S:
-        return Check("Disk", CAUTION, text, "Record on a local disk, not on a network drive or a memory stick."), free
-    return Check("Disk", GOOD, text), free
+        return Check("Disk", CAUTION, text, "Record on a local disk, not on a network drive or a memory stick.")
+    return Check("Disk", GOOD, text)
 
 
 def _time_to_write(file: IO[bytes], sync: bool) -> float:

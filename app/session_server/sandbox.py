@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,21 +50,16 @@ ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sen
 NO_GAIN_N_S_M = 1000.0  # where the protocol has no guide
 
 
-class Ticks:
-    """The ticks of one pass, on their way from the ring."""
+def keep(pieces: list[np.ndarray], rows: np.ndarray) -> None:
+    """Put the next ticks (n, width) of a pass, n > 0, to those before."""
+    pieces.append(rows)
+    if rows[-1, PHASE] == APPROACH:
+        del pieces[:-PIECES_BEFORE]
 
-    def __init__(self) -> None:
-        self._pieces: list[np.ndarray] = []
 
-    def take(self, rows: np.ndarray) -> None:
-        """The next ones (n, width), n > 0."""
-        self._pieces.append(rows)
-        if rows[-1, PHASE] == APPROACH:
-            del self._pieces[:-PIECES_BEFORE]
-
-    def measure(self, trial: Trial) -> Metrics:
-        """The measures of the pass. InputError: ticks are missing."""
-        return trial_metrics(recording_of(np.concatenate(self._pieces), trial.device.braked), trial.path)
+def measures_of_pass(pieces: list[np.ndarray], trial: Trial) -> Metrics:
+    """The measures of a pass. InputError: ticks are missing."""
+    return trial_metrics(recording_of(np.concatenate(pieces), trial.device.braked), trial.path)
 
 
 class Sandbox:
@@ -79,7 +75,7 @@ class Sandbox:
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
         self.simulation: SimulatedDevice | None = None  # None: not built yet, or the device is real
         self._run: TrialRun | None = None
-        self._ticks = Ticks()
+        self._pieces: list[np.ndarray] = []  # of the pass: its ticks
         self._now = self.settings  # those that the running pass has
         self._changed = self._asked = self._taken = False  # asked: a Start; taken: the pointer still has the handle
         self._number, self._least_gain = 0, 0.0
@@ -233,8 +229,8 @@ class Sandbox:
             self._notify(with_advice("This pass", reason), True)
             return
         self._number += 1
-        ended = Pass(self._number, self._now, self._changed, status, None, None, None, None)
-        self._measured.append((ended, self._measuring.submit(self._ticks.measure, run.trial)))
+        ended = Pass(self._number, self._now, self._changed, status, {})
+        self._measured.append((ended, self._measuring.submit(measures_of_pass, self._pieces, run.trial)))
 
     def _add(self, ended: Pass, measured: "Future[Metrics]") -> None:
         try:
@@ -242,12 +238,7 @@ class Sandbox:
         except InputError as error:
             self._notify(f"Pass {ended.number} cannot be measured: {error}.", True)
             return
-        self._passes.append(
-            ended._replace(
-                path_error_m=found.path_error_m, mean_tip_force_N=found.mean_tip_force_N,
-                roughness_m_s2=found.acceleration_weighted_rms_m_s2, duration_s=found.duration_s,
-            )
-        )  # fmt: skip
+        self._passes.append(ended._replace(measures=found))
         del self._passes[:-MOST_PASSES]
         self._notify("", False)
 
@@ -263,8 +254,8 @@ class Sandbox:
         person, generator = person_at(self._setup, p, "0"), np.random.default_rng(self._number)
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
-        self._ticks, self._changed, self._asked = Ticks(), False, False
-        self._run = self._runner.start(planned, trial, None, self._ticks.take, self._taken)
+        self._pieces, self._changed, self._asked = [], False, False
+        self._run = self._runner.start(planned, trial, None, partial(keep, self._pieces), self._taken)
 
     def _ready_simulation(self) -> SimulatedDevice:
         """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""

@@ -129,9 +129,11 @@ def main() -> None:
     with contextlib.ExitStack() as left:
         left.callback(window.flush, CLOSE_S)
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
-        left.callback(lambda: loop.closed or loop.kill())
+        left.callback(lambda: loop.ended or loop.kill())
+        from app.session_server.lsl import Outlets
+
         try:
-            lsl = open_streams(setup, ring) if setup.lsl else None
+            lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
             protocol = take_folder(setup, left)
             _log_into(setup.data_dir / LOG, early, left)
         except (InputError, OSError) as error:
@@ -141,13 +143,6 @@ def main() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
         server.serve()
-
-
-def open_streams(setup: Setup, ring: Ring) -> "Outlets":
-    """The streams for other recorders. InputError: what they need is not installed."""
-    from app.session_server.lsl import Outlets
-
-    return Outlets(ring, bool(setup.link), setup.data_dir)
 
 
 def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":

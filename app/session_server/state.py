@@ -43,7 +43,7 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.notify)
         self._notice, self._notice_bad = "", False
-        self._disk, self._free = check_disk(setup.data_dir)
+        self._disk = check_disk(setup.data_dir)
         self._looked_s = time.perf_counter()
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.notify)
 
@@ -120,7 +120,7 @@ class State:
         """Proof of recording, and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
-        return m.Pulse(proof, self.runner.timing, verified, self._free, self.device.status)
+        return m.Pulse(proof, self.runner.timing, verified, self.device.status)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -171,7 +171,7 @@ class State:
         now = time.perf_counter()
         if self.runner.run is None and now - self._looked_s > DISK_S:
             self._looked_s = now
-            self._disk, self._free = check_disk(self.setup.data_dir)
+            self._disk = check_disk(self.setup.data_dir)
         if self.runner.run is None:
             self.storage.catch_up()
 

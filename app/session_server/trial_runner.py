@@ -17,6 +17,7 @@ from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
 HAND_BACK_S = 0.02  # longest wait for a trial that the loop gives back at its next tick
+END_S = 3.0  # longest wait for a loop to end by itself
 MOST_STARTS = 3  # loops in a row that die before they are ready
 
 
@@ -59,11 +60,6 @@ class TrialRun:
     def is_handed_back(self) -> bool:
         """Whether the loop has been asked for it."""
         return int(self._ring.control.stop) == HAND_BACK
-
-    def watch(self) -> None:
-        """End it if its recording takes no more."""
-        if self.recorder.error:
-            self.stop(self.recorder.error)
 
     def returned(self, answer: Done, scheduling: str) -> None:
         """The trial is as the loop left it. After its last tick every tick is with the writer; one that was handed
@@ -158,8 +154,8 @@ class TrialRunner:
 
     def watch(self) -> tuple[TrialRun | None, str]:
         """The run that has come to its end or was handed back, if one has, and "" or why the loop was lost with it."""
-        if self.run is not None:
-            self.run.watch()
+        if self.run is not None and self.run.recorder.error:
+            self.run.stop(self.run.recorder.error)
         ended = None
         for answer in self._loop.receive(HAND_BACK_S if self.run and self.run.is_handed_back else 0.0):
             match answer:
@@ -175,12 +171,12 @@ class TrialRunner:
                     self._last = ended.recorder.timing(self.scheduling.words)
                 case _:
                     self._device_answers.append(answer)
-        if ended is None and (self._loop.dead or self._loop.hung):
+        if ended is None and (self._loop.closed or self._loop.hung):
             return self._replace()
         return ended, ""
 
     def _replace(self) -> tuple[TrialRun | None, str]:
-        why = cause("loop-died" if self._loop.dead else "loop-hung")
+        why = cause("loop-died" if self._loop.closed else "loop-hung")
         self._loop.kill()
         run, self.run, self._tried = self.run, None, None
         if self._starts >= MOST_STARTS:
@@ -199,8 +195,7 @@ class TrialRunner:
     @property
     def check(self) -> Check:
         """For the pre-flight row."""
-        return check_loop(self._tried, self._loop.dead, self.scheduling, self._last)
+        return check_loop(self._tried, self._loop.closed, self.scheduling, self._last)
 
     def close(self) -> None:
-        """End the loop."""
-        self._loop.close()
+        self._loop.end(END_S)

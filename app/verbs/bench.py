@@ -8,8 +8,7 @@ from app.verbs.common import add_verb, answer, whole_number_of, with_progress
 from core.files import InputError
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "bench", bench, "measure the simulator's speed against its error",
         "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"
@@ -26,7 +25,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
-def bench(args: argparse.Namespace) -> int:
+def bench(args: argparse.Namespace) -> None:
     if args.loop is not None:
         return bench_loop(args)
     out = args.out
@@ -45,10 +44,9 @@ def bench(args: argparse.Namespace) -> int:
         (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
         for form, data in pictures.items():
             (out / f"work-precision.{form}").write_bytes(data)
-    return 0
 
 
-def bench_loop(args: argparse.Namespace) -> int:
+def bench_loop(args: argparse.Namespace) -> None:
     """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
@@ -56,4 +54,3 @@ def bench_loop(args: argparse.Namespace) -> int:
 
     found = with_progress("measuring", measure_all, args.loop, compiles=True)
     answer(args, found, table(found))
-    return 0

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 from app.progress import Progress
@@ -63,8 +64,7 @@ set "PYTHONPATH="
 """
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     verb = add_verb(
         verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away",
         "For computers of this system that have no Python and no network: copy the folder, double-click phd in it.\n"
@@ -74,7 +74,7 @@ def add(verbs) -> None:
     verb.add_argument("folder", type=Path, metavar="DIR", help="a new or empty folder")
 
 
-def bundle_verb(args: argparse.Namespace) -> int:
+def bundle_verb(args: argparse.Namespace) -> None:
     if args.folder.exists() and (not args.folder.is_dir() or any(args.folder.iterdir())):
         raise InputError(f"{args.folder}: is not empty; name a new folder")
     inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
@@ -91,10 +91,9 @@ def bundle_verb(args: argparse.Namespace) -> int:
         raise
     size = sum(file.stat().st_size for file in args.folder.rglob("*") if file.is_file())
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
-    return 0
 
 
-def bundle(folder: Path, progress=lambda share: None) -> None:
+def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
     """Copy it all into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:
@@ -163,7 +162,7 @@ def copy_library(name: str, folder: Path) -> None:
             continue
         target = folder / file
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(distribution.locate_file(file), target)
+        shutil.copy2(str(distribution.locate_file(file)), target)
 
 
 def copy_system_libraries(folder: Path) -> None:

@@ -32,16 +32,16 @@ PORTS: dict[str, Any] = {
     "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
 }  # fmt: skip
 
-Do = Callable[[argparse.Namespace], int]
+Do = Callable[[argparse.Namespace], int | None]
 
 
 # ------------------------------------------------------------------------------------------------------- its arguments
 
 
 def add_verb(
-    verbs, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
+    verbs: argparse._SubParsersAction, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
-    """A new verb. do: runs it, the exit code; prints: what --json prints as JSON (none: the verb has no --json)."""
+    """A new verb. do: runs it, its exit code (None: 0). prints: what --json prints as JSON; "": there is no --json."""
     verb = verbs.add_parser(
         name,
         help=summary,
@@ -56,27 +56,36 @@ def add_verb(
     return verb
 
 
-def whole_number_of(at_least: int) -> Callable[[str], int]:
+def whole_number_of(at_least: int, at_most: float = math.inf) -> Callable[[str], int]:
     """The type of an argument."""
+    wanted = f"from {at_least} to {at_most}" if at_most < math.inf else f"of at least {at_least}"
 
     def whole_number(text: str) -> int:
-        if not text.isascii() or not text.isdecimal() or int(text) < at_least:
-            raise argparse.ArgumentTypeError(f"must be a whole number of at least {at_least}, not {text!r}")
+        if not text.isascii() or not text.isdecimal() or not at_least <= int(text) <= at_most:
+            raise argparse.ArgumentTypeError(f"must be a whole number {wanted}, not {text!r}")
         return int(text)
 
     return whole_number
+
+
+def number_between(above: float, below: float, wanted: str) -> Callable[[str], float]:
+    """The type of an argument: a number between two others, without them; a refusal says that it must be `wanted`."""
+
+    def number(text: str) -> float:
+        with contextlib.suppress(ValueError):
+            if above < (found := float(text)) < below:
+                return found
+        raise argparse.ArgumentTypeError(f"must be {wanted}, not {text!r}")
+
+    return number
 
 
 def low_gain(text: str) -> float | str:
     """The type of --low-gain."""
     from experiments.assumptions import NO_VIBRATION
 
-    if text == NO_VIBRATION:
-        return text
-    with contextlib.suppress(ValueError):
-        if 0.0 < (gain := float(text)) < math.inf:
-            return gain
-    raise argparse.ArgumentTypeError(f"must be a number greater than 0, in N s/m, or {NO_VIBRATION!r}, not {text!r}")
+    wanted = f"a number greater than 0, in N s/m, or {NO_VIBRATION!r}"
+    return text if text == NO_VIBRATION else number_between(0.0, math.inf, wanted)(text)
 
 
 def devices_of(args: argparse.Namespace) -> list:

@@ -10,8 +10,7 @@ from app.verbs.common import DEFAULT_DEVICES, add_verb, whole_number_of
 from core.files import InputError
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
@@ -39,7 +38,8 @@ def add(verbs) -> None:
     option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
     has_terminals = hasattr(os, "openpty")
     option(
-        "--socket", nargs="?", type=port_number, const=0, default=None if has_terminals else 0, metavar="NUMBER",
+        "--socket", metavar="NUMBER",
+        nargs="?", type=whole_number_of(1, 65535), const=0, default=None if has_terminals else 0,
         help="a TCP port of this computer, in place of a pseudo-terminal (default: a free one); its address, "
         "socket://127.0.0.1:NUMBER, stands for a serial port" + ("" if has_terminals else "; always so on this system"),
     )  # fmt: skip
@@ -47,15 +47,7 @@ def add(verbs) -> None:
     option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
 
 
-def port_number(text: str) -> int:
-    """The type of --socket."""
-    number = whole_number_of(1)(text)
-    if number > 65535:
-        raise argparse.ArgumentTypeError(f"must be at most 65535, not {number}")
-    return number
-
-
-def emulate(args: argparse.Namespace) -> int:
+def emulate(args: argparse.Namespace) -> None:
     from hardware.emulated_board.line_faults import read_fault
 
     faults = [read_fault(text) for text in args.fault]
@@ -82,16 +74,15 @@ def emulate(args: argparse.Namespace) -> int:
         scheduling = prompt()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
-        print(emulator.port, flush=True)
         names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
         orders = f"orders to UDP port {emulator.control}"
         log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
+        print(emulator.port, flush=True)
         emulator.run()
     finally:
         emulator.close()
         for number, handler in before.items():
             signal.signal(number, handler)
-    return 0
 
 
 def prompt() -> str:

@@ -6,8 +6,7 @@ from pathlib import Path
 from app.verbs.common import FOLDER, add_verb, answer, with_progress
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people",
         "Reads the trials that reached the end of a straight path: motion and force of the handle, path and phases,\n"
@@ -22,7 +21,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="FILE.toml", help="a new population file")
 
 
-def fit_operator_verb(args: argparse.Namespace) -> int:
+def fit_operator_verb(args: argparse.Namespace) -> None:
     from experiments.trial.population import load_population
 
     like = load_population(args.like)
@@ -43,4 +42,3 @@ def fit_operator_verb(args: argparse.Namespace) -> int:
     ]
     lines += [str(args.out)] if args.out else []
     answer(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))
-    return 0

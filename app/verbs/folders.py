@@ -8,8 +8,7 @@ from app.verbs.common import FOLDER, add_verb, answer, as_text, with_progress
 from core.files import InputError
 
 
-def add(verbs) -> None:
-    """The four verbs and their arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone",
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
@@ -56,7 +55,7 @@ def add(verbs) -> None:
     option("dir", **FOLDER)
 
 
-def analyze_verb(args: argparse.Namespace) -> int:
+def analyze_verb(args: argparse.Namespace) -> None:
     from experiments.study.analyze import analyze, read_studies, write_side_by_side
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
@@ -65,10 +64,9 @@ def analyze_verb(args: argparse.Namespace) -> int:
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     answer(args, summary, as_text(summary))
-    return 0
 
 
-def export_verb(args: argparse.Namespace) -> int:
+def export_verb(args: argparse.Namespace) -> None:
     outs = {form: out for form, out in (("bids", args.bids), ("csv", args.csv)) if out is not None}
     if not outs:
         raise InputError("export: nothing to write, give --bids OUT or --csv OUT (see phd export --help)")
@@ -76,7 +74,6 @@ def export_verb(args: argparse.Namespace) -> int:
 
     summary = with_progress("exporting", export, args.dir, outs)
     answer(args, summary, as_text(summary))
-    return 0
 
 
 def verify_verb(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from app.ipc.process import start_python
+from app.ipc.pipe import start_python
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core, program_cores
 from app.session_server.loop_process import LoopProcess
@@ -39,8 +39,7 @@ def measure_all(seconds: float, progress: Callable[[float], None] = lambda share
         if found and not found[0]["real_time"]:
             break  # no privilege: it would be the same again
         for busy in (0, cores):
-            done = len(found)
-            found.append(measure(seconds, busy, real_time, lambda share, done=done: progress((done + share) / 4)))
+            found.append(measure(seconds, busy, real_time, lambda share: progress((len(found) + share) / 4)))
     return found
 
 

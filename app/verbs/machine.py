@@ -3,6 +3,8 @@
 import argparse
 import os
 import sys
+from collections.abc import Sequence
+from typing import Any
 
 from app.verbs.common import DATA_DIR, PORTS, add_verb, answer
 
@@ -10,8 +12,7 @@ from app.verbs.common import DATA_DIR, PORTS, add_verb, answer
 MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 
 
-def add(verbs) -> None:
-    """The two verbs and their arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices",
         "Only ports that are named with --port are asked for a board; a port that is in use is not disturbed.\n"
@@ -35,7 +36,7 @@ def devices_verb(args: argparse.Namespace) -> int:
 
     boards = [ask_board(port) for port in args.port]
     ports, hands = serial_ports(), hid_devices()
-    found = {"ports": ports, "boards": boards, "hands": hands}
+    found: dict[str, Sequence[Any]] = {"ports": ports, "boards": boards, "hands": hands}
     lines = []
     for port in ports:
         identity = " ".join(filter(None, (port.usb, port.serial, port.name))) or "not on USB"

@@ -7,13 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from app.progress import watch_compiling
-from app.verbs.common import DEVICES, add_verb, answer, devices_of, with_progress
+from app.verbs.common import DEVICES, add_verb, answer, devices_of, number_between, with_progress
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 
 
-def add(verbs) -> None:
-    """The three verbs and their arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator",
         "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"
@@ -34,11 +33,11 @@ def add(verbs) -> None:
     option("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
     option("--name", help="the brake's name (default: that of the file)")
     option(
-        "--omega-0", type=number_between(0.0, math.inf, "must be a number greater than 0"), metavar="RPM",
+        "--omega-0", type=number_between(0.0, math.inf, "a number greater than 0"), metavar="RPM",
         help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
     )  # fmt: skip
     option(
-        "--backlash-deg", type=number_between(-1e-300, 360.0, "must be at least 0 and less than 360 degrees"),
+        "--backlash-deg", type=number_between(-1e-300, 360.0, "at least 0 and less than 360 degrees"),
         metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
     )  # fmt: skip
     option = add_verb(
@@ -52,22 +51,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
 
-def number_between(above: float, below: float, reason: str):
-    """The type of an argument: a number between two others, without them."""
-
-    def number(text: str) -> float:
-        try:
-            found = float(text)
-        except ValueError:
-            found = math.nan
-        if not above < found < below:
-            raise argparse.ArgumentTypeError(f"{reason}, not {text!r}")
-        return found
-
-    return number
-
-
-def simulate_verb(args: argparse.Namespace) -> int:
+def simulate_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import is_cobot_scene
     from experiments.simulate.scene import read_scene
 
@@ -92,10 +76,9 @@ def simulate_verb(args: argparse.Namespace) -> int:
         f"{done['events']} events, {done['fallbacks']} fallbacks",
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )
-    return 0
 
 
-def simulate_cobot_verb(args: argparse.Namespace) -> int:
+def simulate_cobot_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import read_cobot_scene, simulate_cobot
 
     done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
@@ -108,10 +91,9 @@ def simulate_cobot_verb(args: argparse.Namespace) -> int:
         + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
     )
-    return 0
 
 
-def identify_verb(args: argparse.Namespace) -> int:
+def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.identify import identify, summary
 
     asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
@@ -135,14 +117,12 @@ def identify_verb(args: argparse.Namespace) -> int:
     files = [str(path) for path in figures]
     result = {"brake": brake.name, "out": str(args.out), "figures": files} | fit
     answer(args, result, "\n".join([*lines, *files]), fit["warnings"])
-    return 0
 
 
-def figures_verb(args: argparse.Namespace) -> int:
+def figures_verb(args: argparse.Namespace) -> None:
     devices = devices_of(args)
     from experiments.paper_figures import draw_all
 
     drawn = with_progress("drawing", draw_all, devices, args.out, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
     answer(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
-    return 0

@@ -11,8 +11,7 @@ from core.files import InputError
 HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device",
@@ -37,7 +36,7 @@ def add(verbs) -> None:
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
 
 
-def replay_verb(args: argparse.Namespace) -> int:
+def replay_verb(args: argparse.Namespace) -> int | None:
     if not any(getattr(args, name) for name in HEADLESS):
         return play(args.recording)
     from experiments.study.replay import replay
@@ -45,7 +44,6 @@ def replay_verb(args: argparse.Namespace) -> int:
     asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
     summary = with_progress("replaying", replay, *asked, compiles=True)
     answer(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
-    return 0
 
 
 def play(recording: Path) -> int:

@@ -3,18 +3,21 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.progress import Display, import_screen, watch_compiling
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
 
+if TYPE_CHECKING:
+    from experiments.protocol import Protocol
+
 #: for --help: mouse (pulls the handle by a spring)
 HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "run", run, "open the app and run trials (the same as phd alone)",
         "One window (Home, Try, Run, Analyse), and the participant's view on the second screen (on one screen: F11).\n"
@@ -57,7 +60,7 @@ def label(text: str) -> str:
     return text
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int | None:
     if args.print_plan:
         return print_plan(args)
     link = link_of(args)
@@ -117,7 +120,7 @@ def link_of(args: argparse.Namespace) -> str:
     return f"{port} {args.force}"
 
 
-def protocol_of(args: argparse.Namespace):
+def protocol_of(args: argparse.Namespace) -> "Protocol":
     """The protocol with what the command line gives in place of its own."""
     from experiments.protocol import load_protocol
 
@@ -127,7 +130,7 @@ def protocol_of(args: argparse.Namespace):
     return protocol
 
 
-def print_plan(args: argparse.Namespace) -> int:
+def print_plan(args: argparse.Namespace) -> None:
     """Print every trial of the participant."""
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
@@ -137,7 +140,6 @@ def print_plan(args: argparse.Namespace) -> int:
     if is_person(args.input):
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")
-    return 0
 
 
 def whole(name_or_path: str) -> str:

@@ -14,8 +14,7 @@ OVERRIDES = ("seed", "rules", "low_gain")
 IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
@@ -45,7 +44,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
-def study(args: argparse.Namespace) -> int:
+def study(args: argparse.Namespace) -> None:
     if args.sweep:
         return sweep(args)
     if args.cluster:
@@ -71,10 +70,9 @@ def study(args: argparse.Namespace) -> int:
         "phd verify names them"
     )
     answer(args, summary, as_text(summary), [doubt] if summary["in_doubt"] else [])
-    return 0
 
 
-def sweep(args: argparse.Namespace) -> int:
+def sweep(args: argparse.Namespace) -> None:
     from experiments.study.sweep import load_sweep, run_sweep
 
     for name in IN_SWEEP_FILE:
@@ -84,4 +82,3 @@ def sweep(args: argparse.Namespace) -> int:
     found = load_sweep(args.sweep)
     summary = with_progress("sweep", run_sweep, found, args.out, args.resume, args.cluster, compiles=True)
     answer(args, summary, as_text(summary))
-    return 0

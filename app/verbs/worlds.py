@@ -6,8 +6,7 @@ from pathlib import Path
 from app.verbs.common import add_verb, answer, as_text, whole_number_of, with_progress
 
 
-def add(verbs) -> None:
-    """The verb and its arguments."""
+def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings",
         "Each world is a study of three simulated people by the paper's protocol, without recordings, under\n"
@@ -25,7 +24,7 @@ def add(verbs) -> None:
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
-def worlds(args: argparse.Namespace) -> int:
+def worlds(args: argparse.Namespace) -> None:
     from experiments.worlds.ranges import load_ranges
     from experiments.worlds.worlds import run_worlds
 
@@ -34,4 +33,3 @@ def worlds(args: argparse.Namespace) -> int:
         "worlds", run_worlds, ranges, args.out, args.n, args.seed, args.resume, args.cluster, compiles=True
     )
     answer(args, summary, as_text(summary))
-    return 0

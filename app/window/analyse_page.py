@@ -12,14 +12,11 @@ from PySide6.QtWidgets import (
     QApplication,
     QButtonGroup,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QMenu,
     QProgressBar,
     QPushButton,
     QScrollArea,
-    QStackedWidget,
-    QVBoxLayout,
     QWidget,
     QWidgetAction,
 )
@@ -28,9 +25,20 @@ from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, trial_of
 from app.window.page import Page
 from app.window.painting import theme
-from app.window.painting.flow import Flow
-from app.window.painting.labels import OneLine, line, word
-from app.window.painting.parts import button, clear, row
+from app.window.painting.parts import (
+    NO_FOCUS,
+    Flow,
+    OneLine,
+    button,
+    clear,
+    column,
+    holder,
+    line,
+    row,
+    stack,
+    toggle,
+    word,
+)
 from app.window.trial_view import TrialView
 from app.window.words import show_folder
 from app.window.work import Verb, Work
@@ -59,14 +67,6 @@ CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
 
 
-def toggle(text: str, do: Callable[..., object], on: bool = False) -> QPushButton:
-    """A chip that is lit while it is on."""
-    made = QPushButton(text, objectName="toggle", checkable=True, checked=on)
-    made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    made.toggled.connect(do)
-    return made
-
-
 class Chips(QWidget):
     """A filter: a chip for each choice, lit while it is shown; many of them open below a button and stay open."""
 
@@ -78,9 +78,8 @@ class Chips(QWidget):
         self._names: dict[str, str] = {}
         self.chips: dict[str, QPushButton] = {}
         self.menu: QPushButton | None = None  # of many
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(0, 0, 0, 0)
-        self._row.setSpacing(6)
+        self._row = row(spacing=6)
+        self.setLayout(self._row)
 
     @property
     def chosen(self) -> set[str]:
@@ -110,16 +109,15 @@ class Chips(QWidget):
 
     def _menu(self) -> QMenu:
         """All chips in rows, and both ways to choose many at once."""
-        menu, inside, chips = QMenu(self), QWidget(), QGridLayout(spacing=6)
-        inside.setObjectName("clear")
+        menu, chips = QMenu(self), QGridLayout(spacing=6)
         for at, chip in enumerate(self.chips.values()):
             chips.addWidget(chip, *divmod(at, MOST_CHIPS))
-        column = QVBoxLayout(inside)
-        column.addLayout(row(*(button(text, lambda on=on: self._switch(set(self._names), on), "small")
-                               for text, on in (("All", True), ("None", False))), 1))  # fmt: skip
-        column.addLayout(chips)
+        everyone, nobody = (
+            button(text, lambda on=on: self._switch(set(self._names), on), "small")
+            for text, on in (("All", True), ("None", False))
+        )
         action = QWidgetAction(menu)
-        action.setDefaultWidget(inside)
+        action.setDefaultWidget(holder(column(row(everyone, nobody, 1), chips, margins=(11, 11, 11, 11))))
         menu.addAction(action)
         return menu
 
@@ -187,14 +185,18 @@ class AnalysePage(Page):
         self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
-        self.timeouts, self.logarithmic = toggle("Timeouts in the boxes", self._show), toggle("Log scale", self._show)
+        self.timeouts, self.logarithmic = (
+            toggle(text, lambda _: self._show()) for text in ("Timeouts in the boxes", "Log scale")
+        )
         for chips in (self.people, self.devices, self.statuses):
             chips.changed.connect(self._show)
         self.caption = OneLine("", "quiet", dots=Qt.TextElideMode.ElideRight)
         self.warning, self.summary = (word("", name, theme.SMALL) for name in ("caution", "quiet"))
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(3)]
-        self.empty, self.verdicts, self.stack = line("", "quiet", theme.TITLE), Verdicts(), QStackedWidget()
+        self.empty, self.verdicts = line("", "quiet", theme.TITLE), Verdicts()
+        self._charts = holder(row(*self.plots))
+        self.stack = stack(self._charts, self.verdicts, self.empty)
         self.side = TrialView()
         self._reading.done.connect(self._show_results)
         self._concluding.done.connect(self.verdicts.show_conclusions)
@@ -217,39 +219,27 @@ class AnalysePage(Page):
         self._export.done.connect(self._exported)
         QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
-        self._show_busy(False)
+        self._show_busy()
         self.side.hide()
         self._show_empty(NO_FOLDER)
 
     def _lay_out(self) -> None:
-        head, tabs, filters, group = QHBoxLayout(), Flow(2), Flow(14), QButtonGroup(self)
+        group = QButtonGroup(self)
         for page, name in PAGES.items():
-            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page)
-            tab.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            tab = QPushButton(
+                name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS
+            )
             tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
             group.addButton(tab)
             self.tabs[page] = tab
-            tabs.addWidget(tab)
-        head.addLayout(tabs, 1)
+        head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for one in (self.report_button, self.export_button):
-            head.addWidget(one, 0, Qt.AlignmentFlag.AlignTop)
-        for widget in (self.people, self.devices, self.statuses, self.timeouts, self.logarithmic):
-            filters.addWidget(widget)
-        self._charts = QWidget()
-        self._charts.setLayout(row(*self.plots))
-        self._charts.layout().setContentsMargins(0, 0, 0, 0)
-        for widget in (self._charts, self.verdicts, self.empty):
-            self.stack.addWidget(widget)
-        body = row(self.stack, self.side)
-        body.setStretch(0, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(8)
-        layout.addLayout(head)
-        layout.addLayout(filters)
-        layout.addLayout(body, 1)
-        layout.addLayout(row(self.caption, self.warning, self.summary, spacing=14))
-        layout.addLayout(row(self.message, self.folder_button, self.bar, self.cancel_button))
+            head.setAlignment(one, Qt.AlignmentFlag.AlignTop)
+        self.setLayout(column(
+            head, Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14),
+            (row((self.stack, 1), self.side), 1), row(self.caption, self.warning, self.summary, spacing=14),
+            row(self.message, self.folder_button, self.bar, self.cancel_button), spacing=8,
+        ))  # fmt: skip
 
     # what the main window hands over
 
@@ -349,7 +339,6 @@ class AnalysePage(Page):
 
     @property
     def view(self) -> View:
-        """How they are shown."""
         results = self.results
         devices = tuple(name for name in results.configurations if name in self.devices.chosen)
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()
@@ -365,8 +354,7 @@ class AnalysePage(Page):
         results, rows = self.results, self.rows
         self.caption.setText("")
         self.warning.setText("")
-        self.export_button.setEnabled(bool(rows) and not self._export.busy)
-        self.report_button.setEnabled(bool(results and results.sessions and rows) and not self._export.busy)
+        self._allow_export()
         if results is None:
             return
         people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)
@@ -396,7 +384,7 @@ class AnalysePage(Page):
             self.warning.setText(left_out(rows, *self.view.timeouts_on(shown[0])))
         for plot, chart in zip(self.plots, shown, strict=False):
             plot.show_chart(chart, self.view.logarithmic)
-            plot.show_ring(trial_of(self.chosen))
+        self._ring()
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
 
@@ -405,8 +393,7 @@ class AnalysePage(Page):
         self.stack.setCurrentWidget(self.empty)
         if self.results is None:
             self.summary.setText("")
-            self.export_button.setEnabled(False)
-            self.report_button.setEnabled(False)
+            self._allow_export()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._make_room()
@@ -430,9 +417,13 @@ class AnalysePage(Page):
         if row.recording:
             self._open(self.results.folder / row.recording)
         self.side.show()
-        for plot in self.plots:
-            plot.show_ring(trial_of(row))
+        self._ring()
         self._make_room()
+
+    def _ring(self) -> None:
+        """The trial that is open, in every chart."""
+        for plot in self.plots:
+            plot.show_ring(trial_of(self.chosen))
 
     def _open(self, recording: Path) -> None:
         self._opening.ask(read_playback, recording)
@@ -443,16 +434,14 @@ class AnalysePage(Page):
         self.side.show_trial(trial)
         if isinstance(trial, Playback) and trial.row is not None:
             self.chosen = trial.row
-            for plot in self.plots:
-                plot.show_ring(trial_of(trial.row))
+            self._ring()
 
     def close_trial(self) -> None:
         """The charts have the whole page."""
         self.chosen = None
         self.side.end()
         self.side.hide()
-        for plot in self.plots:
-            plot.show_ring(None)
+        self._ring()
         self._make_room()
 
     def step(self, by: int) -> None:
@@ -490,9 +479,9 @@ class AnalysePage(Page):
         whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
         folder = new_folder(whole)  # there when all of it has been written
         self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
-        self._show_busy(True)
         self._cancelled = False
         self._export.begin(module="app.window.export", given=pickle.dumps(self._job))
+        self._show_busy()
 
     def cancel_export(self) -> None:
         """Stop now; nothing is left behind."""
@@ -504,7 +493,7 @@ class AnalysePage(Page):
         done = folder.exists()
         if not done:  # killed: what it had begun is removed in its place
             shutil.rmtree(self._job.partial, ignore_errors=True)
-        self._show_busy(False)
+        self._show_busy()
         failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
         self._tell(str(end) if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
@@ -514,13 +503,18 @@ class AnalysePage(Page):
         self.message.setText(text)
         self.message.setVisible(bool(text))
 
-    def _show_busy(self, busy: bool) -> None:
+    def _show_busy(self) -> None:
+        """Whether an export is being written."""
         self.bar.setValue(0)
         self.folder_button.hide()
         for widget in (self.bar, self.cancel_button):
-            widget.setVisible(busy)
-        for one in (self.export_button, self.report_button):
-            one.setEnabled(not busy and bool(self.rows))
+            widget.setVisible(self._export.busy)
+        self._allow_export()
+
+    def _allow_export(self) -> None:
+        can = bool(self.rows) and not self._export.busy
+        self.export_button.setEnabled(can)
+        self.report_button.setEnabled(can and bool(self.results.sessions))
 
     def closeEvent(self, event) -> None:
         self.side.end()

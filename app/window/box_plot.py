@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QBrush
 
 from app.window.painting import theme
-from app.window.painting.labels import OneLine
+from app.window.painting.parts import OneLine
 from app.window.plots import Plot
 from experiments.analysis.charts import Chart, PlacedBox, Point
 from experiments.analysis.trials_table import TrialRow
@@ -37,7 +37,7 @@ def body_brush(placed: PlacedBox) -> QBrush:
     alpha, pattern = ((0.4, Qt.SolidPattern), (0.06, Qt.SolidPattern), (0.7, Qt.BDiagPattern), (0.7, Qt.Dense6Pattern))[
         placed.look
     ]
-    return QBrush(theme.colour(colour_of(placed.controller), alpha), pattern)
+    return QBrush(theme.shade(colour_of(placed.controller), alpha), pattern)
 
 
 class ChartPlot(Plot):
@@ -46,14 +46,10 @@ class ChartPlot(Plot):
     chosen = Signal(object)  # a TrialRow
 
     def __init__(self) -> None:
-        super().__init__("")
+        super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=Qt.TextElideMode.ElideRight))
         self.chart: Chart | None = None
         self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run
-        title = OneLine("", "", theme.NORMAL, bold=True, dots=Qt.TextElideMode.ElideRight)
-        self.head.replaceWidget(self.title, title)
-        self.title.deleteLater()
-        self.title = title
         self.head.setStretch(0, 4)
         self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
         self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(theme.HANDLE, width=2), brush=None)
@@ -89,9 +85,9 @@ class ChartPlot(Plot):
         self.show_all()
         self.show_ring(self._ringed)
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange and self.chart is not None:
+    def follow_text(self) -> None:
+        """Names along the axis, and room for them, in another text size."""
+        if self.chart is not None:
             self._size_ticks()
             self._name_ticks()
 
@@ -109,12 +105,10 @@ class ChartPlot(Plot):
         self.item.getAxis("bottom").setTicks([named] if named else None)
 
     def _size_ticks(self) -> None:
-        """Room for the names along the axis."""
         lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
         self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
-        """Zoom out to all of it."""
         if self.chart is None:
             return
         low, high = 0.0, self.chart.highest or 1.0

@@ -5,21 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import (
-    QButtonGroup,
-    QFrame,
-    QGridLayout,
-    QLineEdit,
-    QPushButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QButtonGroup, QFrame, QGridLayout, QLineEdit, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.keys import Key
+from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.labels import KeyButton, breakable, line, word
-from app.window.painting.parts import button, row
+from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
 from app.window.plan_grid import newest_rows
 from app.window.words import clock
 from experiments.analysis.trials_table import COUNTED
@@ -45,27 +37,16 @@ class Card(QFrame):
         super().__init__(parent, objectName="card")
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
-        self.inside = QVBoxLayout()
-        self.inside.setSpacing(8)
-        self.inside.addWidget(self.title)
-        self.inside.addWidget(self.text)
-        self.buttons = [self._button(words, do, main=at == 0) for at, (words, do) in enumerate(buttons)]
-        foot = QVBoxLayout() if len(self.buttons) > 2 else row(1, *reversed(self.buttons))
-        for made in self.buttons if len(self.buttons) > 2 else ():  # no room for them side by side
-            foot.addWidget(made)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(20, 16, 20, 18)
-        layout.setSpacing(12)
-        layout.addLayout(self.inside)
-        layout.addLayout(foot)
+        self.inside = column(self.title, self.text, spacing=8)
+        self.buttons = [button(words, do, "" if at else "main") for at, (words, do) in enumerate(buttons)]
+        for at, made in enumerate(self.buttons):
+            made.setFont(theme.font(theme.NORMAL, bold=at == 0))
+            made.setMinimumHeight(34)
+            made.setAutoDefault(True)
+        many = len(self.buttons) > 2  # no room for them side by side
+        foot = column(*self.buttons, spacing=12) if many else row(1, *reversed(self.buttons))
+        self.setLayout(column(self.inside, foot, spacing=12, margins=(20, 16, 20, 18)))
         parent.installEventFilter(self)
-
-    def _button(self, text: str, do: Callable[[], None], main: bool) -> QPushButton:
-        made = button(text, do, "main" if main else "")
-        made.setFont(theme.font(theme.NORMAL, bold=main))
-        made.setMinimumHeight(34)
-        made.setAutoDefault(True)
-        return made
 
     def appear(self, focused: bool = True) -> None:
         """Take its place and come to the front, with the keyboard or without."""
@@ -76,7 +57,6 @@ class Card(QFrame):
             self.take_focus()
 
     def take_focus(self) -> None:
-        """The keyboard goes to the card."""
         if self.buttons:
             self.buttons[0].setFocus()
 
@@ -145,10 +125,9 @@ class Question(Card):
         self.confirm, self.cancel = self.buttons
         self.choices = QButtonGroup(self)
         for name, words in (choices or {}).items():
-            choice = QPushButton(words, objectName="choice", checkable=True)
+            choice = QPushButton(words, objectName="choice", checkable=True, focusPolicy=NO_FOCUS)
             choice.setChecked(not self.choices.buttons())
             choice.setProperty("choice", name)
-            choice.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             self.choices.addButton(choice)
             self.inside.addWidget(choice)
         for number, reason in enumerate(reasons, start=1):
@@ -156,10 +135,7 @@ class Question(Card):
             made.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
             self.key(f"Alt+{number}", made.click)
             self.inside.addWidget(made)
-        self.own = QLineEdit()
-        self.own.setPlaceholderText("Another reason")
-        self.own.setAccessibleName("Another reason")
-        self.own.setMaxLength(200)
+        self.own = QLineEdit(placeholderText="Another reason", accessibleName="Another reason", maxLength=200)
         self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
         self.own.returnPressed.connect(self._answer)
         self.confirm.setEnabled(False)
@@ -195,72 +171,68 @@ class Cards:
 
     def __init__(self, parent: QWidget) -> None:
         self._parent = parent
-        self._question: Card | None = None
-        self._kind = ""
-        self._notice: Card | None = None
+        self.question: Card | None = None
+        self._kind = ""  # of the question
+        self.notice: Card | None = None
         self._waits: tuple | None = None  # what the notice is about
         self._over_s: float | None = None  # when the break may end
 
     # questions
 
-    def ask(
-        self, kind: str, title: str, text: str, reasons: Sequence[str], do: str, then: Callable[[str], None]
-    ) -> None:
-        """Put a question, in place of another one."""
-        self._put(kind, Question(title, text, reasons, do, self._parent), lambda reason, _: then(reason))
-
-    def ask_abort(self, reasons: Sequence[str], then: Callable[[str, str], None]) -> None:
-        """Why the running trial is aborted, and whether it comes again (a key of AGAIN)."""
-        self._put("abort", Question(*ABORT, reasons, "Abort", self._parent, AGAIN), then)
-
-    def _put(self, kind: str, question: Question, then: Callable[[str, str], None]) -> None:
+    def put(self, question: Card, kind: str = "") -> None:
+        """Show a question, in place of another one."""
         self.leave()
+        self.question, self._kind = question, kind
+        question.appear()
+
+    def ask(
+        self,
+        kind: str,
+        title: str,
+        text: str,
+        reasons: Sequence[str],
+        do: str,
+        then: Callable[..., None],
+        choices: Mapping[str, str] | None = None,
+    ) -> None:
+        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one's key."""
+        question = Question(title, text, reasons, do, self._parent, choices)
 
         def answered(reason: str) -> None:
             choice = question.choice
             self.leave()
-            then(reason, choice)
+            then(reason, choice) if choices else then(reason)
 
         question.answered.connect(answered)
         question.left.connect(self.leave)
-        self._question, self._kind = question, kind
-        question.appear()
+        self.put(question, kind)
 
     def show_message(self, title: str, text: str) -> None:
         """Something that has to be read."""
-        self.leave()
-        self._question = Card(title, text, [("Close  Enter", self.leave)], self._parent)
-        self._question.appear()
+        self.put(Card(title, text, [("Close  Enter", self.leave)], self._parent))
 
     def show_keys(self, keys: Mapping[str, Key]) -> None:
-        """All keys of the windows."""
-        self.leave()
         card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
         card.wide = KEYS_PX
         grid = QGridLayout()
         grid.setHorizontalSpacing(14)
         half = -(-len(keys) // 2)
         for place, key in enumerate(keys.values()):
-            column, row = divmod(place, half)
-            grid.addWidget(word(" or ".join(key.keys), bold=True), row, 2 * column)
-            grid.addWidget(line(key.does, "quiet"), row, 2 * column + 1)
-            grid.setColumnStretch(2 * column + 1, 1)
+            across, down = divmod(place, half)
+            grid.addWidget(word(" or ".join(key.keys), bold=True), down, 2 * across)
+            grid.addWidget(line(key.does, "quiet"), down, 2 * across + 1)
+            grid.setColumnStretch(2 * across + 1, 1)
         card.inside.addLayout(grid)
-        self._question = card
-        card.appear()
+        self.put(card)
 
     def ask_to_close(self, close: Callable[[], None]) -> None:
-        """Whether to close while a trial is recorded."""
-        self.leave()
-        self._kind = "abort"
-        answers = [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)]
-        self._question = Card(*CLOSE, answers, self._parent)
-        self._question.key("Alt+C", close)
-        self._question.appear()
+        card = Card(*CLOSE, [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)], self._parent)
+        card.key("Alt+C", close)
+        self.put(card, "abort")
 
     def leave(self) -> bool:
         """Take the question away; whether there was one."""
-        question, self._question, self._kind = self._question, None, ""
+        question, self.question, self._kind = self.question, None, ""
         if question is None:
             return False
         question.hide()
@@ -276,7 +248,7 @@ class Cards:
 
     def take_focus(self) -> None:
         """The keyboard is the card's that is up."""
-        if (card := self._question or self._notice) is not None:
+        if (card := self.question or self.notice) is not None:
             card.take_focus()
 
     def withdraw(self, kinds: set[str]) -> None:
@@ -284,28 +256,18 @@ class Cards:
         if self._kind in kinds:
             self.leave()
 
-    @property
-    def question(self) -> Card | None:
-        """The question that is up."""
-        return self._question
-
-    @property
-    def notice(self) -> Card | None:
-        """The notice that is up."""
-        return self._notice
-
     def press_main(self) -> bool:
         """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
-        if self._question is not None:
+        if self.question is not None:
             return True
-        if self._notice is not None:
-            self._notice.enter()
-        return self._notice is not None
+        if self.notice is not None:
+            self.notice.enter()
+        return self.notice is not None
 
     # notices
 
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, do) -> None:
-        """What the session waits for; do: the window's commands."""
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> None:
+        """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
         waits = (card, coming, snapshot.blind, opened.folder)
@@ -314,45 +276,46 @@ class Cards:
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None
-        if self._notice is not None:
-            self._notice.hide()
-            self._notice.deleteLater()
-            self._notice = None
+        if self.notice is not None:
+            self.notice.hide()
+            self.notice.deleteLater()
+            self.notice = None
         if waits is not None:
-            self._notice = self._make(opened, snapshot, do)
-            self._notice.appear(focused=self._question is None and not self._typing())
-            if self._question is not None:
-                self._question.raise_()
+            self.notice = self._make(opened, snapshot, page)
+            self.notice.appear(focused=self.question is None and not self._typing())
+            if self.question is not None:
+                self.question.raise_()
 
-    def _make(self, opened: m.Opened, snapshot: m.Snapshot, do) -> Card:
+    def _make(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> Card:
         if (card := snapshot.card) is not None:
             if card.wait_s or snapshot.stage == m.BREAK:
                 self._over_s = time.perf_counter() + card.wait_s
-            buttons = [(f"{card.go_on}  Enter", do.confirm)] if card.go_on else []
+            buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
-                buttons.append(("Device page  F3", do.device))
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, "device")))
             return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
         lacking = sum(row.status not in COUNTED for row in newest_rows(opened.plan, snapshot.rows).values())
         if lacking:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
-        buttons = [("Results  F2", do.results)]
+        buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
-            buttons.append(("Open the key …", lambda: self.ask("unblind", *UNBLIND, (), "Open", do.unblind)))
-        buttons.append(("Next participant", do.leave))
+            key = ("unblind", *UNBLIND, (), "Open", lambda who: page.send(m.Unblind(who)))
+            buttons.append(("Open the key …", lambda: self.ask(*key)))
+        buttons.append(("Next participant", lambda: page.send(m.Leave())))
         return Card("The plan is done", text, buttons, self._parent)
 
     def show_time(self, now_s: float) -> None:
         """The countdown of a break."""
-        if self._over_s is None or self._notice is None:
+        if self._over_s is None or self.notice is None:
             return
         left = self._over_s - now_s
-        button = self._notice.buttons[0]
+        button = self.notice.buttons[0]
         button.setEnabled(left <= 0.0)
         says = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
-        if says != self._notice.title.text():
-            self._notice.title.setText(says)
+        if says != self.notice.title.text():
+            self.notice.title.setText(says)
             if left <= 0.0:
-                self._notice.text.setText(RESTED)
+                self.notice.text.setText(RESTED)
                 button.setFocus()

@@ -9,17 +9,28 @@ from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
     QFrame,
+    QLayout,
     QMenu,
     QProgressBar,
     QPushButton,
-    QVBoxLayout,
-    QWidget,
 )  # fmt: skip
 
 from app.window.page import ANALYSE
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, breakable, line, rule, word
-from app.window.painting.parts import button, clear, row, scrolled
+from app.window.painting.parts import (
+    PANEL_MARGINS,
+    OneLine,
+    breakable,
+    button,
+    clear,
+    column,
+    holder,
+    line,
+    row,
+    rule,
+    scrolled,
+    word,
+)
 from app.window.words import from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
@@ -44,7 +55,6 @@ class Recent:
         self.paths: list[str] = [path for path in kept if Path(path).exists()]
 
     def add(self, path: str) -> None:
-        """It was used now."""
         self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
         if self._settings:
             self._settings.setValue(self._kind, self.paths)
@@ -77,7 +87,7 @@ class DataPanel(QFrame):
         self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self._export.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
-        self._rows = QVBoxLayout()
+        self._rows = column(spacing=8, margins=(0, 0, 4, 0))
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
@@ -85,22 +95,12 @@ class DataPanel(QFrame):
         self._lay_out()
 
     def _lay_out(self) -> None:
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(16, 12, 16, 14)
-        layout.setSpacing(8)
-        layout.addLayout(row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose))
-        layout.addWidget(self.where)
-        layout.addWidget(self.count)
-        layout.addLayout(row(self.whole, self.export_as, 1))
-        layout.addWidget(rule())
-        self._rows.setContentsMargins(0, 0, 4, 0)
-        self._rows.setSpacing(8)
-        inside = QWidget()
-        inside.setLayout(self._rows)
-        self.area = scrolled(inside)
-        layout.addWidget(self.area, 1)
-        layout.addWidget(self.exporting)
-        layout.addLayout(row(self.bar, self.cancel, self.show_export))
+        self.area = scrolled(holder(self._rows))
+        self.setLayout(column(
+            row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
+            row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
+            row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
+        ))  # fmt: skip
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
             absent.hide()
 
@@ -145,7 +145,6 @@ class DataPanel(QFrame):
             self._fill()
 
     def _fill(self) -> None:
-        """The rows."""
         overview = self.overview
         if overview is None:
             return
@@ -167,7 +166,7 @@ class DataPanel(QFrame):
             self._rows.addWidget(rule())
         self._rows.addStretch(1)
 
-    def _row(self, session: SessionOverview) -> QVBoxLayout:
+    def _row(self, session: SessionOverview) -> QLayout:
         """A session: who and when, how far, what to do with it."""
         is_open = session.participant == self._open
         if session.complete:
@@ -179,25 +178,13 @@ class DataPanel(QFrame):
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.name_anew(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
-        far = QVBoxLayout()
-        far.setSpacing(3)
-        far.addWidget(word("cannot be read" if session.problem else f"{session.done} of {session.planned}"))
-        far.addWidget(bar)
-        about = QVBoxLayout()
-        about.setSpacing(1)
-        about.addWidget(name := OneLine(session.participant, "", theme.TITLE, bold=True))
-        when = datetime.fromtimestamp(session.changed_s)
-        about.addWidget(word(f"{when.day} {when:%b %Y}", "quiet"))
+        done = word("cannot be read" if session.problem else f"{session.done} of {session.planned}")
+        name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        one = row(main, self._more(session, is_open), spacing=6)
-        one.insertLayout(0, far, 3)
-        one.insertLayout(0, about, 3)
-        layout = QVBoxLayout()
-        layout.addLayout(one)
-        return layout
+        about = column(name, word(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
+        return row((about, 3), (column(done, bar, spacing=3), 3), main, self._more(session, is_open), spacing=6)
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
-        """What else can be done with a session."""
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
         more.setMenu(menu := QMenu(more))
         can_open = not is_open and not self._why and not session.problem

@@ -2,16 +2,16 @@
 
 import math
 from collections import deque
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.cards import Card
+from app.window.cards import Card, Cards
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, line, word
-from app.window.painting.parts import button, panel, row
+from app.window.painting.parts import OneLine, button, column, holder, line, panel, row, word
 from app.window.preflight import Checklist
 from app.window.words import grouped
 from core.control.controllers import Preset
@@ -72,7 +72,7 @@ STEPS = {
 }
 
 
-class Recent:
+class Rates:
     """The counters of the last seconds."""
 
     def __init__(self) -> None:
@@ -180,59 +180,45 @@ def at(when: float) -> str:
 class DevicePage(QWidget):
     """What is wrong; board, sensors and link in figures; the steps as buttons."""
 
-    asked = Signal(object)  # a command for the session server
     left = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__()
+        self.send = send
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
         self._status: m.DeviceStatus | None = None
-        self._rates, self._recent = {}, Recent()
-        self.card: Card | None = None  # the question that is up
+        self._rates, self._recent = {}, Rates()
+        self.cards = Cards(self)
         self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
         self.why, self.quantised = line("", "quiet"), line("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, lambda text=text: self._ask(text)) for text in STEPS}
-        self.reset = button("Reset faults  Ctrl+B", lambda: self.asked.emit(m.AllowBrakes()))
+        self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
         self._lay_out()
         self._refresh()
 
     def _lay_out(self) -> None:
-        self.bench = QWidget(objectName="clear")
-        bench = QGridLayout(self.bench)
-        bench.setContentsMargins(0, 0, 0, 0)
-        bench.setSpacing(theme.GAP)
-        state, inside = panel("Is it ready?")
-        inside.addWidget(self.health)
-        inside.addWidget(self.quantised)
-        inside.addWidget(self.why)
-        inside.addLayout(row(*self.steps.values(), self.reset, 1))
-        bench.addWidget(state, 0, 0, 1, 3)
+        steps = row(*self.steps.values(), self.reset, 1)
+        state = panel("Is it ready?", self.health, self.quantised, self.why, steps)
         groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
-        for column, (title, names) in enumerate(groups.items()):
-            frame, inside = panel(title)
-            grid = QGridLayout()
-            grid.setColumnStretch(1, 1)
-            for place, name in enumerate(names):
-                grid.addWidget(word(name, "quiet"), place, 0)
-                grid.addWidget(self.values[name], place, 1)
-            inside.addLayout(grid)
-            inside.addStretch(1)
-            bench.addWidget(frame, 1, column)
-            bench.setColumnStretch(column, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(theme.GAP)
-        layout.addLayout(row(word("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.left.emit)))
-        layout.addWidget(self.simulated)
-        layout.addWidget(self.bench, 1)
-        layout.addStretch(1)
+        panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
+        self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))
+        head = row(word("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.left.emit))
+        self.setLayout(column(head, self.simulated, (self.bench, 1), 1, spacing=theme.GAP))
+
+    def _figures(self, names: Sequence[str]) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setColumnStretch(1, 1)
+        for place, name in enumerate(names):
+            grid.addWidget(word(name, "quiet"), place, 0)
+            grid.addWidget(self.values[name], place, 1)
+        return grid
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """What may be done now."""
         if snapshot.stage != self._snapshot.stage or opened != self._opened:
-            self.leave()
+            self.cards.leave()
         self._opened, self._snapshot = opened, snapshot
         self._refresh()
 
@@ -241,7 +227,7 @@ class DevicePage(QWidget):
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
-                self._recent = Recent()  # what the encoders gave before they were homed means nothing
+                self._recent = Rates()  # what the encoders gave before they were homed means nothing
             self._rates = self._recent.rates(status.told_s, counters_of(status.report)) if status else {}
             self._refresh()
 
@@ -299,23 +285,14 @@ class DevicePage(QWidget):
 
     def _ask(self, text: str) -> None:
         """Say what the step needs before it is taken."""
-        self.leave()
         step, says = STEPS[text]
         if step == m.HOME:
             x, y = home_of(self._device(self._snapshot.coming.configuration), self._opened.protocol.paths)
             says = says.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
 
         def do() -> None:
-            self.leave()
-            self.asked.emit(m.Rig(step))
+            self.cards.leave()
+            self.send(m.Rig(step))
 
-        self.card = Card(text.removesuffix(" …"), says, [("Go on  Enter", do), ("Cancel  Esc", self.leave)], self)
-        self.card.appear()
-
-    def leave(self) -> bool:
-        """Take the question away; whether there was one."""
-        card, self.card = self.card, None
-        if card is not None:
-            card.hide()
-            card.deleteLater()
-        return card is not None
+        answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
+        self.cards.put(Card(text.removesuffix(" …"), says, answers, self))

@@ -2,11 +2,10 @@
 
 
 import numpy as np
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame
 
 from app.window.painting import theme
-from app.window.painting.force_view import Reading
-from app.window.painting.labels import Figures, word
+from app.window.painting.parts import Figures, column, row, word
 from app.window.plots import NO_TRIAL
 from core import tick_log
 
@@ -44,7 +43,6 @@ class Ledger:
 
     @property
     def began(self) -> bool:
-        """Whether it has had a tick."""
         return self._first is not None
 
     @property
@@ -56,44 +54,36 @@ class Ledger:
 class EnergyPanel(QFrame):
     """What the hand gave is what the brakes took, what moves and what stops took; no brake adds energy."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
-        self.ledger, self._reading = Ledger(), Reading()
-        self._bar = QHBoxLayout()
-        self._bar.setSpacing(0)
+    def __init__(self) -> None:
+        super().__init__(objectName="panel")
+        self.ledger = Ledger()
+        self._bar = row(spacing=0)
         for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
             part = QFrame()
             part.setFixedHeight(12)
             part.setStyleSheet(f"background: {colour}; border: none")
             self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
         self._balance, self._proof = Figures(), Figures()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 6, 12, 8)
-        layout.setSpacing(4)
-        layout.addWidget(word("Energy this trial", bold=True))
-        layout.addLayout(self._bar)
-        layout.addWidget(self._balance)
-        layout.addWidget(self._proof)
-        self._word()
+        title = word("Energy this trial", bold=True)
+        self.setLayout(column(title, self._bar, self._balance, self._proof, spacing=4, margins=(12, 6, 12, 8)))
+        self.word()
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial."""
         self.ledger.add(rows)
-        now = float(rows[-1, tick_log.T])
-        if self._reading.due(now):
-            self._word()
 
     def clear(self) -> None:
         """A new trial."""
-        self.ledger, self._reading = Ledger(), Reading()
-        self._word()
+        self.ledger = Ledger()
+        self.word()
 
     @property
     def words(self) -> str:
         """All words of the panel, without their colours."""
         return f"{self._balance.text()} {self._proof.text()}"
 
-    def _word(self) -> None:
+    def word(self) -> None:
+        """Bring the words and the bar up to date: a few times a second, for they must be read."""
         ledger = self.ledger
         balance = [
             (f"hand {ledger.hand:.2f} J =", theme.TEXT), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", theme.TEXT),

@@ -9,18 +9,14 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from PySide6.QtCore import QPointF, Qt, QTimer
-from PySide6.QtGui import QPainter, QPaintEvent, QPolygonF
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
     QGridLayout,
-    QHBoxLayout,
     QLineEdit,
     QPlainTextEdit,
     QSizePolicy,
-    QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )  # fmt: skip
 
@@ -29,24 +25,43 @@ from app.window.data_panel import DataPanel, Recent
 from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.labels import Choice, OneLine, breakable, line, word
-from app.window.painting.parts import Segments, button, clear, panel, row, scrolled
+from app.window.painting.layers import SPACING_M
+from app.window.painting.linkage_view import small_view
+from app.window.painting.parts import (
+    Choice,
+    OneLine,
+    Segments,
+    breakable,
+    button,
+    clear,
+    column,
+    holder,
+    line,
+    panel,
+    row,
+    scrolled,
+    stack,
+    word,
+)
+from app.window.painting.plane import Sizes
 from app.window.preflight import Checklist
 from app.window.protocol_editor import TOML, ProtocolEditor
 from app.window.work import Work
 from core.device import shipped_devices
 from core.files import InputError
+from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant
-from hardware.discovery import PortFound, look_at_ports
+from hardware.discovery import BoardFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
 LOOK_MS = 2000  # between two looks at the ports
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
+PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
@@ -72,35 +87,6 @@ def load(setup: m.Setup) -> Loaded:
     return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 
 
-class Picture(QWidget):
-    """The device with its handle between start and end: what Try is about."""
-
-    JOINTS = ((0.30, 0.92), (0.10, 0.56), (0.54, 0.30), (0.90, 0.62), (0.62, 0.92))  # A, E, handle, C, B
-    RINGS = {  # place -> colour
-        (0.30, 0.31): theme.START_RING, (0.72, 0.30): theme.END_RING, JOINTS[0]: theme.BRAKE_OFF,
-        JOINTS[1]: theme.BRAKE_STUCK, JOINTS[3]: theme.BRAKE_OFF, JOINTS[4]: theme.BRAKE_SLIPPING,
-    }  # fmt: skip
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), theme.shade(theme.CANVAS))
-        side = 0.9 * min(self.width(), self.height())
-        painter.translate(0.5 * (self.width() - side), 0.5 * (self.height() - side))
-        places = [QPointF(x, y) * side for x, y in (*self.JOINTS, *self.RINGS)]
-        painter.setPen(theme.pen(theme.ARM_CORE, 6.0, round_cap=True))
-        painter.drawPolyline(QPolygonF(places[:5]))
-        painter.setPen(theme.pen(theme.HANDLE, 3.0))
-        painter.drawLine(places[5], places[6])
-        painter.setBrush(theme.shade(theme.CANVAS))
-        for place, ring in zip(places[5:], self.RINGS.values(), strict=True):
-            painter.setPen(theme.pen(ring, 3.0))
-            painter.drawEllipse(place, 11.0, 11.0)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.shade(theme.HANDLE))
-        painter.drawEllipse(places[2], 8.0, 8.0)
-
-
 class HomePage(Page):
     """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
 
@@ -108,8 +94,7 @@ class HomePage(Page):
         super().__init__(send)
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
-        self.on_board = False  # whether the board's ports are shown, connected or not
-        self._ports: tuple[PortFound, ...] = ()
+        self._ports: tuple[BoardFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
         self._named = ""  # who comes next, as the command line says; "": the first without a session
@@ -119,7 +104,7 @@ class HomePage(Page):
         self._looking.done.connect(self._show_ports)
         self._recent = Recent("protocols")
         self.data = DataPanel()
-        self.device, self.editor = DevicePage(), ProtocolEditor()
+        self.device, self.editor = DevicePage(send), ProtocolEditor()
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look_at_ports)
         self._make_choices()
@@ -130,7 +115,6 @@ class HomePage(Page):
         self.editor.saved.connect(self._take_protocol)
         for inner in (self.editor, self.device):
             inner.left.connect(self._show_columns)
-        self.device.asked.connect(lambda command: self.send(command))
 
     def _make_choices(self) -> None:
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
@@ -140,17 +124,23 @@ class HomePage(Page):
         self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = line("", bold=True), line("", "quiet")
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
-        self.link = Segments((SIMULATED, BOARD), SIMULATED)
+        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.chosen.connect(self._link_chosen)
         self.again = button("Look again", self._look_again)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
-        self._port_rows, self._ports_box = QVBoxLayout(), QWidget(objectName="clear")
-        self.participant = QLineEdit(maxLength=20, accessibleName="Participant")
+        for wide in (self.protocol, self.devices, self.port):
+            wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            wide.setMinimumWidth(90)
+        self._port_rows = column()
+        by_name = row(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again)
+        self._ports_box = holder(column(self._port_rows, by_name))
+        self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
         self.blind = QCheckBox("Hide the names of the controllers")
+        self._picture = column()  # of the protocol's first device
         self._form = QGridLayout(spacing=8)
         self._asked: dict = {}  # the form that the protocol asks for, and its fields
         self.fields: dict[str, QWidget] = {}
@@ -160,21 +150,9 @@ class HomePage(Page):
         self.plan_text.setFont(theme.mono())
 
     def _lay_out(self) -> None:
-        try_it, left = panel("Try it")
-        left.addWidget(line("Feel what the controllers do. Nothing is saved.", "quiet"))
-        left.addWidget(Picture(), 1)
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
-        left.addWidget(self.try_it)
-
-        session, middle = panel("Run a session")
-        ports = QVBoxLayout(self._ports_box)
-        ports.setContentsMargins(0, 0, 0, 0)
-        ports.addLayout(self._port_rows)
-        ports.addLayout(row(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again))
-        for wide in (self.protocol, self.devices, self.port):
-            wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            wide.setMinimumWidth(90)
-        self.participant.setMaximumWidth(110)
+        about = line("Feel what the controllers do. Nothing is saved.", "quiet")
+        try_it = panel("Try it", about, (self._picture, 1), self.try_it)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 6, 0)
         grid.setHorizontalSpacing(12)
@@ -190,33 +168,20 @@ class HomePage(Page):
                 label = word(name, "quiet")
                 label.setMinimumHeight(min(parts[0].sizeHint().height(), LINE_PX))  # level with what it names
                 grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addLayout(self._form if parts == [self._form] else row(*parts), at, 1)
+            grid.addLayout(row(*parts), at, 1)
         grid.setRowStretch(grid.rowCount(), 1)
-        form = QWidget()
-        form.setLayout(grid)
-        self.form = scrolled(form)
-        middle.addWidget(self.form, 1)
-        middle.addWidget(self.why)
-        middle.addWidget(self.start)
+        self.form = scrolled(holder(grid))
+        session = panel("Run a session", (self.form, 1), self.why, self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
             large.setFont(theme.font(size, bold=True))
             large.setMinimumHeight(height)
 
-        plan, inside = panel("Plan")
-        inside.addWidget(self.plan_text, 1)
-        inside.addLayout(row(1, button("Back  Esc", self._show_columns)))
-        self.plan, self.columns, self.stack = plan, QWidget(), QStackedWidget()
-        columns = QHBoxLayout(self.columns)
-        columns.setContentsMargins(0, 0, 0, 0)
-        columns.setSpacing(theme.GAP)
-        for column, share in ((try_it, 5), (session, 11), (self.data, 10)):
-            column.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-            columns.addWidget(column, share)
-        for inner in (self.columns, self.plan, self.editor, self.device):
-            self.stack.addWidget(inner)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.stack)
+        self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
+        for part in (try_it, session, self.data):
+            part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.columns = holder(row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP))
+        self.stack = stack(self.columns, self.plan, self.editor, self.device)
+        self.setLayout(column(self.stack))
 
     # --------------------------------------------------------------------------------------- what the window hands on
 
@@ -225,7 +190,7 @@ class HomePage(Page):
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
             self._typed, self._named = False, setup.participant
-            self.on_board = bool(setup.link)
+            self.link.choose(BOARD if setup.link else SIMULATED)
             self._take(setup)
         self._show_ports(self._ports)
 
@@ -251,7 +216,7 @@ class HomePage(Page):
 
     def cancel(self) -> bool:
         shown = self.stack.currentWidget()
-        if shown is not self.device or not self.device.leave():
+        if shown is not self.device or not self.device.cards.leave():
             self._show_columns()
         return shown is not self.columns
 
@@ -270,7 +235,6 @@ class HomePage(Page):
         devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))
         self.devices.fill({**devices, (): FILE}, setup.devices)
         self.hand.fill(HANDS, setup.hand)
-        self.link.choose(BOARD if self.on_board else SIMULATED)
         self._load()
 
     def _choose(self, **changes) -> None:
@@ -318,14 +282,22 @@ class HomePage(Page):
             self.blind.setChecked(loaded.protocol.blind)
             if loaded.protocol.form != self._asked:
                 self._show_form(loaded.protocol.form)
+            self._show_device(loaded.protocol)
         self._refresh()
+
+    def _show_device(self, protocol: Protocol) -> None:
+        """The device with its handle between start and end: what Try is about."""
+        device, path = protocol.devices[0], next(iter(protocol.paths.values()))
+        way = outline(path, SPACING_M).tolist()
+        clear(self._picture)
+        self._picture.addWidget(small_view(device, path, tuple(way[len(way) // 2]), PICTURE))
 
     def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
         """A field for each thing that the protocol asks of a participant."""
         clear(self._form)
         self._asked, self.fields = form, {}
         for at, (name, kind) in enumerate(form.items()):
-            field = QLineEdit(maxLength=200) if isinstance(kind, str) else Segments(kind)
+            field = QLineEdit(maxLength=200) if isinstance(kind, str) else Segments({one: one for one in kind})
             field.setAccessibleName(name)
             (field.textEdited if isinstance(field, QLineEdit) else field.chosen).connect(lambda _: self._refresh())
             self._form.addWidget(word(name.replace("_", " ").capitalize(), "quiet"), at, 0)
@@ -336,7 +308,7 @@ class HomePage(Page):
         """What the form says; fields that are empty, or no number where one is asked for, are left out."""
         answers: dict[str, str | float] = {}
         for name, field in self.fields.items():
-            text = field.text().strip() if isinstance(field, QLineEdit) else field.value()
+            text = field.text().strip() if isinstance(field, QLineEdit) else field.value() or ""
             if self._asked[name] != NUMBER:
                 answers |= {name: text} if text else {}
             elif (number := number_of(text)) is not None:
@@ -345,9 +317,13 @@ class HomePage(Page):
 
     # --------------------------------------------------------------------------------------- the board
 
+    @property
+    def on_board(self) -> bool:
+        """Whether the board's ports are shown, connected or not."""
+        return self.link.value() == BOARD
+
     def _link_chosen(self, which: str) -> None:
-        self.on_board = which == BOARD
-        if self.setup.link and not self.on_board:
+        if self.setup.link and which == SIMULATED:
             self.setup_asked.emit(self.chosen._replace(link=""), None)  # let the board go
         else:
             self._choose(link=self.setup.link)
@@ -367,7 +343,7 @@ class HomePage(Page):
         self._ports = ()
         self._look_at_ports()
 
-    def _show_ports(self, ports: tuple[PortFound, ...]) -> None:
+    def _show_ports(self, ports: tuple[BoardFound, ...]) -> None:
         self._ports, mine = ports, self.setup.link
         if (ports, mine) == self._ports_shown:
             return

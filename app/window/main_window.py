@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QEvent, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -19,8 +19,7 @@ from app.window.cards import Cards
 from app.window.keys import KEYS, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.labels import OneLine, breakable, line, word
-from app.window.painting.parts import row
+from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
 from app.window.preflight import Preflight
 from app.window.words import from_home, grouped, show_folder, size
 
@@ -43,14 +42,12 @@ class Footer(QFrame):
         super().__init__(objectName="panel")
         self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
         self.folder.setMaximumWidth(320)
-        self.open = QPushButton("Open folder", objectName="small")
-        self.open.clicked.connect(lambda: show_folder(self._path))
+        self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin, self.keys)
-        self.setLayout(row(word("Data", "quiet"), *parts))
-        self.layout().setContentsMargins(12, 5, 8, 5)
+        self.setLayout(row(word("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
         self._light(theme.BRAKE_OFF)
 
     def _light(self, colour: str) -> None:
@@ -69,7 +66,6 @@ class Footer(QFrame):
         self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{note}" if opened.plan_sha256 else note)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        """The newest proof of recording."""
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
             self._light(theme.GOOD if verified else theme.BRAKE_OFF)
@@ -84,7 +80,6 @@ class Footer(QFrame):
         self.recording.setText(" · ".join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        """The session server has ended."""
         self._light(theme.BAD)
         self.recording.setText("Not recording")
 
@@ -121,24 +116,13 @@ class MainWindow(QWidget):
         head = row(*self.tabs.values(), spacing=0)
         head.addSpacing(8)
         head.addWidget(self.preflight, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(theme.GAP, 6, theme.GAP, theme.GAP)
-        layout.setSpacing(8)
-        layout.addLayout(head)
-        layout.addWidget(self.banner)
-        layout.addWidget(self.preflight.advice)
-        layout.addWidget(self._stack, 1)
-        layout.addWidget(self.footer)
-        self._keep_large_enough()
+        parts = (head, self.banner, self.preflight.advice, (self._stack, 1), self.footer)
+        self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
+        self.follow_text()
         room = QGuiApplication.primaryScreen().availableSize()
         self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self._keep_large_enough()
-
-    def _keep_large_enough(self) -> None:
+    def follow_text(self) -> None:
         """Larger text needs a larger window, as far as the screen has room."""
         room = QGuiApplication.primaryScreen().availableSize()
         width, height = map(theme.text_px, SMALLEST)
@@ -147,8 +131,7 @@ class MainWindow(QWidget):
     def _connect(self) -> None:
         for name, tab in self.tabs.items():
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
-        self.preflight.brakes_off_asked.connect(lambda: self.brakes_off("the button of the main window"))
-        self.preflight.brakes_allowed.connect(self.allow_brakes)
+        self.preflight.brakes.clicked.connect(self._press_brakes)
         self.preflight.device_asked.connect(lambda: self.do("device"))
         self.footer.keys.clicked.connect(self.show_keys)
         own = {
@@ -209,11 +192,9 @@ class MainWindow(QWidget):
             act()
 
     def send(self, command: object) -> None:
-        """Ask the session server for something."""
         self.client.send(command)
 
     def show_keys(self) -> None:
-        """All keys, in a card."""
         self.cards.show_keys(KEYS)
 
     # ------------------------------------------------------------------------------------------- brakes
@@ -221,6 +202,9 @@ class MainWindow(QWidget):
     def brakes_off(self, cause: str) -> None:
         """Zero current at once; it goes straight to the control loop, even when the session server is gone."""
         self.client.brakes_off(cause)
+
+    def _press_brakes(self) -> None:
+        self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the button of the main window")
 
     def allow_brakes(self) -> None:
         """Currents may flow again."""
@@ -263,7 +247,6 @@ class MainWindow(QWidget):
         self._refresh()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        """Where the session is now."""
         self.snapshot = snapshot
         on_bench = self.opened is not None and self.opened.real_device
         if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_no_session(on_bench):
@@ -274,7 +257,6 @@ class MainWindow(QWidget):
         self._refresh()
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        """Proof of recording, and timing."""
         self.footer.show_pulse(pulse)
         for page in self.pages.values():
             page.show_pulse(pulse)
@@ -314,6 +296,5 @@ class MainWindow(QWidget):
         self.closed.emit()
 
     def close_anyway(self) -> None:
-        """The question has been answered."""
         self._closing = True
         self.close()

@@ -35,8 +35,8 @@ LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least
 class ParticipantView(Plane):
     """The picture."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR, parent=parent)
+    def __init__(self) -> None:
+        super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR)
         self.shown = Shown("")
         self.held = 0.0  # share of the hold at the start that is over
         self.side = 0  # where the text stands: in the middle, or out of the handle's way, left (-1) or right (1)
@@ -89,13 +89,9 @@ class ParticipantView(Plane):
             (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
         ):
             size = round(share * height)
-            chosen = theme.font(size, bold)
-            painter.setFont(chosen)
-            while painter.fontMetrics().horizontalAdvance(text) > width - 16 and size > theme.SMALL:
-                size -= 1
-                chosen.setPixelSize(size)
-                painter.setFont(chosen)
-            painter.setPen(theme.colour(colour))
+            fits = min((width - 16) / max(theme.text_width(text, size, bold), 1.0), 1.0)
+            painter.setFont(theme.font(max(int(fits * size), theme.SMALL), bold))
+            painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
 
     def paint_under_handle(self, painter: QPainter) -> None:
@@ -131,13 +127,10 @@ def scaled(sizes: Sizes, share: float) -> Sizes:
 class ParticipantWindow(QWidget):
     """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
-    aimed = Signal(float, float)  # m
-    left = Signal()  # the pointer has left the picture: the hand lets the handle go
-    answered = Signal(dict)
     close_asked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setWindowTitle("PHD: participant")
         self.setMinimumSize(480, 320)
         self.view = ParticipantView()
@@ -152,9 +145,6 @@ class ParticipantWindow(QWidget):
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions):
             self._stack.addWidget(widget)
-        self.view.pointer_moved.connect(self.aimed)
-        self.view.pointer_left.connect(self.left)
-        self.questions.answered.connect(self.answered)
         self.instructions.turned.connect(self.start)
 
     def show_opened(self, opened: m.Opened) -> None:
@@ -187,7 +177,6 @@ class ParticipantWindow(QWidget):
         self._stack.setCurrentWidget(page)
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        """Where the session is."""
         before, self._snapshot = self._snapshot, snapshot
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
@@ -275,7 +264,6 @@ class ParticipantWindow(QWidget):
         self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
 
     def show_dead(self) -> None:
-        """The session server has ended."""
         self._snapshot = m.Snapshot(m.FAILED)
         self.view.show_handle(None)
         self.view.show_path(None)

@@ -26,8 +26,8 @@ class PlanGrid(QWidget):
 
     clicked = Signal(object)  # the newest TrialRow of a cell
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._opened: m.Opened | None = None
         self._blind = False
         self._groups: dict[str, dict[int, list[PlannedTrial]]] = {}
@@ -123,9 +123,9 @@ class PlanGrid(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.fillRect(self.rect(), theme.colour(theme.PANEL))
+        painter.fillRect(self.rect(), theme.shade(theme.PANEL))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(theme.colour(theme.QUIET))
+        painter.setPen(theme.shade(theme.QUIET))
         cells, words = self._places()
         for text, box, head in words:
             painter.setFont(theme.font(theme.SMALL, bold=head))
@@ -136,14 +136,14 @@ class PlanGrid(QWidget):
     def _paint_cell(self, painter: QPainter, cell: QRectF, run: int) -> None:
         status = self.statuses.get(run)
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.colour(theme.STATUS[status], 0.55) if status else theme.colour(theme.LINE, 0.6))
+        painter.setBrush(theme.shade(theme.STATUS[status], 0.55) if status else theme.shade(theme.LINE, 0.6))
         if run == self.marked:
-            painter.setPen(QPen(theme.colour(theme.TEXT if self.running else theme.ACCENT), 2.0))
-            painter.setBrush(theme.colour(theme.ACCENT if self.running else theme.ACCENT_GROUND))
+            painter.setPen(QPen(theme.shade(theme.TEXT if self.running else theme.ACCENT), 2.0))
+            painter.setBrush(theme.shade(theme.ACCENT if self.running else theme.ACCENT_GROUND))
         painter.drawRoundedRect(cell, 3.0, 3.0)
         if status in MARKS:
             painter.setFont(theme.font(theme.SMALL, bold=True))
-            painter.setPen(theme.colour(theme.TEXT))
+            painter.setPen(theme.shade(theme.TEXT))
             painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, MARKS[status])
 
 

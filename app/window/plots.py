@@ -9,12 +9,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QPointF, Qt
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
 from app.window.painting import theme
-from app.window.painting.labels import Figures, word
+from app.window.painting.parts import Figures, column, row, word
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
@@ -49,7 +49,7 @@ def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarra
 
 
 class Graph(pg.PlotWidget):
-    """A plot in the colours of the screens, its ticks in their typeface and as large as all other text."""
+    """A plot in the colours and the typeface of the screens."""
 
     def __init__(self) -> None:
         super().__init__(background=theme.PANEL, enableMenu=False)
@@ -61,17 +61,13 @@ class Graph(pg.PlotWidget):
             axis.setTextPen(theme.QUIET)
             axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
             axis.enableAutoSIPrefix(False)
-        self._size_text()
+        self.follow_text()
 
     def _axes(self) -> list[pg.AxisItem]:
         return [self.getPlotItem().getAxis(side) for side in ("left", "bottom")]
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self._size_text()
-
-    def _size_text(self) -> None:
+    def follow_text(self) -> None:
+        """Ticks as large as all other text."""
         for axis in self._axes():
             axis.setStyle(tickFont=theme.font(theme.SMALL))
             axis.label.setFont(theme.font(theme.SMALL))
@@ -85,20 +81,14 @@ class Plot(QFrame):
 
     figures_px = theme.NORMAL
 
-    def __init__(self, title: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
-        self.title, self.figures = word(title, bold=True), Figures(self.figures_px, right=True)
+    def __init__(self, title: QLabel) -> None:
+        super().__init__(objectName="panel")
+        self.title, self.figures = title, Figures(self.figures_px, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
-        self.head = QHBoxLayout()
-        self.head.setSpacing(8)
-        self.head.addWidget(self.title)
-        self.head.addWidget(self.figures, 1)
-        self.rows = QVBoxLayout(self)
-        self.rows.setContentsMargins(10, 4, 8, 4)
-        self.rows.setSpacing(2)
-        self.rows.addLayout(self.head)
-        self.rows.addWidget(self.graph, 1)
+        self.head = row(self.title, self.figures)
+        self.rows = column(self.head, (self.graph, 1), spacing=2, margins=(10, 4, 8, 4))
+        self.setLayout(self.rows)
         self._pointer = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=30, slot=self._pointed)
 
     @property
@@ -123,19 +113,20 @@ class TimePlot(Plot):
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
-        super().__init__(title)
+        super().__init__(word(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
         self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
         self.item.setMouseEnabled(x=True, y=False)
         self.item.vb.sigXRangeChanged.connect(lambda *_: self.zoomed())
 
     def draw(self) -> None:
         """Draw what is seen of it."""
-        raise NotImplementedError
+        self.draw_curves(self.curves, self.t, self.values)
 
     def show_all(self) -> None:
-        """Zoom out."""
-        raise NotImplementedError
+        if len(self.t):
+            self.item.setXRange(self.t[0], self.t[-1], padding=0.01)
 
     def zoomed(self) -> None:
         """Another part of it is seen."""
@@ -268,26 +259,20 @@ class Trace(TimePlot):
 class Traces(QWidget):
     """The four live traces, one above the other."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
         self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
         colours = [theme.JOINT[joint] for joint in JOINTS]
         self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
         self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(theme.GAP)
-        for trace in self._all():
-            layout.addWidget(trace, 1)
-
-    def _all(self) -> tuple[Trace, ...]:
-        return self.error, self.force, self.currents, self.speed
+        self.all = (self.error, self.force, self.currents, self.speed)
+        self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
         self.currents.names, self.currents.unit = device.labels, device.command_unit
-        for trace in self._all():
+        for trace in self.all:
             trace.clear()
 
     def add(self, rows: np.ndarray) -> None:
@@ -300,7 +285,7 @@ class Traces(QWidget):
 
     def word(self) -> None:
         """The values of the last tick that was added, beside the titles."""
-        for trace in self._all():
+        for trace in self.all:
             trace.show_newest()
 
     def set_blind(self, blind: bool) -> None:
@@ -323,12 +308,10 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
+        self.late, self.foot_figures = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
-        self.late = pg.ScatterPlotItem(size=5, pen=None)
         self.item.addItem(self.late)
-        self.foot_figures = Figures()
         self.rows.addWidget(self.foot_figures)
-        self.clear()
 
     def add(self, rows: np.ndarray) -> None:  # type: ignore[override]
         """Ticks (n, WIDTH) of the running trial."""
@@ -341,20 +324,17 @@ class TimingStrip(Trace):
         super().add(t, share[None])
 
     def clear(self) -> None:
-        if hasattr(self, "late"):
-            self.late.clear()
+        self.late.clear()
         super().clear()
 
     def show_timing(self, timing: Timing | None) -> None:
-        """Percentiles, missed ticks, scheduling."""
         self.timing = timing
         self.show_newest()
 
     def show_newest(self) -> None:
         now = self.timing
         self.figures.show_parts((self.words, theme.CAUTION if now is not None and now.missed else theme.QUIET))
-        if hasattr(self, "foot_figures"):
-            self.foot_figures.show_parts((self.foot, theme.QUIET))
+        self.foot_figures.show_parts((self.foot, theme.QUIET))
 
     @property
     def words(self) -> str:

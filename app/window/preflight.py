@@ -1,15 +1,12 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from collections.abc import Callable
-
-from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.labels import breakable, line, word
-from app.window.painting.parts import clear, row
+from app.window.painting.parts import NO_FOCUS, OneLine, breakable, clear, line, row, word
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -27,99 +24,64 @@ def mark_of(check: m.Check, size: int) -> QLabel:
 class Pill(QFrame):
     """One check of the pre-flight row; its reason and advice are in the tooltip."""
 
-    def __init__(self, check: m.Check, asked: Callable[[str], None]) -> None:
-        """asked: is called with the check's name at a click."""
+    clicked = Signal()
+
+    def __init__(self, check: m.Check) -> None:
         super().__init__(objectName="pill-bad" if check.state == m.BAD else "pill")
-        self._asked, self.name = asked, check.name
-        self.mark, self.text = mark_of(check, theme.SMALL), word(check.text, "quiet", theme.SMALL)
-        self._labels = (self.mark, word(check.name, size=theme.SMALL, bold=True), self.text)
-        self.setLayout(row(*self._labels, spacing=4))
-        self.layout().setContentsMargins(9, 0, 10, 0)
+        self.mark, name = mark_of(check, theme.SMALL), word(check.name, size=theme.SMALL, bold=True)
+        self.text = OneLine(check.text, "quiet", dots=Qt.TextElideMode.ElideRight)
+        self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
+        self.text.setToolTip("")
+        self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(9, 0, 10, 0)))
         self.setFixedHeight(30)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
         self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
 
-    @property
-    def wide(self) -> int:
-        """How wide it is with its text, px."""
-        return sum(label.sizeHint().width() for label in self._labels) + 9 + 10 + 2 * 4 + 2
-
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
-            self._asked(self.name)
+            self.clicked.emit()
 
 
 class Preflight(QWidget):
     """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
 
-    brakes_off_asked = Signal()
-    brakes_allowed = Signal()
     device_asked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._checks: tuple[m.Check, ...] = ()  # that are shown
         self.pills: list[Pill] = []
-        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes")
-        self.brakes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.brakes.clicked.connect(self._pressed)
         self.advice = line("", "banner", theme.NORMAL)
         self.advice.hide()
-        self._off = False
         self._row = row(spacing=5)
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(theme.GAP)
-        layout.addStretch(1)
-        layout.addLayout(self._row)
-        layout.addWidget(self.brakes)
+        self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """Whether all is well."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
             clear(self._row)
-            self.pills = [Pill(check, self._asked) for check in snapshot.checks]
-            for pill in self.pills:
+            self.pills = [Pill(check) for check in snapshot.checks]
+            for pill, check in zip(self.pills, snapshot.checks, strict=True):
                 self._row.addWidget(pill)
-            self._fit()
+                if check.name == DEVICE:
+                    pill.clicked.connect(self.device_asked)
         wrong = advice(snapshot)
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
             wrong[-1] += " F3 shows the device page."
         self.advice.setText(breakable("\n".join(wrong)))
         self.advice.setVisible(bool(wrong))
-        self._off = bool(snapshot.brakes_off)
-        theme.name_anew(self.brakes, "brakes-off" if self._off else "brakes")
-        self.brakes.setText("Allow brakes  Ctrl+B" if self._off else "Brakes off  Esc")
+        off = bool(snapshot.brakes_off)
+        theme.name_anew(self.brakes, "brakes-off" if off else "brakes")
+        self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
         self.brakes.setToolTip(
-            "Let currents flow again" if self._off else "Zero current at once; a running trial ends and is kept"
+            "Let currents flow again" if off else "Zero current at once; a running trial ends and is kept"
         )
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Where there is no room for all texts, names and marks alone stay; the tooltips say the rest."""
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
-        needed = self.brakes.sizeHint().width() + theme.GAP + sum(pill.wide + 5 for pill in self.pills)
-        for pill in self.pills:
-            pill.text.setVisible(needed <= self.width())
-
-    def minimumSizeHint(self) -> QSize:
-        """As wide as it is without the texts."""
-        narrow = sum(pill.wide - pill.text.sizeHint().width() + 5 for pill in self.pills)
-        return QSize(self.brakes.sizeHint().width() + theme.GAP + narrow, super().minimumSizeHint().height())
-
-    def _asked(self, name: str) -> None:
-        if name == DEVICE:
-            self.device_asked.emit()
-
-    def _pressed(self) -> None:
-        (self.brakes_allowed if self._off else self.brakes_off_asked).emit()
 
 
 def advice(snapshot: m.Snapshot) -> list[str]:
@@ -129,7 +91,7 @@ def advice(snapshot: m.Snapshot) -> list[str]:
         cause = sentence(snapshot.brakes_off)
         lines.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
     for check in snapshot.checks:
-        if check.state == m.BAD and not (snapshot.brakes_off and check.name == "Device"):
+        if check.state == m.BAD and not (snapshot.brakes_off and check.name == DEVICE):
             lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
     return lines
 
@@ -143,8 +105,7 @@ class Checklist(QWidget):
     """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.setObjectName("clear")
+        super().__init__(objectName="clear")
         self._shown: tuple[m.Check, ...] = ()
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)

@@ -22,13 +22,11 @@ from PySide6.QtWidgets import (
     QLayout,
     QLineEdit,
     QPlainTextEdit,
-    QVBoxLayout,
     QWidget,
 )  # fmt: skip
 
 from app.window.painting import theme
-from app.window.painting.labels import Choice, breakable, line, word
-from app.window.painting.parts import button, clear, row, scrolled
+from app.window.painting.parts import PANEL_MARGINS, Choice, breakable, button, clear, column, line, row, scrolled, word
 from app.window.painting.path_drawing import PathDrawing
 from app.window.work import Work
 from core.control.controllers import ALGORITHMS
@@ -83,7 +81,7 @@ class ProtocolEditor(QFrame):
         self.drawing, self.summary, self.plan = PathDrawing(), line("", bold=True), QPlainTextEdit(readOnly=True)
         self.title, self.save = word("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
         self.form, self.instructions = QLineEdit(), QPlainTextEdit()
-        self._devices, self._controllers, self._paths = QHBoxLayout(), QVBoxLayout(), QVBoxLayout()
+        self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._read)
         self.drawing.drawn.connect(self._drawn)
@@ -141,20 +139,11 @@ class ProtocolEditor(QFrame):
         self._form_area = scrolled(inside)
         self.plan.setFont(theme.mono())
         self.save.setToolTip("Comments of a file are not kept")
-        right = QVBoxLayout()
-        right.addWidget(self.drawing, 3)
-        right.addWidget(line("Drag a ring to move a point. Every device reaches the dotted area.", "quiet"))
-        right.addWidget(self.summary)
-        right.addWidget(self.plan, 2)
-        both = QHBoxLayout(spacing=16)
-        both.addWidget(self._form_area, 6)
-        both.addLayout(right, 5)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(16, 12, 16, 14)
-        layout.addWidget(self.title)
-        layout.addWidget(self.sentences[""])
-        layout.addLayout(both, 1)
-        layout.addLayout(row(1, button("Undo all changes", self._undo), button("Back  Esc", self.left.emit), self.save))
+        how = line("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
+        right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
+        both = row((self._form_area, 6), (right, 5), spacing=16)
+        foot = row(1, button("Undo all changes", self._undo), button("Back  Esc", self.left.emit), self.save)
+        self.setLayout(column(self.title, self.sentences[""], (both, 1), foot, margins=PANEL_MARGINS))
 
     # ----------------------------------------------------------------------------------------- the content
 

@@ -5,13 +5,13 @@ Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.painting import theme
-from app.window.painting.labels import line, word
+from app.window.painting.parts import column, line, word
 from app.window.painting.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
-from experiments.protocol import Instruction
+from experiments.protocol import Page
 
 #: item, whose question is the language's sentence of that name, and the keys of what stands at both ends
 ITEMS = (
@@ -32,8 +32,8 @@ class Scale(QWidget):
 
     changed = Signal()
 
-    def __init__(self, name: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, name: str) -> None:
+        super().__init__()
         self.value: int | None = None
         self.setAccessibleName(name)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -79,7 +79,7 @@ class Scale(QWidget):
             painter.drawLine(QPointF(x, middle - half), QPointF(x, middle + half))
         if self.value is not None:
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(theme.colour(theme.ACCENT))
+            painter.setBrush(theme.shade(theme.ACCENT))
             painter.drawRoundedRect(QRectF(self._x(self.value) - 5.0, middle - 11.0, 10.0, 22.0), 4.0, 4.0)
 
 
@@ -103,8 +103,8 @@ class Questionnaire(QWidget):
 
     answered = Signal(dict)  # item -> 0 .. 100
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._by = 0.0  # how much larger than in a small window
         self._language = ENGLISH_WORDS
         self.scales = {item: Scale(item) for item, *_ in ITEMS}
@@ -115,10 +115,7 @@ class Questionnaire(QWidget):
         self._title = word("", bold=True)
         self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
-        title = QVBoxLayout()
-        title.addWidget(self._title)
-        title.addWidget(self._feedback)
-        grid.addLayout(title, 0, 0, 1, 4)
+        grid.addLayout(column(self._title, self._feedback), 0, 0, 1, 4)
         self._asked, self._ends = [], []
         for at, (item, *_) in enumerate(ITEMS, start=1):
             self._asked.append(line(""))
@@ -142,7 +139,6 @@ class Questionnaire(QWidget):
         self.show_language(ENGLISH_WORDS)
 
     def show_language(self, language: Language) -> None:
-        """The participant's language."""
         self._language = language
         self._title.setText(language["questions_controller"])
         self.done.setText(language["questions_done"])
@@ -186,7 +182,6 @@ class Questionnaire(QWidget):
         self._feedback.setVisible(bool(feedback))
 
     def clear(self) -> None:
-        """No answer yet."""
         for scale in self.scales.values():
             scale.set(None)
 
@@ -209,29 +204,23 @@ class Instructions(QWidget):
 
     turned = Signal()  # a click, for a participant without a keyboard
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._pages: tuple[Instruction, ...] = ()
+    def __init__(self) -> None:
+        super().__init__()
+        self._pages: tuple[Page, ...] = ()
         self._language = ENGLISH_WORDS
         self.at = 0
         self.text, self.picture = line("", size=theme.LARGE), QLabel()
         self.place = word("", "quiet", theme.HEAD)
         middle = Qt.AlignmentFlag.AlignHCenter
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(60, 40, 60, 40)
-        layout.addStretch(1)
-        layout.addWidget(self.picture, 0, middle)
-        layout.addWidget(self.text)
-        layout.addStretch(1)
-        layout.addWidget(self.place, 0, middle)
-        self.text.setAlignment(middle)
+        self.setLayout(column(1, self.picture, self.text, 1, self.place, margins=(60, 40, 60, 40)))
+        for part in (self.picture, self.text, self.place):
+            part.setAlignment(middle)
 
     @property
     def over(self) -> bool:
-        """Whether all of them have been read."""
         return self.at >= len(self._pages)
 
-    def show_pages(self, pages: tuple[Instruction, ...], language: Language) -> None:
+    def show_pages(self, pages: tuple[Page, ...], language: Language) -> None:
         """From the first page on."""
         self._pages, self._language, self.at = pages, language, 0
         self._show()

@@ -6,20 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, Signal
-from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtGui import QResizeEvent
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.cards import ABORT_REASONS, REDO_REASONS, SKIP_REASONS, Cards
+from app.window.cards import ABORT, ABORT_REASONS, AGAIN, REDO_REASONS, SKIP_REASONS, Cards
 from app.window.energy_panel import EnergyPanel
-from app.window.page import ANALYSE, HOME, Page
+from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import Reading
-from app.window.painting.labels import OneLine, word
 from app.window.painting.linkage_view import Workspace
-from app.window.painting.parts import row
+from app.window.painting.parts import OneLine, column, holder, row, stack, word
 from app.window.plots import TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
@@ -49,7 +46,10 @@ class RunPage(Page):
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
-        self.panel, self.centre = SessionPanel(), Centre()
+        self.panel = SessionPanel()
+        #: what the participant reads, in large words, and the workspace under it
+        self.large, self.small = word("", size=theme.LARGE, bold=True), OneLine("", "quiet", theme.TITLE)
+        self.workspace: Workspace | None = None  # there once a protocol is
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
         self.card, self.questions = TrialCard(), Questionnaire()
         self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
@@ -58,29 +58,15 @@ class RunPage(Page):
         self._judged: set[int] = set()  # runs whose card was answered
         self._looked_at: int | None = None  # the run whose cell of the plan was clicked
         self._reading = Work()  # its recording
-        self._reading_numbers = Reading()
-        self._lay_out()
-        self.cards = Cards(self.centre)
-        self._connect()
-
-    def _lay_out(self) -> None:
-        live = QWidget()
-        column = QVBoxLayout(live)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(8)
-        column.addWidget(self.traces, 4)
-        column.addWidget(self.timing, 1)
-        column.addWidget(self.energy)
-        self._right, self._stack, desk = QStackedWidget(), QStackedWidget(self), QWidget()
-        for page in (live, self.card):
-            self._right.addWidget(page)
-        desk.setLayout(row(self.panel, self.centre, self._right, spacing=theme.GAP))
-        desk.layout().setStretchFactor(self.centre, 1)
-        for page in (desk, self.questions):
-            self._stack.addWidget(page)
+        self._numbers = Reading()
+        self._centre = holder(column(self.large, self.small))
+        live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
+        self._right = stack(live, self.card)
+        desk = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
+        self._stack = stack(desk, self.questions)
         self.setLayout(row(self._stack))
-        for layout in (desk.layout(), self.layout()):
-            layout.setContentsMargins(0, 0, 0, 0)
+        self.cards = Cards(self._centre)
+        self._connect()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -89,22 +75,20 @@ class RunPage(Page):
 
     def _connect(self) -> None:
         for signal, do in (
-            (self.panel.start_asked, self.start),
-            (self.panel.redo_asked, self.redo),
-            (self.panel.skip_asked, self.skip),
-            (self.panel.pause_asked, self.pause),
-            (self.panel.abort_asked, self.abort),
-            (self.panel.noted, self._note),
-            (self.panel.cell_asked, self._show_cell),
-            (self.card.kept, self._keep),
-            (self.card.redo_asked, self.redo),
+            (self.panel.start.clicked, self.start),
+            (self.panel.redo.clicked, self.redo),
+            (self.panel.skip.clicked, self.skip),
+            (self.panel.pause.clicked, self.pause),
+            (self.panel.abort.clicked, self.abort),
+            (self.panel.note.written, self._note),
+            (self.panel.grid.clicked, self._show_cell),
+            (self.card.keep.clicked, self._keep),
+            (self.card.redo.clicked, self.redo),
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
-            (self.centre.aimed, self.aimed),
-            (self.centre.left, self.left),
+            (self._reading.done, self._show_read),
         ):
             signal.connect(do)
-        self._reading.done.connect(self._show_read)
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {
@@ -124,7 +108,7 @@ class RunPage(Page):
         self._keep()
         if self.panel.start.isEnabled() and not earlier:
             self.send(m.Start())
-            self.centre.setFocus()
+            self._centre.setFocus()
 
     def pause(self) -> None:
         """No trial starts after this one; or trials may start again."""
@@ -152,7 +136,7 @@ class RunPage(Page):
     def abort(self) -> None:
         """Ask why and whether it comes again, then end the running trial."""
         if self.snapshot.stage == m.RUNNING:
-            self.cards.ask_abort(ABORT_REASONS, lambda reason, again: self.send(m.Abort(reason, again)))
+            self.cards.ask("abort", *ABORT, ABORT_REASONS, "Abort", lambda *why: self.send(m.Abort(*why)), AGAIN)
 
     def _note(self, text: str) -> None:
         self.send(m.Note(text))
@@ -191,7 +175,6 @@ class RunPage(Page):
 
     @property
     def card_shown(self) -> bool:
-        """Whether the card of a trial is looked at."""
         return self._right.currentWidget() is self.card
 
     # ------------------------------------------------------------------------------------------- what the server sends
@@ -202,8 +185,22 @@ class RunPage(Page):
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
         self._shown = None
-        self.centre.show_opened(opened)
+        if before is None or not same_places(before.protocol, opened.protocol):
+            self._make_workspace(opened.protocol)
+        self.workspace.view.show_obstacles(opened.protocol.obstacle)
         self._refresh()
+
+    def _make_workspace(self, protocol: Protocol) -> None:
+        """Devices and paths decide its scale. The pointer over it is the hand."""
+        if self.workspace is not None:
+            self._centre.layout().removeWidget(self.workspace)
+            self.workspace.deleteLater()
+        self.workspace = Workspace(protocol.devices, protocol.paths)
+        self.workspace.view.setMouseTracking(True)
+        self.workspace.view.pointer_moved.connect(self.aimed)
+        self.workspace.view.pointer_left.connect(self.left)
+        self._centre.layout().addWidget(self.workspace, 1)
+        self.workspace.show()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before = self.snapshot
@@ -232,13 +229,15 @@ class RunPage(Page):
             self._waiting.clear()
             self._ticks.clear()
             device = opened.protocol.device(now.configuration)
-            self.centre.begin(now, snapshot.tip)
+            self.workspace.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
+            if snapshot.running is not None:
+                self._write_phase(tick_log.APPROACH, taken=False)
             self.traces.show_trial(device)
             self.energy.clear()
             self.timing.clear()
         elif snapshot.running is None:
             self.show_panels()
-            self.centre.rest(snapshot.tip)
+            self.workspace.rest(snapshot.tip)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.timing.show_timing(pulse.timing)
@@ -247,7 +246,8 @@ class RunPage(Page):
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
-        self.centre.show_ticks(rows, taken)
+        self.workspace.add(rows)
+        self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
         self._ticks.append(rows)
         self._waiting.append(rows)
         if len(self._waiting) >= PANELS_EVERY:
@@ -261,11 +261,22 @@ class RunPage(Page):
             for panel in (self.traces, self.energy, self.timing):
                 panel.add(rows)
             now = rows[-1, tick_log.T]
-            if self._reading_numbers.due(float(now)) or self.snapshot.running is None:
+            if self._numbers.due(float(now)) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
                 self.traces.word()
-                if self.centre.workspace is not None and self.snapshot.running is not None:
-                    self.centre.workspace.word(rows[-1])
+                self.energy.word()
+                if self.snapshot.running is not None:
+                    self.workspace.word(rows[-1])
+
+    def _write_phase(self, phase: int, taken: bool) -> None:
+        """What the participant reads in a phase of a trial."""
+        shown = words.moving(phase, taken or not hand_is_mouse(self.opened), words.language_of(self.opened))
+        if shown is not None:
+            self._write(shown)
+
+    def _write(self, shown: words.Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
 
     def show_time(self, now_s: float) -> None:
         """What only the clock changes: the countdown of a break."""
@@ -284,7 +295,9 @@ class RunPage(Page):
         self._show_card()
         self.panel.show_session(opened, snapshot)
         self.panel.start.setEnabled(self.panel.start.isEnabled() and not self.card_shown)  # one button for Space
-        self.centre.show_session(opened, snapshot)
+        self.workspace.set_blind(snapshot.blind)
+        if snapshot.running is None:
+            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
         self.cards.show_session(opened, snapshot, self)
@@ -303,108 +316,6 @@ class RunPage(Page):
             self.card.show_row(row, rows, ticks, opened, snapshot)
             self.card.keep.setText("Keep" if looked_at is None else "Close")
         self._right.setCurrentIndex(1 if wanted else 0)
-
-    # what a question's card asks for
-
-    def confirm(self) -> None:
-        """The re-rig is done, the break is over."""
-        self.send(m.Confirm())
-
-    def device(self) -> None:
-        """The page of the device on the bench."""
-        self.page_asked.emit(HOME, "device")
-
-    def results(self) -> None:
-        """The box plots so far."""
-        self.page_asked.emit(ANALYSE, None)
-
-    def leave(self) -> None:
-        """Close the session: the next participant's may be opened."""
-        self.send(m.Leave())
-
-    def unblind(self, who: str) -> None:
-        """Open the key of a blind session."""
-        self.send(m.Unblind(who))
-
-
-class Centre(QWidget):
-    """What the participant reads, in large words, and the workspace under it."""
-
-    aimed = Signal(float, float)  # m
-    left = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.large, self.small = word("", size=theme.LARGE, bold=True), OneLine("", "quiet", theme.TITLE)
-        self.workspace: Workspace | None = None
-        self._opened: m.Opened | None = None
-        self._snapshot = m.Snapshot(m.PREPARING)
-        self._layout = QVBoxLayout(self)
-        self._layout.setContentsMargins(0, 0, 0, 0)
-        self._layout.setSpacing(6)
-        self._layout.addWidget(self.large)
-        self._layout.addWidget(self.small)
-
-    def show_opened(self, opened: m.Opened) -> None:
-        """Another session or protocol: its devices and paths decide the scale."""
-        before, self._opened = self._opened, opened
-        if self.workspace is not None:
-            if before is not None and same_places(before.protocol, opened.protocol):
-                self.workspace.view.show_obstacles(opened.protocol.obstacle)
-                return
-            self._layout.removeWidget(self.workspace)
-            self.workspace.deleteLater()
-        self.workspace = Workspace(opened.protocol.devices, opened.protocol.paths)
-        self.workspace.view.show_obstacles(opened.protocol.obstacle)
-        self.workspace.view.setMouseTracking(True)
-        self.workspace.view.installEventFilter(self)
-        self._layout.addWidget(self.workspace, 1)
-        self.workspace.show()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The pointer over the workspace is the hand."""
-        if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent) and self.workspace is not None:
-            self.aimed.emit(*self.workspace.view.to_plane(event.position()))
-        elif event.type() == QEvent.Type.Leave:
-            self.left.emit()
-        return super().eventFilter(watched, event)
-
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
-        """Between trials: what the participant reads now."""
-        self._snapshot = snapshot
-        if self.workspace is not None:
-            self.workspace.set_blind(snapshot.blind)
-        if snapshot.running is None:
-            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
-
-    def begin(self, planned: PlannedTrial, tip: m.Point) -> None:
-        """A trial, running or to come."""
-        if self._opened is None or self.workspace is None:
-            return
-        protocol = self._opened.protocol
-        self.workspace.show_trial(protocol.device(planned.configuration), protocol.paths[planned.segment], tip)
-        if self._snapshot.running is not None:
-            self._write(self._moving(tick_log.APPROACH, not hand_is_mouse(self._opened)) or words.Shown(""))
-
-    def rest(self, tip: m.Point) -> None:
-        """Between trials: the handle stands here."""
-        if self.workspace is not None:
-            self.workspace.rest(tip)
-
-    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
-        """Ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
-        if self.workspace is None:
-            return
-        self.workspace.add(rows, words=False)
-        if (shown := self._moving(int(rows[-1, tick_log.PHASE]), taken or not hand_is_mouse(self._opened))) is not None:
-            self._write(shown)
-
-    def _moving(self, phase: int, taken: bool) -> words.Shown | None:
-        return words.moving(phase, taken, words.language_of(self._opened))
-
-    def _write(self, shown: words.Shown) -> None:
-        self.large.setText(shown.large)
-        self.small.setText(shown.small)
 
 
 def same_places(a: Protocol, b: Protocol) -> bool:

@@ -1,15 +1,14 @@
 """The left panel: the plan, what comes next, what can be asked for, the notes.
 
-It shows the snapshot and emits what is asked for; it decides nothing.
+It shows the snapshot; the page does what its buttons ask for.
 """
 
-from PySide6.QtCore import QEvent, Qt, Signal
-from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.labels import KeyButton, OneLine, breakable, line, word
-from app.window.painting.parts import row, scrolled
+from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, column, line, row, scrolled, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
@@ -24,16 +23,8 @@ SILENT = "The protocol has tones, and this computer has no program to play them 
 class SessionPanel(QFrame):
     """Plan, next, Start, Redo, Skip, Pause, Abort, notes."""
 
-    start_asked = Signal()
-    redo_asked = Signal()
-    skip_asked = Signal()
-    pause_asked = Signal()
-    abort_asked = Signal()
-    noted = Signal(str)
-    cell_asked = Signal(object)  # the newest TrialRow of a cell of the plan that was clicked
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, objectName="panel")
+    def __init__(self) -> None:
+        super().__init__(objectName="panel")
         self.head = word("", size=theme.HEAD, bold=True)
         self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
@@ -47,55 +38,27 @@ class SessionPanel(QFrame):
         self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
-        asked = (self.start_asked, self.pause_asked, self.abort_asked, self.redo_asked, self.skip_asked)
-        self._buttons = (self.start, self.pause, self.abort, self.redo, self.skip)
-        for button, signal in zip(self._buttons, asked, strict=True):
-            button.clicked.connect(signal)
         self.note = NoteLine()
-        self.note.written.connect(self.noted)
-        self.grid.clicked.connect(self.cell_asked)
-        self.notes = QPlainTextEdit(readOnly=True)
+        self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
         self.notes.setFont(theme.font(theme.SMALL))
-        self.notes.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.notes.setMinimumHeight(24)
-        self.notes.setMaximumHeight(150)
         self.notes.setStyleSheet("padding: 2px 4px")
         self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.notes.hide()
-        self._lay_out()
-        self.setFixedWidth(theme.text_px(WIDTH_PX))
-
-    def _lay_out(self) -> None:
         self._scroll = scrolled(self.grid)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._scroll.setFocusPolicy(NO_FOCUS)
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 10, 14, 12)
-        layout.setSpacing(5)
-        layout.addWidget(self.head)
-        layout.addWidget(self.done)
-        layout.addWidget(self._scroll, 1000)
-        layout.addWidget(self.left)
-        layout.addSpacing(2)
-        layout.addLayout(row(self.coming_head, self.coming, 1))
-        layout.addWidget(self.cell)
-        layout.addWidget(self.notice)
-        layout.addSpacing(2)
-        for button in self._buttons:
-            layout.addWidget(button)
-        layout.addSpacing(2)
-        layout.addWidget(self.note)
-        layout.addWidget(self.notes, 20)
-        layout.addStretch(1)
+        self.setLayout(column(
+            self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
+            self.notice, self.start, self.pause, self.abort, self.redo, self.skip, self.note, (self.notes, 20), 1,
+            spacing=5, margins=(14, 10, 14, 12),
+        ))  # fmt: skip
+        self.follow_text()
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self.setFixedWidth(theme.text_px(WIDTH_PX))
+    def follow_text(self) -> None:
+        self.setFixedWidth(theme.text_px(WIDTH_PX))
 
     def write_note(self) -> None:
-        """The keyboard is the line for notes."""
         if self.note.isEnabled():
             self.note.setFocus()
 
@@ -166,11 +129,8 @@ class NoteLine(QLineEdit):
 
     written = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setPlaceholderText("Note …  Ctrl+N")
-        self.setAccessibleName("Note, kept with the time")
-        self.setMaxLength(500)
+    def __init__(self) -> None:
+        super().__init__(placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.returnPressed.connect(self._keep)
 

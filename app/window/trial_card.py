@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, Qt, Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
-from app.window.painting.labels import Choice, KeyButton, OneLine, line, word
-from app.window.painting.parts import row
+from app.window.painting.parts import NO_FOCUS, Choice, KeyButton, OneLine, button, column, line, row, word
 from app.window.plots import Graph, TimePlot, range_for
 from app.window.words import place
 from core import tick_log
@@ -49,15 +48,10 @@ class Measure(QWidget):
         layout.addWidget(self.graph, 0, 1, 2, 1)
         layout.setColumnStretch(0, 2)
         layout.setColumnStretch(1, 3)
-        self._size()
+        self.follow_text()
 
-    def changeEvent(self, event: QEvent) -> None:
+    def follow_text(self) -> None:
         """The points keep their room above a larger text."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self._size()
-
-    def _size(self) -> None:
         self.graph.setFixedHeight(28 + theme.text_px(24))
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
@@ -67,7 +61,7 @@ class Measure(QWidget):
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
         groups = ((others, theme.LINE, 7, 1.0), (earlier, colour, 9, EARLIER_ALPHA), ([now], colour, 13, 1.0))
         spots = [
-            {"pos": (scale * there, 0.0), "size": size, "brush": theme.colour(shade, alpha),
+            {"pos": (scale * there, 0.0), "size": size, "brush": theme.shade(shade, alpha),
              "pen": pg.mkPen(theme.TEXT, width=2) if size == 13 else None}
             for rows, shade, size, alpha in groups
             for there in (getattr(row, name) for row in rows) if there is not None
@@ -83,43 +77,32 @@ class WholeTrace(TimePlot):
 
     def __init__(self) -> None:
         super().__init__("Distance from path", "mm", [theme.TRACE], 2.0, 1)
-        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.colour(theme.LINE, 0.35)) for _ in range(2)]
+        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(theme.LINE, 0.35)) for _ in range(2)]
         for region in self.phases:
             for edge in region.lines:
                 edge.setPen(pg.mkPen(theme.LINE))
             self.item.addItem(region)
         self.figures.show_parts((self.unit, theme.QUIET))
-        self._t, self._error = np.empty(0), np.empty(0)
 
     def show_ticks(self, rows: np.ndarray) -> None:
         """The ticks (n, tick_log.WIDTH), n > 0, of the trial."""
         phase = rows[:, tick_log.PHASE]
         moving = np.flatnonzero(phase == tick_log.MOVE)
-        self._t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
-        self._error = 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])
+        self.t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
+        self.values = 1e3 * np.abs(rows[None, :, tick_log.PATH_DISTANCE])
         for region, code in zip(self.phases, (tick_log.HOLD, tick_log.END), strict=True):
-            during = self._t[phase == code]
+            during = self.t[phase == code]
             region.setVisible(len(during) > 0)
             if len(during):
                 region.setRegion((during[0], during[-1]))
-        self.scale_to(float(self._error[moving].max(initial=0.0)))
+        self.scale_to(float(self.values[0, moving].max(initial=0.0)))
         self.show_all()
-
-    def show_all(self) -> None:
-        """Zoom out to the whole trial."""
-        if len(self._t):
-            self.item.setXRange(self._t[0], self._t[-1], padding=0.01)
-            self.draw()
-
-    def draw(self) -> None:
-        self.draw_curves(self.curves, self._t, self._error[None])
+        self.draw()
 
 
 class TrialCard(QFrame):
     """Keep, repeat or exclude a trial."""
 
-    kept = Signal()
-    redo_asked = Signal()
     excluded = Signal(str)  # reason
 
     def __init__(self) -> None:
@@ -133,35 +116,22 @@ class TrialCard(QFrame):
         self.trace = WholeTrace()
         self.flags = line("", "quiet")
         self.keep = KeyButton("Keep", "Space", "main")
-        self.redo, self.out = QPushButton("Repeat …"), QPushButton("Exclude")
-        self.redo.setToolTip("Ctrl+R")
-        self.out.setToolTip("Ctrl+X; choose a reason first")
+        self.redo = QPushButton("Repeat …", toolTip="Ctrl+R")
+        self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
         self.reason = Choice()
         self.reason.addItems(REASONS)
         self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
         self.out.setEnabled(False)
         for widget in (self.redo, self.out, self.reason):
-            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.keep.clicked.connect(self.kept)
-        self.redo.clicked.connect(self.redo_asked)
-        self.out.clicked.connect(self.exclude)
+            widget.setFocusPolicy(NO_FOCUS)
         decide = QGridLayout()
         for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
             decide.addWidget(widget, at // 2, at % 2)
         decide.setColumnStretch(0, 2)
         decide.setColumnStretch(1, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, 10, 14, 12)
-        layout.setSpacing(6)
-        layout.addLayout(row(self.dot, self.title, 1, self.outcome))
-        layout.addWidget(self.what)
-        layout.addWidget(self.legend)
-        for measure in self.measures:
-            layout.addWidget(measure)
-        layout.addWidget(self.trace, 1000)
-        layout.addStretch(1)
-        layout.addWidget(self.flags)
-        layout.addLayout(decide)
+        head = row(self.dot, self.title, 1, self.outcome)
+        parts = (head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide)
+        self.setLayout(column(*parts, margins=(14, 10, 14, 12)))
 
     @property
     def ready(self) -> bool:

@@ -3,9 +3,10 @@
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.window.painting import theme
+from app.window.painting.parts import column
 from app.window.plots import HIDDEN, TimePlot, currents_of
 from core import tick_log
 from core.mechanism import JOINTS
@@ -46,17 +47,12 @@ class TrialTrace(TimePlot):
         self.scale_to(max(float(np.nanmax(series, initial=0.0)) for series in (self.values, values)))
         self.draw()
 
-    def show_all(self) -> None:
-        """Zoom out to the whole trial."""
-        self.item.setXRange(0.0, float(self.t[-1]), padding=0.01)
-
     def show_cursor(self, at: int) -> None:
         """The cursor stands at a tick, whose value is beside the title."""
         self.cursor.setValue(self.t[at])
         self.show_value(at)
 
     def show_value(self, at: int) -> None:
-        """The value at a tick, beside the title."""
         self.figures.show_parts((self.figure(self.values[at]), theme.TEXT), (self.unit, theme.QUIET))
 
     def draw(self) -> None:
@@ -80,7 +76,7 @@ class CurrentTrace(TrialTrace):
         self.means, self.bands = [], []
         for joint in JOINTS:
             self.bands.append([pg.PlotDataItem(pen=None) for _ in range(2)])
-            self.item.addItem(pg.FillBetweenItem(*self.bands[-1], brush=theme.colour(theme.JOINT[joint], BAND)))
+            self.item.addItem(pg.FillBetweenItem(*self.bands[-1], brush=theme.shade(theme.JOINT[joint], BAND)))
             self.means.append(self.item.plot(pen=pg.mkPen(theme.JOINT[joint], width=1)))
         self.currents = np.empty((len(JOINTS), 0))
 
@@ -128,24 +124,17 @@ class TrialTraces(QWidget):
         self.error = TrialTrace("Path error", "mm", theme.TRACE, 2.0, 1)
         self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
         self.currents = CurrentTrace()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(6)
-        for trace in self.all():
-            layout.addWidget(trace, 2 if trace is self.currents else 1)  # it has the axis of time
+        self.all = (self.error, self.force, self.currents)
+        self.setLayout(column((self.error, 1), (self.force, 1), (self.currents, 2)))
+        for trace in self.all:
             trace.asked.connect(self.asked)
-            trace.item.showAxis("bottom", trace is self.currents)
+            trace.item.showAxis("bottom", trace is self.currents)  # it has the axis of time
         axis = self.currents.item.getAxis("bottom")
         axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
         for trace in (self.force, self.currents):
             trace.item.setXLink(self.error.item)
 
-    def all(self) -> tuple[TrialTrace, ...]:
-        """From top to bottom."""
-        return self.error, self.force, self.currents
-
     def show_trial(self, trial: Playback) -> None:
-        """Another trial, all of it."""
         ticks, t = trial.ticks, trial.t
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
@@ -161,6 +150,5 @@ class TrialTraces(QWidget):
         self.force.show_beside(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
 
     def show_cursor(self, at: int) -> None:
-        """The cursor stands at a tick."""
-        for trace in self.all():
+        for trace in self.all:
             trace.show_cursor(at)

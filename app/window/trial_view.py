@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
-from app.window.painting.labels import Choice, OneLine, line, word
+from app.window.painting.force_view import Reading
 from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
-from app.window.painting.parts import button, row
+from app.window.painting.parts import Choice, OneLine, button, column, line, row, word
 from app.window.painting.theme import show_whole
 from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
@@ -61,7 +61,7 @@ class TrialView(QFrame):
         super().__init__(objectName="panel")
         self.trial: Playback | None = None
         self.at = 0  # the tick that is shown
-        self._whole, self._played_s, self._clock_s = whole, 0.0, 0.0
+        self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, Reading()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
@@ -80,11 +80,9 @@ class TrialView(QFrame):
         self.play_button, self.clock = button("", self.play_or_pause, hint=keys), word("")
         self.decision = OneLine("", "quiet")
         self.speed, self.beside = Choice(), Choice()
-        for speed in SPEEDS:
-            self.speed.addItem(f"{speed:g} ×", speed)
-        self.speed.setCurrentIndex(SPEEDS.index(1.0))
+        self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
         self.beside.setToolTip("The recorded hand, simulated through another controller")
-        self.beside.activated.connect(lambda index: self.compare(self.beside.itemData(index)))
+        self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
         self.replay, self._reading = Verb(), Work()
         self.replay.done.connect(self._replayed)
         self._reading.done.connect(self._show_beside)
@@ -101,24 +99,15 @@ class TrialView(QFrame):
         self._show_playing()
 
     def _lay_out(self) -> None:
-        self._middle = QBoxLayout(QBoxLayout.Direction.TopToBottom)
-        self._middle.setSpacing(6)
-        self._middle.addWidget(self.traces, 4)
+        self._middle = column((self.traces, 4))
         for one in self.steps:
             one.setVisible(not self._whole)
         self.clock.setMinimumWidth(100)
-        foot = row(self.play_button, self.speed, self.clock, self.beside)
-        foot.setStretch(3, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 8, 12, 10)
-        layout.setSpacing(5)
-        layout.addLayout(row(self.dot, self.title, 1, self.exclude, *self.steps))
-        for widget in (self.about, self.measures, self.beside_measures):
-            layout.addWidget(widget)
-        layout.addLayout(self._middle, 1)
-        layout.addWidget(self.decision)
-        layout.addLayout(foot)
-        layout.addWidget(self.note)
+        self.setLayout(column(
+            row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
+            (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
+            self.note, spacing=5, margins=(12, 8, 12, 10),
+        ))  # fmt: skip
         for absent in (self.beside_measures, self.note, self.exclude):
             absent.hide()
 
@@ -160,10 +149,7 @@ class TrialView(QFrame):
         self._put_workspace()
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
-        self.beside.clear()
-        self.beside.addItem(COMPARE, 0)
-        for number, name in ({} if trial.blind else trial.controllers).items():
-            self.beside.addItem(name, number)
+        self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
         self.beside.setEnabled(self.beside.count() > 1)
         self.go_to(0.0)
 
@@ -200,7 +186,6 @@ class TrialView(QFrame):
 
     @property
     def playing(self) -> bool:
-        """Whether time goes on by itself."""
         return self._timer.isActive()
 
     def play_or_pause(self) -> None:
@@ -217,7 +202,7 @@ class TrialView(QFrame):
     def frame(self) -> None:
         """Time goes on: show the ticks until now."""
         now = time.perf_counter()
-        self.go_on(self.speed.currentData() * (now - self._clock_s))
+        self.go_on(self.speed.value() * (now - self._clock_s))
         self._clock_s = now
         if self.at >= len(self.trial.ticks) - 1:
             self._stop()
@@ -227,7 +212,7 @@ class TrialView(QFrame):
         self._played_s += seconds
         at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
         if at > self.at:
-            self._add(self.trial.ticks[self.at + 1 : at + 1])
+            self.workspace.add(self.trial.ticks[self.at + 1 : at + 1])
             self._show_place(at)
 
     def go_to(self, seconds: float) -> None:
@@ -243,19 +228,19 @@ class TrialView(QFrame):
         self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()))
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
-            self._add(ticks[:near:STRIDE])
-        self._add(ticks[near : at + 1])
+            self.workspace.add(ticks[:near:STRIDE])
+        self.workspace.add(ticks[near : at + 1])
+        self._numbers = Reading()
         self._show_place(at)
-
-    def _add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) onto the workspace; a small one has no room for words."""
-        (self.workspace if self._whole else self.workspace.view).add(rows)
 
     def _show_place(self, at: int) -> None:
         self.at = at
         self.traces.show_cursor(at)
+        now = self.trial.ticks[at]
+        if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
+            self.workspace.word(now)
         self.clock.setText(f"{self._played_s:.2f} / {self.trial.t[-1]:.2f} s")
-        word_of = self.trial.decisions[int(self.trial.ticks[at, tick_log.DECISION])]
+        word_of = self.trial.decisions[int(now[tick_log.DECISION])]
         self.decision.setText("" if self.trial.blind else f"Decision: {word_of}")
 
     def _stop(self) -> None:
@@ -339,9 +324,7 @@ class TrialWindow(QWidget):
         super().__init__()
         self.setWindowTitle(f"phd: {path.name}")
         self.view = TrialView(whole=True)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 10, 10, 10)
-        layout.addWidget(self.view)
+        self.setLayout(column(self.view, margins=(10, 10, 10, 10)))
         self.view.show_trial(read_playback(path))
         self.setFocusProxy(self.view)
         QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QEvent, QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
@@ -19,7 +19,6 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -28,11 +27,10 @@ from app.window import words
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
-from app.window.painting.labels import OneLine, line, word
-from app.window.painting.layers import extent_of_linkages, extent_of_paths
-from app.window.painting.linkage_view import LINKAGE, LinkageView
+from app.window.painting.layers import extent_of_paths
+from app.window.painting.linkage_view import LINKAGE, LinkageView, small_view
 from app.window.painting.marks import Labels, points_in
-from app.window.painting.parts import Segments, button, panel, row, scrolled
+from app.window.painting.parts import NO_FOCUS, OneLine, Segments, button, column, line, panel, row, scrolled, word
 from app.window.painting.plane import Sizes
 from app.window.painting.theme import font, pen, shade, write
 from app.window.words import Shown
@@ -82,12 +80,8 @@ class Canvas(ForceView):
     def show_trial(self, device: Device, path: PathFile, tip: m.Point) -> None:
         if self.inset is not None:
             self.inset.deleteLater()
-        self.inset = LinkageView((device,), {1: path}, False, IN_CORNER, self)
-        self.inset.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.inset.set_extent(extent_of_linkages([device], [path]))
-        self.inset.shown = {LINKAGE}
-        self.inset.show_trail(False)
-        self.inset.show_trial(device, path, tip)
+        self.inset = small_view(device, path, tip, IN_CORNER)
+        self.inset.setParent(self)
         self.inset.setVisible(LINKAGE in self.shown)
         self._place_inset()
         self.set_extent(extent_of_paths([path], MARGIN_M))
@@ -121,7 +115,6 @@ class Canvas(ForceView):
     def _place_inset(self) -> None:
         wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         if self.inset is not None:
-            self.inset.setMinimumSize(0, 0)
             self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
 
     def solid(self) -> np.ndarray:
@@ -186,17 +179,16 @@ class GuideButton(QPushButton):
     """A controller: what it feels like, its name, its key."""
 
     def __init__(self, number: int, name: str, key: str) -> None:
-        super().__init__(objectName="key", checkable=True)
+        super().__init__(
+            objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS
+        )
         self.key, self.feel, bar = key, word("", bold=True), QFrame()
         bar.setFixedWidth(5)
         bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
-        self.setLayout(row(bar, self.feel, OneLine(name, "quiet", theme.NORMAL), word(key, "quiet")))
-        self.layout().setContentsMargins(6, 0, 12, 0)
+        parts = (bar, self.feel, OneLine(name, "quiet", theme.NORMAL), word(key, "quiet"))
+        self.setLayout(row(*parts, margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setMinimumHeight(30)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setAccessibleName(name)
 
 
 class Dial(NamedTuple):
@@ -240,17 +232,13 @@ class DialRow(QWidget):
 
     def __init__(self, dial: Dial) -> None:
         super().__init__(objectName="clear")
-        self.dial, self.slider = dial, QSlider(Qt.Orientation.Horizontal)
-        self.name, self.value = word(dial.label), word("")
+        self.dial, self.name, self.value = dial, word(dial.label), word("")
+        self.slider = QSlider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
         self.slider.setRange(0, dial.place(dial.most))
-        self.slider.setAccessibleName(dial.label)
-        self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
-        layout = row(self.name, self.slider, self.value)
-        layout.setContentsMargins(0, 0, 0, 0)
-        self.setLayout(layout)
+        self.setLayout(row(self.name, self.slider, self.value))
 
     def show_setting(self, setting: float) -> None:
         """The value that is set; a slider in hand stays where it is."""
@@ -277,11 +265,11 @@ class Bars(QStyledItemDelegate):
                 painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
 
-#: of a Pass: field, head, scale, digits
+#: of a Pass: measure, head, scale, digits
 MEASURES = (
     ("path_error_m", "Error\nmm", 1e3, 2),
     ("mean_tip_force_N", "Force\nN", 1.0, 1),
-    ("roughness_m_s2", "Roughness\nm/s²", 1.0, 1),
+    ("acceleration_weighted_rms_m_s2", "Roughness\nm/s²", 1.0, 1),
     ("duration_s", "Time\ns", 1.0, 1),
 )
 
@@ -297,7 +285,7 @@ class PassTable(QTableWidget):
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setFocusPolicy(NO_FOCUS)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         head = self.horizontalHeader()
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
@@ -305,11 +293,11 @@ class PassTable(QTableWidget):
         head.setSectionsClickable(False)
         head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")  # level with the cells
         head.setMinimumSectionSize(40)
-        for column in (0, 1, 2, 6):
-            head.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
+        for across in (0, 1, 2, 6):
+            head.setSectionResizeMode(across, QHeaderView.ResizeMode.ResizeToContents)
         self._bars = Bars()
-        for column in range(3, 3 + len(MEASURES)):
-            self.setItemDelegateForColumn(column, self._bars)
+        for across in range(3, 3 + len(MEASURES)):
+            self.setItemDelegateForColumn(across, self._bars)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self.setColumnHidden(2, self.width() < theme.text_px(640))
@@ -327,17 +315,18 @@ class PassTable(QTableWidget):
             dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(dials)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
-            for column, text in enumerate(texts):
+            for across, text in enumerate(texts):
                 item = QTableWidgetItem(text)
                 item.setToolTip(about)
-                self.setItem(at, column, item)
+                self.setItem(at, across, item)
             self.item(at, 1).setForeground(shade(colour))
-            for column, (field, _, scale, digits) in enumerate(MEASURES, start=3):
-                value, most = getattr(one, field), max((getattr(other, field) or 0.0 for other in alike), default=0.0)
+            for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
+                value = one.measures[field]
+                most = max((other.measures[field] or 0.0 for other in alike), default=0.0)
                 item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
                 if one in alike and value is not None and most > 0.0 and field != "duration_s":
                     item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))
-                self.setItem(at, column, item)
+                self.setItem(at, across, item)
 
 
 def preset_of(s: m.SandboxSettings, opened: m.Opened) -> Preset:
@@ -384,72 +373,57 @@ class TryPage(Page):
         over.setHorizontalSpacing(26)
         figures = (self.error, word("from the line", "quiet")), (self.time, word("this pass", "quiet"))
         to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
-        for column, labels in enumerate(((self.large, self.small), *figures)):
-            for at, label in enumerate(labels):
+        for across, labels in enumerate(((self.large, self.small), *figures)):
+            for down, label in enumerate(labels):
                 label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-                over.addWidget(label, at, column, to_its_line[at])
+                over.addWidget(label, down, across, to_its_line[down])
         over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
         workspace, passes = Layered(self.canvas, LAYERS), QFrame(objectName="panel")
         workspace.foot.addWidget(self.start)
-        lower, left = QVBoxLayout(passes), QVBoxLayout()
-        lower.setContentsMargins(14, 8, 10, 8)
-        lower.addLayout(row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save))
-        lower.addWidget(self.table)
-        left.setSpacing(theme.GAP)
-        left.addWidget(workspace, 3)
-        left.addWidget(passes, 2)
-        layout = row(spacing=theme.GAP)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addLayout(left, 1)
-        layout.addWidget(self._controls)
-        self.setLayout(layout)
+        head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
+        passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
+        left = column((workspace, 3), (passes, 2), spacing=theme.GAP)
+        self.setLayout(row((left, 1), self._controls, spacing=theme.GAP))
         self.start.hide()
 
     def _fill(self, opened: m.Opened) -> None:
         """The controllers, devices and paths of a protocol, and the dials."""
-        frame, column = panel("How should it guide you?")
-        column.setSpacing(5)
+        parts = []  # of the panel, from top to bottom
         for place, (number, preset) in enumerate(opened.protocol.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
             guide.feel.setText(feel(preset, gains_of(opened)))
             guide.clicked.connect(lambda _=False, number=number: self._choose(number))
-            column.addWidget(guide)
+            parts.append(guide)
         self.warning = line("", "caution")
         self.warning.setMinimumHeight(2 * self.warning.fontMetrics().height())  # so that nothing jumps
-        column.addWidget(self.warning)
+        parts.append(self.warning)
         choices = {
-            "device": {brakes_of(device.name): device.name for device in opened.protocol.devices},
-            "path": {f"Path {number}": number for number in opened.protocol.paths},
-            "rules": {name.capitalize(): name for name in RULE_SETS},
-            "sensing": {name.capitalize(): name for name in SENSINGS},
+            "device": {device.name: brakes_of(device.name) for device in opened.protocol.devices},
+            "path": {number: f"Path {number}" for number in opened.protocol.paths},
+            "rules": {name: name.capitalize() for name in RULE_SETS},
+            "sensing": {name: name.capitalize() for name in SENSINGS},
         }
         for field, among in choices.items():
-            segments = self.segments[field] = Segments(list(among))
-            segments.chosen.connect(lambda text, field=field, among=among: self._set(**{field: among[text]}))
-            column.addLayout(row(name := word(field.capitalize()), segments))
-            self._names.append(name)
+            segments = self.segments[field] = Segments(among)
+            segments.chosen.connect(lambda value, field=field: self._set(**{field: value}))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            parts.append(row(name := word(field.capitalize()), segments))
+            self._names.append(name)
         self.segments["sensing"].setToolTip(SENSING)
         for dial in DIALS:
             made = self.dials[dial.name] = DialRow(dial)
             self._names.append(made.name)
             made.moved.connect(lambda name, value: self._set(**{name: value}))
-            column.addWidget(made)
+            parts.append(made)
         self.changed = OneLine("", "quiet", theme.NORMAL)
         self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
-        column.addStretch(1)
-        column.addLayout(row(self.changed, self.reset))
-        self._controls.setWidget(frame)
-        self._size_controls()
+        parts += [1, row(self.changed, self.reset)]
+        self._controls.setWidget(panel("How should it guide you?", *parts, spacing=5))
+        self.follow_text()
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self._size_controls()
-
-    def _size_controls(self) -> None:
+    def follow_text(self) -> None:
         """Wider for larger text; all names of settings alike."""
         self._controls.setFixedWidth(theme.text_px(RIGHT_PX))
         for name in self._names:
@@ -601,12 +575,9 @@ class TryPage(Page):
             guide.setChecked(number == s.controller)
             preset = preset_of(s, opened) if number == s.controller else opened.protocol.controllers[number]
             guide.feel.setText(feel(preset, gains))
-        self.segments["device"].choose(brakes_of(s.device))
-        self.segments["path"].choose(f"Path {s.path}")
-        self.segments["rules"].choose(s.rules.capitalize())
-        self.segments["sensing"].choose(s.sensing.capitalize())
-        for name in ("device", "sensing"):
-            self.segments[name].setEnabled(name not in now.fixed)
+        for field, segments in self.segments.items():
+            segments.choose(getattr(s, field))
+            segments.setEnabled(field not in now.fixed)
         own = {parameter.name for parameter in ALGORITHMS[chosen.kind].parameters}
         for name, dial in self.dials.items():
             dial.show_setting(getattr(s, name))

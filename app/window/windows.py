@@ -48,9 +48,9 @@ class Windows(QObject):
         main.participant_asked.connect(self.show_or_hide_participant)
         main.restart_asked.connect(self.restart)
         main.closed.connect(self.close)
-        shown.aimed.connect(lambda x, y: self.client.aim(x, y))
-        shown.left.connect(lambda: self.client.let_go())
-        shown.answered.connect(lambda values: main.send(m.Answers(dict(values))))
+        shown.view.pointer_moved.connect(lambda x, y: self.client.aim(x, y))
+        shown.view.pointer_left.connect(lambda: self.client.let_go())
+        shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
         shown.close_asked.connect(self._close_asked)
         bind(shown, self._keys_of_participant())
         self._due_s = 0.0  # when the next frame is due

@@ -126,7 +126,6 @@ def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
 
 
 def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
-    """A planned trial in words."""
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
 
 

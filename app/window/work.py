@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from app.ipc.process import start_python
+from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
 
@@ -20,27 +20,22 @@ class Work(QObject):
     """
 
     done = Signal(object)  # the result, or the InputError that says why there is none
+    _came = Signal(int, object)  # to this thread: the number of what was asked, and the same
 
     def __init__(self) -> None:
         super().__init__()
-        self._newest = 0
+        self._newest = 0  # number of what was asked for last
+        self.busy = False  # whether its result is still to come
         self._came.connect(self._emit)
-
-    _came = Signal(int, object)
-
-    @property
-    def busy(self) -> bool:
-        """Whether a result is still to come."""
-        return self._newest < 0
 
     def ask(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Call it in a thread."""
-        self._newest = -abs(self._newest) - 1
+        self._newest, self.busy = self._newest + 1, True
         threading.Thread(target=self._run, args=(self._newest, function, arguments), daemon=True).start()
 
     def forget(self) -> None:
         """Nothing that was asked is wanted any more."""
-        self._newest = abs(self._newest) + 1
+        self._newest, self.busy = self._newest + 1, False
 
     def _run(self, number: int, function: Callable[..., Any], arguments: tuple) -> None:
         try:
@@ -51,7 +46,7 @@ class Work(QObject):
 
     def _emit(self, number: int, result: object) -> None:
         if number == self._newest:
-            self._newest = abs(number)
+            self.busy = False
             self.done.emit(result)
 
 

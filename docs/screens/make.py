@@ -170,8 +170,8 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     send(m.Leave())
     until(lambda: main.snapshot.stage == m.NO_SESSION)
     begin(windows, "02")  # who meets the four-brake device first
-    assert run.centre.workspace is not None
-    run.centre.workspace.buttons[DIRECTIONS].setChecked(True)
+    assert run.workspace is not None
+    run.workspace.buttons[DIRECTIONS].setChecked(True)
     trial(windows, controller=4)
     until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
     shoot(main, "run-four-brake")
@@ -262,7 +262,7 @@ def trial(windows: Windows, controller: int) -> None:
 
 def brakes(windows: Windows) -> float:
     """The force of the brakes on the workspace of Run, N."""
-    instant = windows.main.page(RUN).centre.workspace.view.instant
+    instant = windows.main.page(RUN).workspace.view.instant
     return 0.0 if instant is None else float(np.hypot(*instant.brakes))
 
 

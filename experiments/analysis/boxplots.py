@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -25,14 +26,14 @@ from experiments.analysis.sheet import (
     new_figure,
     small_print,
 )
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import Controller, TrialRow
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 PAPER = "paper"  # the protocol whose figures these are
 LABEL_IN, LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
 LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
 #: Controller -> its name under a box; Table I of the paper.
-CONTROLLER_LABELS = {
+CONTROLLER_LABELS: dict[Controller, str] = {
     1: "None",
     2: "SDOF",
     3: "SDOF,\ngap",
@@ -46,7 +47,7 @@ def draw_boxplots(
     out_folder: str | Path,
     note: str,
     metrics: Sequence[Metric] = FIGURES,
-    labels: Mapping[int, str] = CONTROLLER_LABELS,
+    labels: Mapping[Controller, str] = CONTROLLER_LABELS,
     protocol: str = PAPER,
     timeouts: bool = False,
     pool: Executor | None = None,
@@ -108,7 +109,7 @@ def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, n
     width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
     inside = width - LEFT_IN - RIGHT_IN
     found = [pooled(rows, metric, view) for metric in metrics]
-    counts = {placed.box.count for chart in found for placed in chart.boxes}
+    counts = {placed.box.n for chart in found for placed in chart.boxes}
     texts = (_method(counts), left_out(rows, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
     bottom = 0.66 + LINE_IN * len(lines) + room
@@ -143,13 +144,13 @@ def _method(counts: set[int]) -> str:
 def _draw_panel(axes: Axes, chart: Chart, show_counts: bool) -> None:
     """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
 
-    def under(x: float, text: str, points: float, **look) -> None:
+    def under(x: float, text: str, points: float, **look: Any) -> None:
         axes.annotate(text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", ha="center", **look)
 
     draw_chart(axes, chart)
     axes.set(xticks=[])
     for placed in chart.boxes if show_counts else ():
-        under(placed.x, f"{placed.box.count}", 4, va="top", fontsize=SMALL, color=QUIET)
+        under(placed.x, f"{placed.box.n}", 4, va="top", fontsize=SMALL, color=QUIET)
     for x, name in chart.ticks:
         for j, line in enumerate(name.splitlines()):  # line by line: a tick label's lines shift with their letters
             under(x, line, (24 if show_counts else 15) + 72.0 * LABEL_IN * j, va="baseline", fontsize=8.0)

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -112,12 +113,13 @@ HATCHES = ("", "", "/////", ".....")
 def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
     face = "white" if look else colour
-    if box.count == 1:
+    mark: dict[str, Any]
+    if box.n == 1:
         mark = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
         axes.plot([x], [box.median], "s", markersize=7.0, **mark)
         return
-    body = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3, "zorder": 3}
-    axes.bar(x, box.q3 - box.q1, width, box.q1, **body)
+    body: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3}
+    axes.bar(x, box.q3 - box.q1, width, box.q1, zorder=3, **body)
     axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)

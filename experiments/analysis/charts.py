@@ -9,17 +9,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
-from typing import NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.participants import people_of
-from experiments.analysis.trials_table import TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
 
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
 WHISKER = 1.5  # box lengths
-QUARTILE_METHOD = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
+QUARTILE_METHOD: Final = "linear"  # NumPy's name; MATLAB's is "hazen" and differs
 MOST_CODES = 20  # along an axis; more cannot be read beside each other. Our choice
 LEAST_IN_A_BOX = 5  # Our choice: fewer values are points without a box
 GOLDEN = 0.6180339887  # run * GOLDEN modulo 1: a place beside the middle that is even, and always the same
@@ -31,7 +31,7 @@ WINDOW_RUNS = 5  # the curve over runs is the median of this run and so many bef
 class Box(NamedTuple):
     """What one box shows. Whiskers end at the furthest values within 1.5 box lengths."""
 
-    count: int
+    n: int  # values
     median: float
     q1: float
     q3: float
@@ -101,7 +101,7 @@ class View(NamedTuple):
     """How results are to be shown."""
 
     configurations: tuple[str, ...]  # drawn as `LOOKS`, in this order
-    names: Mapping[int, str]  # controller -> what stands under its boxes
+    names: Mapping[Controller, str]  # controller -> what stands under its boxes
     lengths: Mapping[int, float] = {}  # segment -> length of the path, m
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False
@@ -122,7 +122,7 @@ class Answers(NamedTuple):
     participant: str
     configuration: str
     block: int  # 0: after a controller
-    controller: int | str  # 0: after a block; a code of a blind session
+    controller: Controller  # 0: after a block; a code of a blind session
     values: dict[str, float]  # question -> 0 to 100
     time: str  # ISO, UTC
 
@@ -132,12 +132,12 @@ LOOKS = ("Filled", "Open", "Hatched", "Dotted")
 Coded = TypeVar("Coded", TrialRow, Answers)
 
 
-def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[int, str]) -> dict[int | str, str]:
+def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]) -> dict[Controller, str]:
     """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
     there = {row.controller for row in rows}
-    coded = {controller: controller for controller in there if isinstance(controller, str)}
-    named = {} if there and len(coded) == len(there) else labels
-    return {controller: {**named, **coded}[controller] for controller in sorted({*named, *coded}, key=by_controller)}
+    coded: dict[Controller, str] = {controller: controller for controller in there if isinstance(controller, str)}
+    shown = coded if there and len(coded) == len(there) else {**labels, **coded}
+    return {controller: shown[controller] for controller in sorted(shown, key=by_controller)}
 
 
 def told_apart(found: Sequence[Coded]) -> list[Coded]:
@@ -205,9 +205,9 @@ def pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
 
 def boxes(
     rows: Sequence[TrialRow], metric: Metric, configurations: Sequence[str], timeouts: bool = False
-) -> dict[tuple[int | str, str], Box]:
+) -> dict[tuple[Controller, str], Box]:
     """(controller, configuration) -> its box in those figures."""
-    names = {row.controller: "" for row in rows if isinstance(row.controller, int)}
+    names: dict[Controller, str] = {row.controller: "" for row in rows if isinstance(row.controller, int)}
     chart = pooled(rows, metric, View(tuple(configurations), names, timeouts=timeouts))
     return {(placed.controller, placed.configuration): placed.box for placed in chart.boxes}
 
@@ -360,7 +360,7 @@ def legend(chart: Chart, view: View) -> list[str]:
         for look, word in enumerate(LOOKS[: len(view.configurations)]):
             parts.append(f"{word}: {' and '.join(view.configurations[look :: len(LOOKS)])}.")
     parts.append("A point is one answer." if chart.name == QUESTIONS else "A point is one trial.")
-    if counts := {placed.box.count for placed in chart.boxes}:
+    if counts := {placed.box.n for placed in chart.boxes}:
         parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} a box.")
     if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.look) for p in chart.points}):
         parts.append(f"No box below {LEAST_IN_A_BOX}.")

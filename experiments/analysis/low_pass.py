@@ -41,7 +41,8 @@ def _design(cutoff_hz: float, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     analog = warped * -np.exp(1j * np.pi * np.arange(1.0 - ORDER, ORDER, 2.0) / (2.0 * ORDER))
     poles = (4.0 + analog) / (4.0 - analog)
     gain = warped**ORDER * np.real(1.0 / np.prod(4.0 - analog))
-    sections, settled, scale = [], [], 1.0
+    sections: list[np.ndarray] = []
+    settled, scale = [], 1.0
     for pole in sorted(poles[poles.imag > 0.0], key=abs):
         b = np.array([1.0, 2.0, 1.0]) * (gain if not sections else 1.0)
         a = np.poly([pole, pole.conjugate()]).real

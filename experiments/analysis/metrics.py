@@ -434,14 +434,12 @@ def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:
     return tuple(metric.name for metric in of_it if not (on_any_device and metric.simulated_only))
 
 
-#: The measures of one trial, by name.
-Metrics = NamedTuple("Metrics", [(metric.name, float | None) for metric in METRICS])
-NO_METRICS = Metrics(*[None] * len(METRICS))
+Metrics = dict[str, float | None]  # the measures of one trial, by name
 
 
 def trial_metrics(recording: "Recording", path: Path) -> Metrics:
     """Every measure of one trial, as `measures_of`."""
-    return Metrics(*measures_of(recording, path, METRICS))
+    return dict(zip(BY_NAME, measures_of(recording, path, METRICS), strict=True))
 
 
 def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -> list[float | None]:

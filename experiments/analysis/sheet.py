@@ -3,13 +3,16 @@
 import io
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 TEXT, QUIET, LINE = "#1c2228", "#5b6672", "#d9dee4"
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # of Okabe and Ito's set, which the colour-blind tell apart
@@ -19,7 +22,9 @@ LINE_IN, CHARACTERS_PER_INCH = 0.15, 18.5  # of the small print
 CM = 100.0  # cm in a metre: the paper's figures are in cm
 PNG_DPI = 200
 
-STYLE: dict[str, Any] = {
+Place = Sequence[float] | np.ndarray  # x and y
+
+STYLE: "dict[RcKeyType, Any]" = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
     "font.size": 9.0,
     "axes.edgecolor": QUIET,
@@ -123,8 +128,8 @@ def legend_at(figure: Figure, handles: Sequence[Any], left_in: float, top_in: fl
     )  # fmt: skip
 
 
-def arrow(axes: Axes, start: Sequence[float], end: Sequence[float], colour: str, width: float = 1.6) -> None:
+def arrow(axes: Axes, start: Place, end: Place, colour: str, width: float = 1.6) -> None:
     """An arrow from start to end in data coordinates."""
     style = {"arrowstyle": "-|>,head_width=0.22,head_length=0.5", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}
     properties = style | {"color": colour, "linewidth": width}
-    axes.annotate("", end, start, arrowprops=properties, annotation_clip=False)
+    axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=properties, annotation_clip=False)

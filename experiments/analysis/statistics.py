@@ -23,7 +23,7 @@ from experiments.analysis.participants import (
     people_of,
     scores,
 )
-from experiments.analysis.trials_table import TrialRow, to_compare
+from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
 
 MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for name in compared_for(thing))
 POOLED = "pooled"
@@ -288,7 +288,7 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
         return []
     product, square, errors = (sum(column) for column in zip(*sums, strict=True))
     slope, spread = product / square, math.sqrt(square * errors)
-    ends = ()
+    ends: tuple[float, ...] = ()
     if len(sums) >= LEAST_PEOPLE:
         drawn = np.array(sums)[_resampled(len(sums))].sum(axis=1)
         ends = _middle(drawn[:, 0] / drawn[:, 1])
@@ -303,7 +303,7 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
 
 
 def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> list[Result]:
-    cells: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    cells: dict[tuple[Controller, str], list[tuple[float, float]]] = {}
     for row in rows:
         speed = _log_speed(row)
         if row.configuration == configuration and speed is not None and row.path_error_m is not None:
@@ -311,7 +311,7 @@ def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> lis
     own = {cell: np.mean(trials, axis=0) for cell, trials in cells.items()}
     usual = {p: np.mean([mean[0] for (_, q), mean in own.items() if q == p]) for _, p in own}
     results = []
-    for controller in sorted({controller for controller, _ in own}):
+    for controller in sorted({controller for controller, _ in own}, key=by_controller):
         of_it = {person: mean for (k, person), mean in own.items() if k == controller}
         faster = float(np.mean([mean[0] - usual[person] for person, mean in of_it.items()]))
         error = float(np.mean([mean[1] for mean in of_it.values()]))

@@ -11,14 +11,14 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Annotated, NamedTuple, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
 
 import numpy as np
 
 from core import tick_log
 from core.files import InputError
 from core.path import build_path, path_from
-from experiments.analysis.metrics import METRICS, NO_METRICS, trial_metrics
+from experiments.analysis.metrics import METRICS, trial_metrics
 from experiments.recording.atomic_files import replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
@@ -44,7 +44,7 @@ CLIPPED = 0.999  # of the largest force of the hand's spring
 
 Measure = float | None
 Controller = int | str  # a code, "K3", while the session is blind
-_Measured = make_dataclass(
+_Measured: Any = make_dataclass(
     "_Measured",
     [(m.name, Annotated[Measure, m.meaning, m.unit], field(default=None, kw_only=True)) for m in METRICS],
     frozen=True,
@@ -211,7 +211,7 @@ def read_table(path: str | Path) -> list[TrialRow]:
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
-    values = {}
+    values: dict[str, Any] = {}
     for column, cell in zip(header, cells, strict=True):
         if column not in _TYPES:
             continue
@@ -242,7 +242,7 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         raise InputError(f"{recording.path}: the end record lacks the status")
     where = f"{recording.path}: path"
     path = build_path(path_from(about["path"], where), where)
-    metrics = NO_METRICS
+    metrics: dict[str, Any] = {}
     if recording.in_phase("move").any():
         try:
             metrics = trial_metrics(recording, path)
@@ -255,7 +255,7 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
         energy_residual_J=outcome.get("energy_residual_J"),
         energy_added_max_J=outcome.get("energy_added_max_J"),
-        **metrics._asdict(),
+        **metrics,
     )
 
 

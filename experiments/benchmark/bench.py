@@ -12,6 +12,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -96,12 +97,14 @@ def machine() -> dict:
             "system": platform.platform(), **versions}  # fmt: skip
 
 
-def new_simulation(scene: BenchScene, integrator: str, fidelity: str, **options) -> Simulation:
+def new_simulation(scene: BenchScene, integrator: str, fidelity: str, **options: Any) -> Simulation:
     """The scene before its first step."""
     return Simulation(scene.device, START, (0.0, 0.0), fidelity, integrator, scene.hand(), False, **options)
 
 
-def simulated(scene: BenchScene, integrator: str, fidelity: str, step: float, **options):
+def simulated(
+    scene: BenchScene, integrator: str, fidelity: str, step: float, **options: Any
+) -> tuple[Simulation, np.ndarray]:
     """The simulation after the scene, and its tips (n, 2) at the times of comparison."""
     simulation = new_simulation(scene, integrator, fidelity, **options)
     n = scene.comparisons
@@ -183,9 +186,9 @@ def creep(scene: BenchScene, found: np.ndarray) -> float | None:
 
 def with_order(group: list[Row]) -> list[Row]:
     """The rows with their common order: the least-squares slope of log RMS over log step."""
-    points = [(math.log(row.step_s), math.log(row.rms_error_m)) for row in group
-              if row.step_s in ORDER_STEPS_S and row.rms_error_m >= SMALLEST_M]  # fmt: skip
-    order = float(np.polyfit(*np.transpose(points), 1)[0]) if len(points) >= 2 else None
+    clear = [row for row in group if row.step_s in ORDER_STEPS_S and row.rms_error_m >= SMALLEST_M]
+    steps, errors = [math.log(row.step_s) for row in clear], [math.log(row.rms_error_m) for row in clear]
+    order = float(np.polyfit(steps, errors, 1)[0]) if len(clear) >= 2 else None
     return [replace(row, order=order) for row in group]
 
 

@@ -48,7 +48,7 @@ def tick_cost(quick: bool) -> dict:
                 start = time.perf_counter()
                 n = trial.run(rows)
                 spent[planned.configuration] += time.perf_counter() - start, n
-    seconds, ticks = sum(spent.values())
+    seconds, ticks = sum(spent.values(), np.zeros(2))
     return {
         "trials": trials,
         "ticks": round(ticks),

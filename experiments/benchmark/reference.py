@@ -9,8 +9,10 @@ It knows no hard stops: it ends where the first one is touched.
 """
 
 import math
+from collections.abc import Callable
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -20,7 +22,7 @@ from core.device import Device
 from core.device_file import BrakeFile, DeviceFile, parse_brake
 from core.files import parse_toml
 from core.mechanism import JOINTS
-from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, bodies_of, coordinates, rates, solve
+from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, Solution, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
 
 #: Tolerances of DOP853. Looser: the reference is no better than what it judges. Tighter: below what doubles carry.
@@ -107,11 +109,11 @@ class _Reference:
                     self.take_up_pattern(t)
         return self.tips
 
-    def answer(self, t, z, sign, stuck):
+    def answer(self, t: float, z: np.ndarray, sign: np.ndarray, stuck: tuple[int, ...]) -> Solution:
         """Eq. (5) with slipping brakes in the senses `sign` and the joints `stuck`."""
         return solve(self.bodies, z[:10], z[RATES], self.scene.force(t), -np.asarray(sign) * z[YIELDS], stuck)
 
-    def yield_rates(self, z) -> np.ndarray:
+    def yield_rates(self, z: np.ndarray) -> np.ndarray:
         """dy/dt (4,), N m/s, Eq. (1); 0 for a brake without lag."""
         found, turning = np.zeros(4), self.bodies.rates @ z[RATES]
         for i, brake in enumerate(self.brakes):
@@ -120,7 +122,7 @@ class _Reference:
                 found[i] = lacking / time_constant(brake, self.command[i], turning[i], lacking > 0.0)
         return found
 
-    def margin_at_rest(self, t, z) -> float:
+    def margin_at_rest(self, t: float, z: np.ndarray) -> float:
         """How much more than the hand's force all brakes together hold, in the direction where it is least (N)."""
         g = np.array([self.row(i) for i in self.braked])
         normals = np.stack([-g[:, 1], g[:, 0]], axis=1)
@@ -128,11 +130,11 @@ class _Reference:
         hold = np.abs(normals @ g.T) @ z[YIELDS][self.braked]
         return float(np.min(hold - np.abs(normals @ self.scene.force(t))))
 
-    def row(self, i) -> np.ndarray:
+    def row(self, i: int) -> np.ndarray:
         """Rate of joint i per unit of tip velocity (2,)."""
         return np.array([self.bodies.rates[i] @ rates(self.bodies, self.z[:10], axis) for axis in np.eye(2)])
 
-    def take_up_pattern(self, t) -> None:
+    def take_up_pattern(self, t: float) -> None:
         """Which brakes stick and which way the others slip from here on."""
         omega = self.bodies.rates @ self.z[RATES]
         slow = [i for i in self.braked if abs(omega[i]) < STOPPED]
@@ -164,20 +166,20 @@ class _Reference:
         if self.stuck:
             self.stop(self.stuck[0])
 
-    def stop(self, i) -> None:
+    def stop(self, i: int) -> None:
         """Joint i is exactly at rest, and not only to the dense output's error."""
         g, v = self.row(i), self.z[10 + HANDLE : 20]
         self.z[RATES] = rates(self.bodies, self.z[:10], v - g * (g @ v) / (g @ g))
 
-    def rest(self, t, end) -> float:
+    def rest(self, t: float, end: float) -> float:
         """The tip rests until the hand is stronger than the brakes, or to the end."""
 
-        def slope(_, z):
+        def slope(_: float, z: np.ndarray) -> np.ndarray:
             return np.append(np.zeros(20), self.yield_rates(z))
 
         solution = solve_ivp(slope, (t, end), self.z, "DOP853", rtol=RTOL, atol=ATOL, dense_output=True).sol
 
-        def margin(time) -> float:
+        def margin(time: float) -> float:
             return self.margin_at_rest(time, solution(time))
 
         until = t
@@ -190,16 +192,16 @@ class _Reference:
         self.z = solution(until)
         return until
 
-    def move(self, t, end) -> float:
+    def move(self, t: float, end: float) -> float:
         """Smooth motion up to the next event or the end."""
 
-        def slope(time, z):
+        def slope(time: float, z: np.ndarray) -> np.ndarray:
             acceleration = self.answer(time, z, self.sign, self.stuck).acceleration
             return np.concatenate([z[RATES], acceleration, self.yield_rates(z)])
 
         slipping = [i for i in self.braked if self.sign[i] != 0.0]
-        events = [partial(self.slip_left, i) for i in slipping] + [partial(self.hold_left, i) for i in self.stuck]
-        events.insert(0, partial(self.stop_left))
+        events: list[Any] = [partial(self.stop_left), *(partial(self.slip_left, i) for i in slipping)]
+        events += [partial(self.hold_left, i) for i in self.stuck]
         for event in events:
             event.terminal, event.direction = True, -1.0
         run = solve_ivp(
@@ -218,19 +220,19 @@ class _Reference:
                 self.stop(i)
         return until
 
-    def stop_left(self, _, z) -> float:
+    def stop_left(self, _: float, z: np.ndarray) -> float:
         """How far the sines that have hard stops are above their margin."""
         return float(np.min(self.side * sines(z))) - self.scene.device.mechanism.margin
 
-    def slip_left(self, i, t, z) -> float:
+    def slip_left(self, i: int, t: float, z: np.ndarray) -> float:
         """The rate of slipping joint i in its sense; zero: it stops."""
         return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
 
-    def hold_left(self, i, t, z) -> float:
+    def hold_left(self, i: int, t: float, z: np.ndarray) -> float:
         """What stuck joint i could hold besides; zero: it breaks loose."""
         return z[20 + i] - abs(self.answer(t, z, self.sign, self.stuck).torque[i])
 
-    def keep(self, t, until, solution) -> None:
+    def keep(self, t: float, until: float, solution: Callable[[float], np.ndarray]) -> None:
         """The tips at the times of comparison in (t, until]."""
         for k in np.flatnonzero((self.times > t + 1e-12) & (self.times <= until + 1e-12)):
             self.tips[k] = solution(min(self.times[k], until))[HANDLE:10]

@@ -70,7 +70,7 @@ def table(result: dict) -> str:
     return "\n".join(lines)
 
 
-def _or_blank(value, form: str) -> str:
+def _or_blank(value: float | None, form: str) -> str:
     width = form.split(".")[0].rstrip("d")
     return f"{'-':>{width}}" if value is None else f"{value:{form}}"
 

@@ -116,7 +116,7 @@ class BidsDataset:
         levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
         hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
         phd = version_of("phd")
-        about = {
+        about: dict[str, dict[str, Any]] = {
             "scans.json": {name: _scan_column(name) for name in _SCANNED},
             "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
             f"task-{TASK}_events.json": {

@@ -12,6 +12,7 @@ OUT/README.md
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import pyarrow as pa
 
@@ -68,14 +69,14 @@ class CsvTables:
         """Write the table, the dictionary and the README."""
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
-        tables = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
+        tables: dict[str, Mapping[str, Column]] = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
         tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
         write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
         (self.folder / "README.md").write_bytes(exported.readme(_README))
 
 
 def _described(columns: Mapping[str, Column]) -> dict[str, dict]:
-    entries = {}
+    entries: dict[str, dict[str, Any]] = {}
     for name, (meaning, unit) in columns.items():
         more = f" ({DECISION_READING})" if name == "decision" else ""
         entries[name] = {"unit": unit, "description": meaning + more}

@@ -22,7 +22,7 @@ from experiments.export.csv import CsvTables
 from experiments.export.files import Exported, ExportedTrial
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
-from experiments.session.blind import TELLING
+from experiments.session.blind import HIDDEN
 from experiments.session.files import STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
@@ -114,7 +114,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
     blind = session.blind or isinstance(row.controller, str)  # a code
     if blind:
         about, outcome = ({k: of[k] for k in of if k in _SHOWN_WHILE_BLIND} for of in (about, outcome))
-        row = replace(row, **dict.fromkeys(TELLING))
+        row = replace(row, **HIDDEN)
     return ExportedTrial(
         home.parent.name, home.name, recording, row, about, outcome, session.begun.get(row.run, ""), session.software,
         blind,

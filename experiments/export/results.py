@@ -15,7 +15,7 @@ from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_
 from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
-from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare
 from experiments.export.answers import answers_and_notes
 from experiments.protocol import label
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
@@ -33,7 +33,7 @@ class Results(NamedTuple):
     answers: tuple[Answers, ...] = ()
     planned: dict[str, int] = {}  # participant -> trials of the plan
     controllers: dict[int, Preset] = {}
-    labels: dict[int, str] = {}  # controller -> what stands under its boxes
+    labels: dict[Controller, str] = {}  # controller -> what stands under its boxes
     configurations: tuple[str, ...] = ()
     lengths: dict[int, float] = {}  # segment -> length of the path, m
     note: str = ""  # stands on every figure
@@ -121,7 +121,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
     )
 
 
-def _labels(rows: Sequence[TrialRow]) -> dict[int, str]:
+def _labels(rows: Sequence[TrialRow]) -> dict[Controller, str]:
     """Labels of controllers that are known by their number alone."""
     numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
     return {number: f"controller\n{number}" for number in numbers}
@@ -135,7 +135,7 @@ def _answers(sessions: Sequence[Path]) -> list[Answers]:
     """All answers; a controller stands as its code until the session is opened."""
     keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
     answers, _ = answers_and_notes(sessions)
-    return [a._replace(controller=keys[a.participant].get(a.controller, a.controller)) for a in answers]
+    return [a._replace(controller=keys[a.participant].get(str(a.controller), a.controller)) for a in answers]
 
 
 class Job(NamedTuple):

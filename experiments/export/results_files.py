@@ -31,7 +31,7 @@ from experiments.session.files import TABLE, read_stored
 PAGE = 8.27, 11.69  # inches: A4
 MARGIN, LINE = 0.8, 0.19  # inches
 CHARACTERS = 92  # of a line of small text
-LOOKS = {
+LOOKS: dict[str, dict[str, Any]] = {
     "title": {"fontsize": 14.0},
     "head": {"fontsize": 10.5},
     "text": {"fontsize": 9.0},
@@ -176,8 +176,8 @@ def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on what made ticks late; a number that one recording lacks is "not known" of all."""
 
     def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
-        values = [timing.get(name) for timing in timings]
-        return "not known" if None in values else f"{total(values):.0f}{unit}"
+        values = [value for timing in timings if (value := timing.get(name)) is not None]
+        return f"{total(values):.0f}{unit}" if len(values) == len(timings) else "not known"
 
     return (
         f"Time that the host of a virtual machine kept from the loop: {of_all('stolen_ms', unit=' ms')}. Time that the "

@@ -4,6 +4,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -47,8 +48,8 @@ def draw_torque_gain(found: Identification) -> Figure:
     side = 0.006 * found.current_max  # steps at one current side by side, slowest to the left
     beside = current + side * (slowness - slowness.max() / 2)
     shade = np.log2([one.step.speed_rpm for one in found.measured])
-    dots = {"s": 11, "c": shade, "cmap": SHADES, "linewidths": 0, "zorder": 3}
-    square = {"ms": 9, "mfc": "none", "mec": TEXT}
+    dots: dict[str, Any] = {"s": 11, "c": shade, "cmap": SHADES, "linewidths": 0, "zorder": 3}
+    square: dict[str, Any] = {"ms": 9, "mfc": "none", "mec": TEXT}
     line = np.linspace(0.0, found.current_max, 300)
     top.plot(line, [np.dot(gain_row(i), found.gain.coefficients) for i in line], color=FITTED, label="Eq. (2)")
     top.scatter(beside, torque, **dots)
@@ -117,13 +118,15 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     fitted = [*fits.surface.fitted, *fits.average.fitted]
     for one, change, value in zip(every, changes, fitted, strict=True):
         size = 8 if change < CLEAR_CHANGE * max(changes) else 16
-        x, y, z = one.step.current_to, math.log2(one.step.speed_rpm), one.time_constant * 1e3
-        axes.plot([x, x], [y, y], [value * 1e3, z], color=MEASURED, linewidth=1.0, zorder=2)
-        axes.scatter(x, y, z, s=size, color=MEASURED, depthshade=False, zorder=3)
+        at, speed, ms = one.step.current_to, math.log2(one.step.speed_rpm), one.time_constant * 1e3
+        axes.plot([at, at], [speed, speed], [value * 1e3, ms], color=MEASURED, linewidth=1.0, zorder=2)
+        axes.scatter(at, speed, ms, s=size, color=MEASURED, depthshade=False, zorder=3)
     return figure
 
 
-def _room(found: Identification, direction: str, words: str, lines: Sequence[str]):
+def _room(
+    found: Identification, direction: str, words: str, lines: Sequence[str]
+) -> tuple[Figure, Any, dict[tuple[float, float], float], list[float], list[float]]:
     """A figure with three axes: current (A), log2 of the speed shown as rpm, time constant (ms); alike in 7 and 8.
 
     With its axes, the mean time constants at (current, log2 of speed), the currents and the logs of the speeds.
@@ -132,7 +135,7 @@ def _room(found: Identification, direction: str, words: str, lines: Sequence[str
 
     figure = new_figure(5.4, 4.9)
     with matplotlib.rc_context({"grid.color": LINE, "grid.linewidth": 0.6}):
-        axes = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")
+        axes: Any = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")
     axes.computed_zorder = False  # dots over surfaces, also those just below
     axes.set_box_aspect((4, 4, 3), zoom=0.92)
     fits = found.constants[direction]

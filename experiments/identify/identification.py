@@ -114,7 +114,9 @@ class Identification:
 
     def parameters(self) -> list[Parameter]:
         """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""
-        fits = [(K_NAMES, self.gain, ("N m/A", "N m", "N m/A^2", "N m/A", "N m"))]
+        fits: list[tuple[tuple[str, ...], LinearFit, tuple[str, ...]]] = [
+            (K_NAMES, self.gain, ("N m/A", "N m", "N m/A^2", "N m/A", "N m"))
+        ]
         for way, of_it in self.constants.items():
             fits.append(((f"{way}.a_avg",), of_it.average, ("s",)))
             names = tuple(f"{way}.{name}" for name in A_NAMES)

@@ -233,7 +233,9 @@ def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float
             continue
         samples = np.concatenate([np.arange(15), np.arange(first, last)])
 
-        def missed(p: np.ndarray, hand=hand, samples=samples, length=length) -> np.ndarray:
+        def missed(
+            p: np.ndarray, hand: np.ndarray = hand, samples: np.ndarray = samples, length: float = length
+        ) -> np.ndarray:
             course = np.array([minimum_jerk((i * SAMPLE_S - p[1]) / p[2]) for i in samples])
             return p[0] + length * (course[:, 0] + damping / stiffness / p[2] * course[:, 1]) - hand[samples]
 

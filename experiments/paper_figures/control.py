@@ -5,8 +5,7 @@ Drawn from what the controllers' own functions return.
 
 import itertools
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +21,7 @@ from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.path import line
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, CM, ORANGE, QUIET, SHADED, TEXT, arrow, plain, sheet, title
+from experiments.analysis.sheet import BLUE, CM, ORANGE, QUIET, SHADED, TEXT, Place, arrow, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import JOINT_COLOURS, workspace_of
 
@@ -117,8 +116,8 @@ def _polar(radius: float, angle: float) -> tuple[float, float]:
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-def _beside(axes: Axes, text: str, at: Sequence[float], colour: str = TEXT, **more) -> None:
-    axes.text(*at, text, ha="center", va="center", color=colour, **more)
+def _beside(axes: Axes, text: str, at: Place, colour: str = TEXT, **more: Any) -> None:
+    axes.text(at[0], at[1], text, ha="center", va="center", color=colour, **more)
 
 
 def _schematic(text: str, height_in: float, words: str) -> tuple[Figure, Axes]:
@@ -169,13 +168,14 @@ def _draw_path(axes: Axes, field: Field, t: float, alpha: float) -> None:
     along, across = np.array([field.t_x, field.t_y]), np.array([field.n_x, field.n_y])
     corner, far = (away * across + s * along for s in (-1.25, 0.8))
     axes.plot(*zip(corner, far, strict=True), color=TEXT, linewidth=2.4, zorder=2)
+    x, y = away * across - 0.55 * along + 0.07 * across
     axes.text(
-        *(away * across - 0.55 * along + 0.07 * across), "desired path", rotation=math.degrees(t),
+        x, y, "desired path", rotation=math.degrees(t),
         rotation_mode="anchor", ha="center", va="bottom", zorder=4,
         bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
     )  # fmt: skip
     axes.plot([corner[0], corner[0] + 0.45], [corner[1]] * 2, color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
-    axes.add_patch(Arc(corner, 0.6, 0.6, theta1=0.0, theta2=math.degrees(alpha), color=TEXT, linewidth=1.2))
+    axes.add_patch(Arc(tuple(corner), 0.6, 0.6, theta1=0.0, theta2=math.degrees(alpha), color=TEXT, linewidth=1.2))
     _beside(axes, r"$\alpha$", corner + _polar(0.37, 0.5 * alpha))
 
 
@@ -183,7 +183,7 @@ def _draw_sdof_line(
     axes: Axes, joint: str, label: str, p: tuple[float, float], sense: float, selected: bool
 ) -> None:
     colour = JOINT_COLOURS[joint]
-    dashed = {"color": colour, "linewidth": 1.2, "linestyle": (0, (4, 3)), "zorder": 3}
+    dashed: dict[str, Any] = {"color": colour, "linewidth": 1.2, "linestyle": (0, (4, 3)), "zorder": 3}
     if sense == 0.0:
         axes.plot([-p[0], p[0]], [-p[1], p[1]], **dashed)
         up = 1.08 * math.copysign(1.0, p[1])

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Wedge
 from matplotlib.patheffects import withStroke
@@ -121,7 +122,7 @@ def draw_maps(devices: Sequence[Device]) -> Figure:
     return figure
 
 
-def _draw_map(axes: Axes, workspace: Workspace, degrees: Array):
+def _draw_map(axes: Axes, workspace: Workspace, degrees: Array) -> ContourSet:
     x, y = CM * workspace.x, CM * workspace.y
     shown = np.ma.masked_invalid(degrees)
     filled = axes.contourf(x, y, shown, levels=LEVELS_DEG, cmap="cividis_r", extend="both")

@@ -5,7 +5,8 @@ no valid brake more often. Geometry along the two segments of the paper's protoc
 of simulated operators, the same people on each display.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +78,7 @@ def sdof_trials(device: Device, protocol: Protocol, number: int) -> Iterator[tup
             planned = PlannedTrial(1, 1, device.name, 1, segment, repetition)
             trial = Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
             metrics = trial_metrics(recording_of(rows[: trial.run(rows)], device.braked), trial.path)
-            yield float(metrics.path_error_m or np.nan), float(metrics.unreachable_share or 0.0)
+            yield metrics["path_error_m"] or math.nan, metrics["unreachable_share"] or 0.0
 
 
 def draw_displays() -> Figure:
@@ -92,7 +93,7 @@ def draw_displays() -> Figure:
     )
     size = 9.0, 1.6 + 0.35 * len(found)
     figure, [axes] = sheet(text, size, (1.15, 0.25, 0.5, 0.4), columns=4, between_in=(0.35, 0.0))
-    panels = (
+    panels: tuple[tuple[str, str, list[np.ndarray], Callable[[np.ndarray], float]], ...] = (
         ("Widest gap of force lines", "°", [np.degrees(one.widest_gap) for one in found], np.max),
         ("A full lock holds", "N", [one.holds for one in found], np.min),
         ("SDOF path error", "mm", [1e3 * one.path_error for one in found], np.median),

@@ -6,7 +6,7 @@ brakes by the full model, Eqs. (1)-(4) and the backlash, the locked one at full 
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ STARTS_M = ((-0.12, -0.10), (-0.02, 0.02), (-0.15, 0.06))
 ANCHOR_M = (0.50, 0.05)
 ARM_M = 0.6
 #: Of each place of release.
-LOOKS = (
+LOOKS: tuple[dict[str, Any], ...] = (
     {"color": TEXT, "linestyle": "-"},
     {"color": "#2f7fc4", "linestyle": (0, (6, 1.5))},
     {"color": "#d98200", "linestyle": (0, (1.5, 1.2))},

@@ -1,7 +1,7 @@
 """Figs. 4 and 5: the paths that single locked brakes leave (SDOF paths), over the workspace within the hard stops."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from contourpy import contour_generator
@@ -166,7 +166,7 @@ def _draw_linkage(axes: Axes, mechanism: Mechanism, tip: tuple[float, float]) ->
 
 def _letter(axes: Axes, letter: str, at: Array, offset: tuple[float, float]) -> None:
     box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none"}
-    axes.annotate(letter, at, offset, textcoords="offset points", ha="center", va="center", zorder=7, bbox=box)
+    axes.annotate(letter, tuple(at), offset, textcoords="offset points", ha="center", va="center", zorder=7, bbox=box)
 
 
 def draw_sdof_paths(device: Device) -> Figure:
@@ -182,7 +182,7 @@ def draw_sdof_paths(device: Device) -> Figure:
     plain(axes, grid=False)
     handles = []
     for joint in device.braked:
-        look = {"color": JOINT_COLOURS[joint], "linestyle": JOINT_LINES[joint]}
+        look: dict[str, Any] = {"color": JOINT_COLOURS[joint], "linestyle": JOINT_LINES[joint]}
         for path in sdof_family(workspace, joint, math.radians(SPACING_DEG)):
             axes.plot(CM * path[:, 0], CM * path[:, 1], linewidth=1.0, **look)
         about = f", about {dict(A='E', B='C', E='A', C='B')[joint]}" if device.labels[joint] == joint else ""

@@ -13,7 +13,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
@@ -23,7 +23,7 @@ from experiments.recording.atomic_files import reading_stored, replace_file
 
 KEY = "key.json"
 #: Measures that reveal a controller by themselves.
-TELLING = tuple(metric.name for metric in METRICS if metric.tells_controller)
+HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller}
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 
@@ -55,9 +55,11 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
     """A planned trial or a row with its controller in place of the code; as it is where the key has no such code."""
     number = key.get(str(thing.controller), thing.controller)
-    return thing._replace(controller=number) if isinstance(thing, PlannedTrial) else replace(thing, controller=number)
+    if isinstance(thing, TrialRow):
+        return replace(thing, controller=number)
+    return thing._replace(controller=number)
 
 
 def veiled(row: TrialRow) -> TrialRow:
     """A coded row without what reveals the controller by itself."""
-    return replace(row, **dict.fromkeys(TELLING)) if isinstance(row.controller, str) else row
+    return replace(row, **HIDDEN) if isinstance(row.controller, str) else row

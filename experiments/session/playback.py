@@ -16,7 +16,7 @@ from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile
 from core.path import Path as Way
 from core.path import PathFile, Segment, build_path, path_from
-from experiments.analysis.trials_table import TrialRow, is_code
+from experiments.analysis.trials_table import Controller, TrialRow, is_code
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
 from experiments.session.files import STORED, StoredSession, read_stored, rows_of
@@ -41,7 +41,7 @@ class Playback:
     damaged: bool  # some ticks are missing
     excluded: str  # the reason for which it is in no result; "": it is not excluded
     decisions: tuple[str, ...]  # words of the column
-    controllers: dict[int, str]  # of its protocol; empty where no session is there to ask
+    controllers: dict[Controller, str]  # of its protocol; empty where no session is there to ask
 
     @property
     def t(self) -> np.ndarray:
@@ -61,7 +61,9 @@ def read_playback(path: Path) -> Playback:
     about = recording.metadata
     row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
     controller = about.get("controller", "?") if row is None else row.controller
-    controllers = {number: preset.name for number, preset in stored.protocol.controllers.items()} if stored else {}
+    controllers: dict[Controller, str] = {}
+    if stored:
+        controllers |= {number: preset.name for number, preset in stored.protocol.controllers.items()}
     named = about.get("preset", {}).get("name") or f"controller {controller}"
     place = (about.get("configuration"), f"path {about.get('segment', '?')}", f"block {about.get('block', '?')}")
     return Playback(
@@ -103,7 +105,12 @@ def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
 def device_of(recording: Recording, stored: StoredSession | None) -> Device:
     """The device as its session stored it; a recording by itself: the shipped device of that name."""
     name = str(recording.metadata.get("configuration", ""))
-    return next((d for d in stored.protocol.devices if d.name == name), None) if stored else load_device(name)
+    if stored is None:
+        return load_device(name)
+    for device in stored.protocol.devices:
+        if device.name == name:
+            return device
+    raise InputError(f"{recording.path}: its session has no device {name!r}")
 
 
 def way_of(recording: Recording) -> PathFile:

@@ -147,7 +147,7 @@ class Session:
         self.folder = files.session_folder(data_dir, participant)
         self.rows: list[TrialRow] = []
         self._table = b""  # the table, as this process has written it last
-        self._key: dict[str, int] = {}  # code -> controller
+        self._key = {}  # code -> controller
         self._summary = events.JournalSummary()
         self._sync, self._on_event = sync, on_event
         self._simulations: dict[str, SimulatedDevice] = {}

@@ -5,7 +5,7 @@
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -174,8 +174,10 @@ class Scene:
 
     def finer(self) -> "Scene":
         """The same scene for a check of its accuracy: half the step, a tenth of the integrator's error bounds."""
-        halved = {"step_s": 0.5 * self.step_s, "steps": 2 * self.steps, "output_every": 2 * self.output_every}
-        return replace(self, **halved, tolerance=0.1 * self.tolerance)
+        return replace(
+            self, step_s=0.5 * self.step_s, steps=2 * self.steps, output_every=2 * self.output_every,
+            tolerance=0.1 * self.tolerance,
+        )  # fmt: skip
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1: exact multiples of the interval.
@@ -250,7 +252,7 @@ def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, 
     return table.values[:, 0].copy(), values
 
 
-def _check_commands(values: np.ndarray, device: Device, fidelity: str, where) -> None:
+def _check_commands(values: np.ndarray, device: Device, fidelity: str, where: Callable[[int, str], str]) -> None:
     """Refuse values (n, 4) below zero, at a joint without a brake, or above the brake's current limit."""
     for i, joint in enumerate(JOINTS):
         braked = joint in device.braked

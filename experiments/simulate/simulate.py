@@ -89,7 +89,7 @@ def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], Non
     braked = scene.device.braked
     with new_csv(Path(out_path), column_names(braked)) as file:
         run, half_step = SceneRun(scene), SceneRun(scene.finer())
-        done = run_beside(scene, run, half_step, lambda *chunk: write_rows(file, *chunk, braked), progress)
+        done = run_beside(scene, run, half_step, lambda times, rows: write_rows(file, times, rows, braked), progress)
     ledger = run.ledger()
     return Summary(
         scene.rows, scene.steps, done.wall_s, scene.duration_s, ledger.events, ledger.fallbacks,

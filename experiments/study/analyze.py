@@ -19,7 +19,7 @@ from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
 from experiments.protocol import label
 from experiments.recording.atomic_files import make_empty_folder, write_new_file
@@ -52,7 +52,7 @@ class Found:
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
 
     @property
-    def controllers(self) -> dict[int, str]:
+    def controllers(self) -> dict[Controller, str]:
         """Controller -> its name under a box."""
         numbers = sorted({row.controller for row in self.rows if isinstance(row.controller, int)})
         known = {number: label(preset.name) for number, preset in self.presets.items()}
@@ -201,10 +201,10 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
         )
         for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)
-            if old and new and (old.count, old.median) == (new.count, new.median):
+            if old and new and (old.n, old.median) == (new.n, new.median):
                 continue
             controller = key[0] if isinstance(key[0], str) else names.get(key[0], f"controller {key[0]}")
-            counts = f"{old.count if old else 0} -> {new.count if new else 0} trials"
+            counts = f"{old.n if old else 0} -> {new.n if new else 0} trials"
             if old and new:
                 share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
                 change = f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"

@@ -45,7 +45,7 @@ class Helpers(NamedTuple):
     """The processes, and what they share with this one."""
 
     pool: ProcessPoolExecutor
-    count: int
+    processes: int
     shared: Shared
 
 

@@ -204,7 +204,7 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording
 def compared(trial: Recorded, replayed: Recording) -> dict[str, dict[str, float | None]]:
     """Each metric before and after, and its change; None where there is nothing, or a blind session hides it."""
     found = {}
-    for name, after in trial_metrics(replayed, trial.path)._asdict().items():
+    for name, after in trial_metrics(replayed, trial.path).items():
         before = getattr(trial.row, name)
         change = None if before is None or after is None else after - before
         found[name] = {"before": before, "after": after, "change": change}

@@ -106,7 +106,7 @@ class Run:
             with contextlib.closing(self.session(f"{operator:02d}")) as session:
                 if errors is None and session.next_planned():  # from here on the helpers have something to do
                     errors = beside.pool.submit(errors_in, self.out)
-                    others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.count)]
+                    others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.processes)]
                 self.run_operator(session)
         for other in others:
             self.done.add(other.result())

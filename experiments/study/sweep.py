@@ -20,7 +20,7 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.device import Device, inline_devices
 from core.files import InputError, Table, choice, parse_toml, read_text
 from core.path import PathFile
-from experiments.analysis.metrics import Metrics
+from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
@@ -35,8 +35,18 @@ Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
 
 
-class _SweptKind(Table, frozen=True):
-    """What every swept controller has."""
+def _swept(key: str, kind: Any) -> tuple[str, Any, None]:
+    """A field for every value that `key` is to have."""
+    return key, Annotated[tuple[(kind, ...)], msgspec.Meta(min_length=1)] | None, None
+
+
+_Swept: Any = msgspec.defstruct(
+    "_Swept", [_swept(name, kind) for name, kind in PARAMETER_TYPES.items()], bases=(Table,), frozen=True, kw_only=True
+)
+
+
+class SweptController(_Swept, Table, frozen=True, kw_only=True):
+    """One algorithm, each parameter with every value that it is to have."""
 
     kind: Annotated[str, choice(*ALGORITHMS)]
 
@@ -50,25 +60,15 @@ class _SweptKind(Table, frozen=True):
         return [make_preset(self.kind, self.kind, one) for one in given]
 
 
-#: One algorithm, each parameter with every value that it is to have.
-SweptController = msgspec.defstruct(
-    "SweptController",
-    [(name, Annotated[tuple[kind, ...], msgspec.Meta(min_length=1)] | None, None)
-     for name, kind in PARAMETER_TYPES.items()],
-    bases=(_SweptKind,), frozen=True, kw_only=True, forbid_unknown_fields=True,
+_ASSUMED = get_type_hints(Assumptions, include_extras=True)
+_Assumed: Any = msgspec.defstruct(
+    "_Assumed", [_swept(key, _ASSUMED[key]) for key in Assumptions.__struct_fields__ if key != "low_gain"],
+    bases=(Table,), frozen=True, kw_only=True,
 )  # fmt: skip
 
 
-def _swept(key: str) -> tuple[str, Any, None]:
-    hint = get_type_hints(Assumptions, include_extras=True)[key]
-    return key, Annotated[tuple[hint, ...], msgspec.Meta(min_length=1)] | None, None
-
-
-#: Assumptions, each with every value that it is to have. Gains stand with the controllers.
-SweptAssumptions = msgspec.defstruct(
-    "SweptAssumptions", [_swept(key) for key in Assumptions.__struct_fields__ if key != "low_gain"], frozen=True,
-    kw_only=True, forbid_unknown_fields=True,
-)  # fmt: skip
+class SweptAssumptions(_Assumed, Table, frozen=True, kw_only=True):
+    """Assumptions, each with every value that it is to have. Gains stand with the controllers."""
 
 
 class SweepFile(Table, frozen=True):
@@ -218,7 +218,7 @@ KIND = "sweep"
 ENERGIES = ("energy_residual_J", "energy_added_max_J")
 COLUMNS = (
     "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
-    *Metrics._fields, *ENERGIES,
+    *BY_NAME, *ENERGIES,
 )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Measured(NamedTuple):
     """A trial that was run."""
 
     planned: PlannedTrial
-    outcome: Mapping[str, object]
+    outcome: Mapping[str, Any]
     measures: Mapping[str, float | None]
     ticks: int
 

@@ -18,6 +18,7 @@ from core.kernel import kernel
 from core.path import Path, nearest, point_at
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
+from experiments.trial.normals import Normals
 
 TICK_S = 1e-3
 _RING = 256  # ticks of history (a power of two), longer than the longest delay and a glance
@@ -97,7 +98,7 @@ OPERATOR = np.dtype(
 )
 
 
-def new_operator(person: Person, generator: np.random.Generator) -> np.ndarray:
+def new_operator(person: Person, generator: np.random.Generator | Normals) -> np.ndarray:
     """The operator of one trial; draws what differs between trials (bias, reaction, the tremor's phase)."""
     operator = new_record(OPERATOR)
     for name, value in person._asdict().items():

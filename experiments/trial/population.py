@@ -7,7 +7,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -72,8 +72,14 @@ EARLIER = {
 }
 
 
-class _Named(Table, frozen=True):
-    """What a population file holds besides a person's numbers."""
+_Spreads: Any = msgspec.defstruct(
+    "_Spreads", [(key, Spread, EARLIER[key]) if key in EARLIER else (key, Spread) for key in Person._fields],
+    bases=(Table,), frozen=True, kw_only=True,
+)  # fmt: skip
+
+
+class PopulationFile(_Spreads, Table, frozen=True, kw_only=True):
+    """A population file as it stands: a Spread for each field of Person, and its name."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     changed_after_findings: tuple[str, ...] = ()  # what was set after findings were looked at, one sentence each
@@ -84,14 +90,6 @@ class _Named(Table, frozen=True):
                 getattr(self, key).check(limits)
             except ValueError as error:
                 raise ValueError(f"{key}: {error}") from None
-
-
-#: A population file as it stands: its name, and a Spread for each field of Person.
-PopulationFile = msgspec.defstruct(
-    "PopulationFile",
-    [(key, Spread, EARLIER[key]) if key in EARLIER else (key, Spread) for key in Person._fields],
-    bases=(_Named,), frozen=True, kw_only=True, forbid_unknown_fields=True,
-)  # fmt: skip
 
 
 class Operators(NamedTuple):

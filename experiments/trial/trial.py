@@ -34,6 +34,7 @@ from experiments.trial import tick
 from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import REAL_AGE, Sensing, decision_noise, new_sensing, sensed_age
+from experiments.trial.normals import Normals
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
@@ -83,7 +84,7 @@ class Trial:
         rules: str,
         how: TrialRules = TrialRules(),  # noqa: B008  (it is frozen)
         person: Person | None = None,
-        generator: np.random.Generator | None = None,
+        generator: np.random.Generator | Normals | None = None,
     ) -> None:
         """preset: its controller, whatever `planned` calls it. how: durations, radii and release of the protocol.
 
@@ -164,11 +165,11 @@ class Trial:
 
     def arguments(self) -> Arguments:
         """The trial as the kernels see it; what they change is changed here."""
-        run, operator = self._run.view(np.ndarray), self._operator.view(np.ndarray)
+        mechanism, brakes, hand, state, scratch = self.model.arguments()
         return Arguments(
-            self.path, self._way, self.controller, *self.model.arguments(), run, operator, self._noise, self._memory,
-            self.sensing,
-        )
+            self.path, self._way, self.controller, mechanism, brakes, hand, state, scratch, self._run.view(np.ndarray),
+            self._operator.view(np.ndarray), self._noise, self._memory, self.sensing,
+        )  # fmt: skip
 
     def changed(self) -> Changed:
         """What running it has changed, to be sent to the process that has the device and the session."""
@@ -372,7 +373,8 @@ def load_kernels() -> None:
     device, path = protocol.devices[0], protocol.paths[1]
     trial = Trial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
     row = np.zeros(tick_log.BENCH_WIDTH)
-    row[tick_log.TIP_X : tick_log.TIP_Y + 1] = path.start_m
-    distal_sine(trial.model.mechanism[0], *path.start_m)
+    x, y, _, _ = point_at(trial.path, 0.0)
+    row[tick_log.TIP_X : tick_log.TIP_Y + 1] = x, y
+    distal_sine(trial.model.mechanism[0], x, y)
     trial.run(row[np.newaxis])
     trial._end(0.0)

@@ -73,8 +73,8 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "under assumptions of its own, judged by pooled boxes. Shares are of the worlds drawn, not of what is likely."
     )
     if ranges.fixed:
-        values = (f"{label(column, one)} {one.value}" for column, one in ranges.fixed.items())
-        note += f" The same in all: {', '.join(values)}."
+        fixed = (f"{label(column, one)} {one.value}" for column, one in ranges.fixed.items())
+        note += f" The same in all: {', '.join(fixed)}."
     nearest = nearest_world(worlds)
     parts = [
         f"# Worlds: {ranges.name}",

@@ -5,7 +5,7 @@ a simulated device behind it. docs/protocol.md describes it in words for authors
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class Readings(NamedTuple):
     counts: Four = ZERO
     force: tuple[int, ...] = ()  # counts, one a channel
     current_mA: Four = ZERO  # measured
-    encoder_good: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    encoder_good: tuple[bool, ...] = (True, True, True, True)
 
 
 #: The Hello of a board with two encoders, four brakes and a force sensor, at its start.
@@ -62,7 +62,7 @@ class Watch:
             if self._too_fast(i, limits.speed_counts_s[i]):
                 yield Fault.OVER_SPEED, i
             if not readings.encoder_good[i]:
-                yield Fault.ENCODER, i
+                yield Fault.BAD_ENCODER, i
         at_end = [k for k, f in enumerate(readings.force) if abs(f) >= self._full_scale]
         self._saturated = self._saturated + 1 if at_end else 0
         if self._saturated >= SATURATED_TICKS:
@@ -317,10 +317,10 @@ class Board:
             case m.AskHello(version):
                 self._disconnect()
                 refused = [] if version == m.VERSION else self._refuse(message, Refusal.VERSION)
-                now = {"state": self.state, "faults": self.faults, "cause": self.cause, "starts": self.starts}
-                return [self.hello._replace(**now), *refused]
+                hello = self.hello._replace(state=self.state, faults=self.faults, cause=self.cause, starts=self.starts)
+                return [hello, *refused]
             case m.SetLimits(current, speed):
-                self.limits = m.Limits(_four(map(min, current, self.hello.current_max_mA)), speed)
+                self.limits = m.Limits(tuple(map(min, current, self.hello.current_max_mA)), speed)
                 self.streaming = True
                 return [self.limits]
             case m.Home(joints, counts):
@@ -359,7 +359,7 @@ class Board:
         self._commanded_us = now_us
         if self.state == State.ACTIVE:
             limit = self.limits.current_mA
-            self.currents = _four(min(command.current_mA[i], limit[i]) if i in self._brakes else 0 for i in range(4))
+            self.currents = tuple(min(command.current_mA[i], limit[i]) if i in self._brakes else 0 for i in range(4))
             clamped = self.currents != command.current_mA
             self._flags = (self._flags & ~Flag.CLAMPED) | (Flag.CLAMPED if clamped else Flag(0))
         return []
@@ -417,8 +417,3 @@ def _event_of(message: tuple | None) -> Event | None:
 def _int32(value: int) -> int:
     """A count, or a difference of counts, that goes round as the board's 32-bit counters do."""
     return (value + (1 << 31)) % (1 << 32) - (1 << 31)
-
-
-def _four(values: Iterable[int]) -> Four:
-    a, e, b, c = values
-    return a, e, b, c

@@ -5,7 +5,7 @@ beyond it, turned as the device file says, with noise, and ends at its full scal
 """
 
 import math
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_mechanism
 from core.workspace import tip_is_free
 from hardware.emulated_board.board import FULL_BOARD, TICK_US, Readings
-from hardware.emulated_board.line_faults import SENSED, LineFault
+from hardware.emulated_board.line_faults import LineFault
 from hardware.sensing.samples import sensing_of, sensor_angle
 from hardware.wire.messages import Four, Hello
 
@@ -39,13 +39,12 @@ def hello_of(device: Device, serial: str = "") -> Hello:
     """The Hello of a board that is wired to this device, at its start."""
     encoders, force = sensing_of(device)
     steps = [getattr(encoders, joint) or 0 for joint in JOINTS]
-    largest = [round(1000.0 * current) for current in device.brakes.current_max]
     return FULL_BOARD._replace(
         encoders=sum(1 << i for i, step in enumerate(steps) if step),
         brakes=sum(1 << i for i, present in enumerate(device.brakes.present) if present),
         force_channels=6 if force else 0,
-        counts_per_rev=(steps[0], steps[1], steps[2], steps[3]),
-        current_max_mA=(largest[0], largest[1], largest[2], largest[3]),
+        counts_per_rev=tuple(steps),
+        current_max_mA=tuple(round(1000.0 * current) for current in device.brakes.current_max),
         force_unit=FORCE_UNIT,
         force_full_scale=FORCE_FULL_SCALE,
         device=device.name.encode()[:24],
@@ -129,14 +128,7 @@ class EmulatedDevice:
         """The hand's next tick begins; what the sensors read while these currents (mA) flow."""
         self.hand.tick(*self.tip)
         self._simulated.settle(1e-3 * np.array(currents), self._ticks * TICK_S)
-        joints: dict[str, set[int]] = {kind: set() for kind in SENSED}
-        for fault in faults:
-            if fault.kind in joints:
-                joints[fault.kind].add(int(fault.value))
-        stuck, bad, over, saturated = joints.values()
-        return self.sensors.read(
-            self.tip, self.hand_force, self.acceleration, currents, stuck, bad, bool(saturated), over
-        )
+        return self.sensors.read(self.tip, self.hand_force, self.acceleration, currents, faults)
 
     def advance(self, currents: Four) -> None:
         """The device moves for a tick with these currents (mA)."""
@@ -163,7 +155,7 @@ class EmulatedSensors:
         self._mounting = np.zeros(6) if self._force is None else mounting_of(self._force)
         self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
         self._brakes = hello.brakes
-        self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]
+        self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]  # what a faulty amplifier measures
         self.theta = np.zeros(4)  # rad, without jumps
         joint_angles(self._mechanisms[0], *tip, self.theta)
         self._at_power_up = self.theta.copy()
@@ -181,38 +173,30 @@ class EmulatedSensors:
 
     def home_counts(self) -> Four:
         """What the counters should stand at now: angle times counts per radian, whole."""
-        a, e, b, c = (int(value) for value in np.rint(self.theta * self._steps))
-        return a, e, b, c
+        return tuple(np.rint(self.theta * self._steps).astype(int).tolist())
 
     def read(
         self, tip: tuple[float, float], hand: np.ndarray, acceleration: np.ndarray, current_mA: Four,
-        stuck: set[int], bad: set[int], saturated: bool, over: Container[int] = (),
+        faults: Iterable[LineFault] = (),
     ) -> Readings:  # fmt: skip
-        """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each.
-
-        stuck, bad: joints of encoders; over: joints whose amplifier measures twice what it can give.
-        """
+        """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each."""
+        wrong = {(fault.kind, fault.value) for fault in faults}
         noise = self._draw()
         read_off(
             self._mechanisms, *tip, self._steps, self._at_power_up, self.theta, self._counts,
             hand, acceleration, self._mounting, self._gauges, noise, self._channels,
         )  # fmt: skip
-        counts = self._counts.tolist()
-        for i in stuck:
-            counts[i] = self._last.counts[i]
+        counts, measured = self._counts.tolist(), [0, 0, 0, 0]
+        for i in range(4):
+            if ("stuck-encoder", i) in wrong:
+                counts[i] = self._last.counts[i]
+            if self._brakes >> i & 1:
+                measured[i] = round((self._over[i] if ("over-current", i) in wrong else current_mA[i]) + noise[6 + i])
         channels = self._channels.tolist() if self._force else []
-        if saturated and channels:
+        if channels and ("saturated-force", 0) in wrong:
             channels[0] = FORCE_FULL_SCALE
-        a, e, b, c = (
-            round((self._over[i] if i in over else current_mA[i]) + noise[6 + i]) if self._brakes >> i & 1 else 0
-            for i in range(4)
-        )
-        self._last = Readings(
-            (counts[0], counts[1], counts[2], counts[3]),
-            tuple(channels),
-            (a, e, b, c),
-            (0 not in bad, 1 not in bad, 2 not in bad, 3 not in bad),
-        )
+        good = tuple(("bad-encoder", i) not in wrong for i in range(4))
+        self._last = Readings(tuple(counts), tuple(channels), tuple(measured), good)
         return self._last
 
     def _draw(self) -> np.ndarray:

@@ -30,7 +30,6 @@ SHARES = ("drop", "corrupt", "duplicate")
 TIMES = ("delay", "jitter")
 AT_JOINT = ("stuck-encoder", "bad-encoder", "over-current")
 PLAIN = ("stall", "unplug", "brown-out", "saturated-force")
-SENSED = (*AT_JOINT, "saturated-force")  # what the board's inputs read wrongly
 KINDS = SHARES + TIMES + PLAIN + AT_JOINT
 LONGEST_S = 3600.0  # a time that is longer is a slip of the pen
 

@@ -60,7 +60,7 @@ size_t phd_watch_look(phd_watch *watch, const phd_capability *capability, const 
         if (too_fast(watch, i, limits->speed_counts_s[i]))
             found[n++] = (phd_condition){PHD_FAULT_OVER_SPEED, (uint8_t)i};
         if (!readings->encoder_good[i])
-            found[n++] = (phd_condition){PHD_FAULT_ENCODER, (uint8_t)i};
+            found[n++] = (phd_condition){PHD_FAULT_BAD_ENCODER, (uint8_t)i};
     }
     size_t channel = 0;
     while (channel < capability->force_channels

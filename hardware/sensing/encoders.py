@@ -51,13 +51,11 @@ class PoseSensing:
         self._theta = np.zeros(4)
         self._last: Pose | None = None
 
-    def counts_at(self, tip: tuple[float, float]) -> tuple[int, int, int, int]:
+    def counts_at(self, tip: tuple[float, float]) -> tuple[int, ...]:
         """What the encoders should stand at with the handle at a tip (m); 0 at joints without one."""
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
-        a, e, b, c = (
-            round(float(self._theta[i]) / TURN * self._per_rev[i]) if i in self.joints else 0 for i in range(4)
-        )
-        return a, e, b, c
+        turns = (self._theta / TURN).tolist()
+        return tuple(round(turns[i] * self._per_rev[i]) if i in self.joints else 0 for i in range(4))
 
     def pose(self, counts: tuple[int, ...]) -> Pose:
         """The pose at these counts."""
@@ -75,7 +73,7 @@ class PoseSensing:
             last = self._last or Pose((math.nan, math.nan), (math.nan,) * 4, False, 0.0)
             return last._replace(closed=False, apart_m=apart)
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
-        a, e, b, c = map(float, self._theta)
+        a, e, b, c = self._theta.tolist()
         self._last = Pose(tip, (a, e, b, c), True, apart)
         return self._last
 

@@ -8,7 +8,7 @@ import numpy as np
 from core.device import Device
 from core.device_file import Encoders, ForceSensor, Sensing
 from core.device_interface import VELOCITY_WINDOW, DeviceError, DeviceSample, ZeroRecord
-from core.faults import cause
+from core.faults import FAULTS, cause
 from core.files import InputError
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
@@ -17,19 +17,11 @@ from hardware.wire.messages import Fault, Hello, Sample, joints_of
 Vector = tuple[float, float]
 
 #: Assumed, for a device file without [sensing]: encoders as on the shipped devices, a sensor on the handle.
-USUAL = Sensing(encoders=Encoders(A=96000, B=96000), force=ForceSensor(on="handle"))
+USUAL_ENCODERS = Encoders(A=96000, B=96000)
+USUAL = Sensing(encoders=USUAL_ENCODERS, force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
 TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter begins anew
-FAULT_CODES = {
-    Fault.WATCHDOG: "watchdog",
-    Fault.OVER_CURRENT: "over-current",
-    Fault.OVER_SPEED: "over-speed",
-    Fault.ENCODER: "bad-encoder",
-    Fault.FORCE_SATURATED: "force-saturated",
-    Fault.BROWN_OUT: "brown-out",
-    Fault.HOST_REQUEST: "host-request",
-}
 ZERO_SAMPLES = 500
 STILL_M = 1e-3  # a handle that moved further was touched
 NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
@@ -38,7 +30,7 @@ NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
 def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
     """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
     sensing = device.sensing or USUAL
-    return sensing.encoders or USUAL.encoders or Encoders(), sensing.force
+    return sensing.encoders or USUAL_ENCODERS, sensing.force
 
 
 class BoardSensing:
@@ -101,8 +93,8 @@ def fault_words(number: int) -> str:
     """The fault that a board has latched, by its number; "" for none."""
     if not number:
         return ""
-    code = FAULT_CODES.get(Fault(number))
-    return cause(code) if code else cause("unknown", number=number)
+    code = (Fault(number).name or "").lower().replace("_", "-")
+    return cause(code) if code in FAULTS else cause("unknown", number=number)
 
 
 class MotionFilter:
@@ -202,6 +194,6 @@ def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
     if moved > STILL_M:
         raise DeviceError("zero: the handle moved; let go of it while the zero is taken")
     counts = np.array([sample.force_counts for sample in taken], dtype=float)
-    a, e, b, c = (np.array([sample.current for sample in taken]).mean(axis=0) + before.current).tolist()
-    mean, spread = counts.mean(axis=0).tolist(), counts.std(axis=0).tolist()
-    return ZeroRecord(len(taken), tuple(mean), tuple(spread), (a, e, b, c))
+    current = np.array([sample.current for sample in taken]).mean(axis=0) + before.current
+    means = (counts.mean(axis=0), counts.std(axis=0), current)
+    return ZeroRecord(len(taken), *(tuple(values.tolist()) for values in means))

@@ -6,7 +6,7 @@ as long as the board's Hello says. Values are as on the wire: mA, counts, micros
 
 import struct
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 VERSION = 1
 WATCHDOG_US = 50_000  # us, after which currents are zero when no fresh command came
@@ -24,13 +24,13 @@ class State(IntEnum):
 
 
 class Fault(IntFlag):
-    """Latched faults; the cause is the one that came first."""
+    """Latched faults, named as in `core.faults`; the cause is the one that came first."""
 
     NONE = 0
     WATCHDOG = 1
     OVER_CURRENT = 2
     OVER_SPEED = 4
-    ENCODER = 8
+    BAD_ENCODER = 8
     FORCE_SATURATED = 16
     BROWN_OUT = 32
     HOST_REQUEST = 64
@@ -46,17 +46,13 @@ class Refusal(IntEnum):
 
 
 class Flag(IntFlag):
-    """Flags of a sample; the low four: the encoder of that joint has been homed since power-up."""
+    """Flags of a sample, beside the low four: the encoder of that joint has been homed since power-up."""
 
-    HOMED_A = 1
-    HOMED_E = 2
-    HOMED_B = 4
-    HOMED_C = 8
     CLAMPED = 16  # the last command asked for more than a limit
     LATE = 32  # a command that had waited too long was not obeyed since the last sample
 
 
-Four = tuple[int, int, int, int]
+Four = tuple[int, ...]  # for each joint, in the order A, E, B, C
 NO_DETAIL = 255
 
 
@@ -208,42 +204,48 @@ LAYOUTS: dict[int, tuple[type, str]] = {
 TYPES = {kind: number for number, (kind, _) in LAYOUTS.items()}
 
 
-class _Layout:
-    """How the fields of one message stand in a payload."""
+class Layout:
+    """How the fields of one message stand in its payload, after the byte of its type."""
 
-    def __init__(self, number: int, kind: type, fields: str) -> None:
-        self.head = bytes([number])
-        self.kind = kind
-        self.struct = struct.Struct("<" + fields)
-        self.widths = [0 if f[-1] == "s" or len(f) == 1 else int(f[:-1]) for f in fields.split()]  # 0: a single value
+    def __init__(self, number: int, kind: Any, fields: str) -> None:
+        self._head, self._kind = bytes([number]), kind
+        self._struct = struct.Struct("<" + fields)
+        self.bytes = 1 + self._struct.size  # of a payload
+        self._places: list[int | slice] = []  # of each field among the values that `struct` reads
+        at = 0
+        for field in fields.split():
+            if len(field) == 1 or field[-1] == "s":
+                self._places.append(at)
+                at += 1
+            else:
+                width = int(field[:-1])
+                self._places.append(slice(at, at + width))
+                at += width
+        self._wide = [isinstance(place, slice) for place in self._places]
+        self._texts = [i for i, field in enumerate(fields.split()) if field[-1] == "s"]
 
     def pack(self, message: tuple) -> bytes:
+        """The payload of a message. struct.error where a value does not fit its field."""
         flat: list = []
-        for width, value in zip(self.widths, message, strict=True):
-            if width:
+        for wide, value in zip(self._wide, message, strict=True):
+            if wide:
                 flat.extend(value)
             else:
                 flat.append(value)
-        return self.head + self.struct.pack(*flat)
+        return self._head + self._struct.pack(*flat)
 
     def unpack(self, payload: bytes) -> tuple | None:
-        if len(payload) != self.struct.size + 1:
+        """The message of a payload; None: of another type, or not as long as its type says."""
+        if len(payload) != self.bytes or payload[0] != self._head[0]:
             return None
-        flat = self.struct.unpack_from(payload, 1)
-        values: list = []
-        at = 0
-        for width in self.widths:
-            if width:
-                values.append(flat[at : at + width])
-                at += width
-            else:
-                value = flat[at]
-                values.append(value.rstrip(b"\0") if isinstance(value, bytes) else value)
-                at += 1
-        return self.kind(*values)
+        flat = self._struct.unpack_from(payload, 1)
+        values: list[Any] = [flat[place] for place in self._places]
+        for i in self._texts:
+            values[i] = values[i].rstrip(b"\0")
+        return self._kind._make(values)
 
 
-_LAYOUTS = {number: _Layout(number, kind, fields) for number, (kind, fields) in LAYOUTS.items()}
+_LAYOUTS = {number: Layout(number, kind, fields) for number, (kind, fields) in LAYOUTS.items()}
 _BY_KIND = {kind: _LAYOUTS[number] for kind, number in TYPES.items()}
 
 
@@ -253,40 +255,15 @@ def pack(message: tuple) -> bytes:
 
 
 def unpack(payload: bytes) -> tuple | None:
-    """The message of a payload, or None: unknown type, or not as long as its type says. Samples: `SampleLayout`."""
+    """The message of a payload, or None: unknown type, or not as long as its type says. Of a Sample: `layout_of`."""
     layout = _LAYOUTS.get(payload[0])
     return layout.unpack(payload) if layout else None
 
 
-class SampleLayout:
-    """How the samples of one board stand in their payloads, from the counts in its Hello."""
-
-    _HEAD = struct.Struct("<BIIQBBHH")
-
-    def __init__(self, encoders: int, force_channels: int, brakes: int) -> None:
-        """How many there are of each: 0..4, 0..6, 0..4."""
-        self.encoders, self.force_channels, self.brakes = encoders, force_channels, brakes
-        self._rest = struct.Struct(f"<{encoders}i{force_channels}i{brakes}h")
-        self.bytes = self._HEAD.size + self._rest.size
-
-    def pack(self, sample: Sample) -> bytes:
-        """The payload of a sample."""
-        head = self._HEAD.pack(SAMPLE_TYPE, *sample[:7])
-        return head + self._rest.pack(*sample.counts, *sample.force, *sample.current_mA)
-
-    def unpack(self, payload: bytes) -> Sample | None:
-        """The sample of a payload, or None where this is no sample of this board."""
-        if len(payload) != self.bytes or payload[0] != SAMPLE_TYPE:
-            return None
-        rest = self._rest.unpack_from(payload, self._HEAD.size)
-        force, current = self.encoders, self.encoders + self.force_channels
-        head = self._HEAD.unpack_from(payload)
-        return Sample._make((*head[1:], rest[:force], rest[force:current], rest[current:]))
-
-
-def layout_of(hello: Hello) -> SampleLayout:
-    """How the samples of the board that said this Hello look."""
-    return SampleLayout(hello.encoders.bit_count(), hello.force_channels, hello.brakes.bit_count())
+def layout_of(hello: Hello) -> Layout:
+    """How the samples of the board that sent this Hello look."""
+    encoders, brakes = hello.encoders.bit_count(), hello.brakes.bit_count()
+    return Layout(SAMPLE_TYPE, Sample, f"I I Q B B H H {encoders}i {hello.force_channels}i {brakes}h")
 
 
 def joints_of(bits: int) -> tuple[int, ...]:

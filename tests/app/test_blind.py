@@ -27,9 +27,11 @@ CODES = {"K1", "K2", "K3", "K4", "K5"}
 
 @pytest.fixture(scope="module")
 def coded(tmp_path_factory):
-    """A blind session, six trials done of which one was skipped and one redone."""
+    """A blind session, six trials done of which one was skipped and one redone; its key is no chance."""
     data = tmp_path_factory.mktemp("blind") / "data"
-    session = new_session(data, protocol=short(), blind=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sessions, "new_key", lambda controllers: dict(zip(sorted(CODES), (3, 1, 5, 2, 4), strict=True)))
+        session = new_session(data, protocol=short(), blind=True)
     run_trials(session, 3)
     session.skip("late")
     session.redo(2, "looked away")

@@ -39,7 +39,7 @@ def test_its_python_sees_only_its_folder_wherever_that_stands(tmp_path) -> None:
     code = "import sys, ssl, ctypes, ours; print(ours.NUMBER, *sys.path, sep='\\n')"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "foreign")}
     environment["LD_LIBRARY_PATH"] = str(os.path.join(sys.base_prefix, "lib"))  # where Python is a shared library
-    done = subprocess.run([program, "-c", code], cwd=moved, env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([program, "-c", code], cwd=moved, env=environment, capture_output=True, text=True, timeout=99)
     assert done.returncode == 0, done.stderr
     number, *paths = done.stdout.splitlines()
     assert number == "4" and str(moved / "libraries") in paths

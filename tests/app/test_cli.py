@@ -231,7 +231,7 @@ def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
         ):
             time.sleep(0.05)
         process.send_signal(number)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=200)
     finally:
         process.kill()  # one that does not hear writes until the disk is full
     assert process.returncode == code and "Traceback" not in said

@@ -11,7 +11,7 @@ from screens import cut_texts, settle, visible_texts
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
 
 from app.ipc import messages as m
-from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Recent, counters_of, quantisation, worth_a_look
+from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
 
 LEFT = Qt.MouseButton.LeftButton
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -19,12 +19,12 @@ DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
 @pytest.fixture
 def page(qtbot):
-    made = DevicePage()
+    sent: list = []
+    made = DevicePage(sent.append)
     qtbot.addWidget(made)
     made.resize(1256, 620)
     made.show()
-    made.sent = []  # type: ignore[attr-defined]
-    made.asked.connect(made.sent.append)  # type: ignore[attr-defined]
+    made.sent = sent  # type: ignore[attr-defined]
     made.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
     made.show_status(status())
     return made
@@ -71,7 +71,7 @@ def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_d
      ("refused", "refuses")],
 )  # fmt: skip
 def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: str, says: str) -> None:
-    recent, quiet = Recent(), dict.fromkeys(counters_of(status().report), 0)
+    recent, quiet = Rates(), dict.fromkeys(counters_of(status().report), 0)
     assert recent.rates(0.0, quiet) == {}
     noisy = {**quiet, "samples": 1000, counter: 9}
     (found,) = worth_a_look(status(), recent.rates(1.0, noisy))
@@ -125,11 +125,11 @@ def test_a_step_is_taken_after_a_question_that_says_what_it_needs(page: DevicePa
         page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), (" mm", "Let go", "closed and made again"), strict=True
     ):
         QTest.mouseClick(button, LEFT)
-        assert page.sent == [] and says in page.card.text.text()
-        assert page.leave() and page.card is None and not page.leave()
+        assert page.sent == [] and says in page.cards.question.text.text()
+        assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
         QTest.mouseClick(button, LEFT)
-        QTest.mouseClick(page.card.buttons[0], LEFT)
-        assert page.sent == [m.Rig(step)] and page.card is None
+        QTest.mouseClick(page.cards.question.buttons[0], LEFT)
+        assert page.sent == [m.Rig(step)] and page.cards.question is None
         page.sent.clear()
 
 

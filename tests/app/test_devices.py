@@ -162,7 +162,7 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
         assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
     finally:
         emulated.terminate()
-        emulated.wait(60)
+        emulated.wait(200)
         if emulated.stdout is not None:
             emulated.stdout.close()
 

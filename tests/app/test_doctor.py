@@ -38,7 +38,7 @@ def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Pa
 
 
 def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_made(tmp_path: Path) -> None:
-    line = doctor.check_disk(tmp_path / "not" / "yet", sync=True)[0]
+    line = doctor.check_disk(tmp_path / "not" / "yet", sync=True)
     assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.text
     assert not (tmp_path / "not").exists()
 
@@ -48,18 +48,18 @@ def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_mad
 )
 def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    assert doctor.check_disk(tmp_path, sync=True)[0].state == BAD
+    assert doctor.check_disk(tmp_path, sync=True).state == BAD
     tmp_path.chmod(0o700)
 
 
 def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
-    full = doctor.check_disk(tmp_path, sync=True)[0]
+    full = doctor.check_disk(tmp_path, sync=True)
     assert full.state == BAD and "Make room" in full.advice
     monkeypatch.setattr(preflight, "TOO_LOW", 0)
     monkeypatch.setattr(preflight, "LOW", 0)
     monkeypatch.setattr(preflight, "SLOW_SYNC_S", -1.0)
-    slow = doctor.check_disk(tmp_path, sync=True)[0]
+    slow = doctor.check_disk(tmp_path, sync=True)
     assert slow.state == CAUTION and "local disk" in slow.advice
 
 

@@ -64,6 +64,12 @@ PATHS = {1: ALONG, 2: ACROSS}
 LINE = build_path(ALONG, "path")
 
 
+def add(workspace: Workspace, rows: np.ndarray) -> None:
+    """Ticks, with the numbers of the last one."""
+    workspace.add(rows)
+    workspace.word(rows[-1])
+
+
 def shown(qtbot, widget, width: int = 760, height: int = 620):
     qtbot.addWidget(widget)
     widget.resize(width, height)
@@ -251,7 +257,7 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
     rows = quiet(100, CURRENT_E=0.8, TORQUE_E=-3.9, CURRENT_B=0.3, TORQUE_B=1.1, STUCK=2)
     rows[:30, tick_log.CURRENT + 2] = 0.0  # B is without current for less than half of it
     rows[:10, tick_log.CURRENT + 3] = 0.5  # C has some for less than half of it
-    workspace.add(rows)
+    add(workspace, rows)
     states = {joint: doing.state for joint, doing in workspace.view.labels.doing.items()}
     assert states == {"A": OFF, "E": STUCK, "B": SLIPPING, "C": OFF}
     assert workspace.view.labels.words["E"] == "stuck 3.9 N m"
@@ -262,7 +268,7 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
 
 
 def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> None:
-    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
+    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
     at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
     for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
@@ -274,7 +280,7 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
     pter = load_device("pter")
     workspace = shown(qtbot, Workspace((pter,), PATHS))
     workspace.show_trial(pter, ALONG, TIP)
-    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
+    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
     rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels)
     row = [rings[joint] for joint in "AECB"]
@@ -290,12 +296,11 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
 
 def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:
     workspace.set_blind(True)
-    workspace.add(quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
+    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
     assert set(workspace.view.labels.words) == {HAND} and workspace.view.instant.brakes == (0.0, 0.0)
     blind = workspace.view.grab().toImage()
     other = quiet(CURRENT_B=0.4, TORQUE_B=-2.0, STUCK=0, HAND_FX=5.0)
-    workspace.add(other)
-    workspace.view.word()
+    add(workspace, other)
     assert workspace.view.grab().toImage() == blind  # another controller looks the same
     workspace.set_blind(False)
     assert BRAKES in workspace.view.labels.words and workspace.view.grab().toImage() != blind
@@ -314,7 +319,7 @@ def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspac
 def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qtbot, workspace: Workspace) -> None:
     rows = trial(FOUR)
     for begin in range(0, 2400, 100):
-        workspace.add(rows[begin : begin + 100])
+        add(workspace, rows[begin : begin + 100])
     view = workspace.view
     view.repaint_still()  # a trail painted piece by piece differs a little from one painted at once
     for layer in LAYERS:
@@ -338,7 +343,7 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
         for share in np.linspace(0.0, 1.0, 9):
             tip = (1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m)
             view.labels.sides.clear()
-            workspace.add(quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
+            add(workspace, quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
             view.word()
             view.grab()
             at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
@@ -368,10 +373,10 @@ def test_a_label_keeps_off_what_is_drawn_and_takes_the_least_evil_where_all_is_f
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
-    workspace.add(quiet(20, tick_log.HOLD))
+    add(workspace, quiet(20, tick_log.HOLD))
     assert workspace.view.title == "Hold" and "error" not in workspace.view.line
-    workspace.add(quiet(1, tick_log.MOVE, start_s=0.02, TIP_VX=0.03, TIP_VY=0.04))
-    workspace.add(quiet(16, tick_log.MOVE, start_s=0.5, TIP_VX=0.03, TIP_VY=0.04))
+    add(workspace, quiet(1, tick_log.MOVE, start_s=0.02, TIP_VX=0.03, TIP_VY=0.04))
+    add(workspace, quiet(16, tick_log.MOVE, start_s=0.5, TIP_VX=0.03, TIP_VY=0.04))
     assert workspace.view.title == "Move"
     assert workspace.view.line == "0.49 s · error 10.0 mm · 0.05 m/s"
 

@@ -22,6 +22,8 @@ from core import tick_log
 from core.faults import FAULTS, advice, after, cause
 from experiments.session.verify import verify
 from hardware.emulated_board.line_faults import KINDS
+from hardware.sensing.samples import fault_words
+from hardware.wire import messages
 
 BOARD_MS, AGAIN_S = 50, 2.0
 ROOT = Path(__file__).resolve().parents[2]
@@ -124,8 +126,10 @@ def test_every_recording_of_a_day_full_of_faults_is_whole_or_recovered(place: Pl
 
 
 def test_every_fault_has_words_and_says_what_to_do_and_is_told_somewhere() -> None:
+    latched = {fault_words(bit).code for bit in messages.Fault}  # on the board
+    assert len(latched) == len(messages.Fault) and "unknown" not in latched
     used = {code for file in SOURCES for code in FAULTS if f'"{code}"' in file.read_text()}
-    assert used == set(FAULTS), "and none is left that nothing leads to"
+    assert used | latched == set(FAULTS), "and none is left that nothing leads to"
     for code, fault in FAULTS.items():
         assert fault.words and fault.advice.endswith("."), code
         assert len(code) <= CODE

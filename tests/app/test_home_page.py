@@ -19,7 +19,7 @@ from app.window.page import ANALYSE, RUN, TRY
 from experiments.inputs import OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
-from hardware.discovery import PortFound
+from hardware.discovery import BoardFound
 
 LEFT = Qt.MouseButton.LeftButton
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
@@ -46,7 +46,7 @@ class Shown:
     def wait(self) -> None:
         """Until the chosen protocol and the data folder have been read."""
         page = self.page
-        self.qtbot.waitUntil(lambda: page.loaded is not None and page.data.overview is not None, timeout=20_000)
+        self.qtbot.waitUntil(lambda: page.loaded is not None and page.data.overview is not None, timeout=60_000)
 
     def click(self, button) -> None:
         assert button.isEnabled(), button.text()
@@ -156,7 +156,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
 def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: Shown) -> None:
     page = shown.page
     shown.click(page.show_plan)
-    shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=10_000)
+    shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=60_000)
     assert page.plan_text.toPlainText().count("path 1") == 30 and "re-rig to" in page.plan_text.toPlainText()
     assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
 
@@ -181,13 +181,13 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
 
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
-    found = (PortFound("/dev/ttyACM0", "answers, three-brake", True), PortFound("/dev/ttyUSB1", "no answer", False))
+    found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
     monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: found if not mine else ())
     page.link.choose(BOARD)
     page._link_chosen(BOARD)
-    shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=5000)
+    shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)
     assert "answers, three-brake" in texts(shown)
-    shown.qtbot.waitUntil(lambda: page.why.text() == "Connect to a board first.", timeout=5000)
+    shown.qtbot.waitUntil(lambda: page.why.text() == "Connect to a board first.", timeout=60_000)
     assert not page.start.isEnabled()
     shown.type(page.port, "/tmp/port")
     QTest.keyClick(page.port, Qt.Key.Key_Return)

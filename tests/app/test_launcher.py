@@ -37,7 +37,7 @@ venv.create(sys.argv[1], with_pip=False, symlinks=os.name == "posix")
 PIP = """
 print("pip", *sys.argv[1:], file=log, flush=True)
 print("pip talks")
-left = 3000  # an abandoned one ends by itself
+left = 20_000  # an abandoned one ends by itself
 while (gate := os.environ.get("PIP_WAITS_FOR")) and not os.path.exists(gate) and left:
     time.sleep(0.01)
     left -= 1

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from live import Window, live_window, wait_until
 from processes import gone
+from protocols import PAPER, changed
 from sessions import unfinished
 from synthetic_hand import SyntheticHand
 
@@ -21,7 +22,10 @@ JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
 
 @pytest.fixture(scope="module")
 def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
-    return Setup(tmp_path_factory.mktemp("live") / "data", real_time=False)
+    """The paper's protocol, for a hand whose machine shows it few pictures."""
+    folder = tmp_path_factory.mktemp("live")
+    (folder / "patient.toml").write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
+    return Setup(folder / "data", str(folder / "patient.toml"), real_time=False)
 
 
 @pytest.fixture(scope="module")

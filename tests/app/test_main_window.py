@@ -24,7 +24,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from screens import Screens, cut_texts, point, settle, visible_texts
 from sessions import session_of
@@ -68,6 +68,20 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     screens.hear(opened(), ready(checks=RED))
     marks = [pill.mark.text() for pill in screens.main.preflight.pills]
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
+
+
+def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens: Screens) -> None:
+    def shares() -> list[float]:
+        settle(screens.main)
+        return [pill.text.width() / pill.text.sizeHint().width() for pill in screens.main.preflight.pills]
+
+    screens.hear(opened(), ready(checks=GREEN))
+    assert all(share >= 1.0 for share in shares())
+    screens.hear(ready(checks=(*GREEN, m.Check("Stream", m.GOOD, "every tick and its markers"))))
+    assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and cut_texts(screens.main) == []
+    screens.main.resize(*SMALLEST)
+    settle(screens.main)
+    assert screens.main.width() == SMALLEST[0] and cut_texts(screens.main) == []
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -205,15 +219,17 @@ def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
                        PATH_DISTANCE=-0.003))  # fmt: skip
     assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
     assert screens.run.traces.force.newest == pytest.approx((5.0,))
-    assert screens.run.centre.workspace.view.tip == (0.03, 0.397)
-    assert screens.run.centre.large.text() == "Go"
+    assert screens.run.workspace.view.tip == (0.03, 0.397)
+    assert screens.run.large.text() == "Go"
 
 
 def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
     screens.hear(opened(), running())
-    view = screens.run.centre.workspace.view
+    view = screens.run.workspace.view
     point(view, view.to_screen((0.05, 0.3)))
     assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
+    point(view, QPointF(-20.0, 50.0))  # dragged out, with a button held down
+    assert np.isnan(screens.client.aimed[-1]).all()
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
@@ -393,14 +409,14 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(2, rows=rows))
     screens.run.panel.grid.clicked.emit(rows[0])
-    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=20_000)
+    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
     screens.run.card.reason.setCurrentIndex(2)
     screens.run.card.exclude()
     assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
     screens.run.panel.grid.clicked.emit(rows[1])
-    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=20_000)
-    qtbot.waitUntil(lambda: screens.run.card.ready)
+    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
+    qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)
     assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
     assert screens.press(KEY.Key_Space) == [m.Start()]
 

@@ -26,9 +26,13 @@ NO_BOARD = f"serial:{os.devnull}"  # on every system something that can be opene
 PATIENT_S = 60.0  # longer than any machine holds us up
 
 
-@pytest.fixture
-def sensor(monkeypatch: pytest.MonkeyPatch) -> Iterator[PlayedSensor]:
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hardware.sensing.net_ft.START_S", PATIENT_S)
+
+
+@pytest.fixture
+def sensor() -> Iterator[PlayedSensor]:
     played = PlayedSensor()
     yield played
     played.close()

@@ -203,6 +203,7 @@ def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
     rows = trial(FOUR)
     for begin in range(0, len(rows), 16):
         panel.add(rows[begin : begin + 16])
+    panel.word()
     ledger = panel.ledger
     assert ledger.hand == pytest.approx(ledger.brakes + ledger.kinetic + ledger.stops) and ledger.brakes > 0.0
     assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.words
@@ -226,4 +227,5 @@ def test_a_fall_of_heat_is_shown(qtbot) -> None:
     rows = quiet(200)
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003
     panel.add(rows)
+    panel.word()
     assert "a brake added 3 mJ" in panel.words and "no brake" not in panel.words

@@ -40,8 +40,8 @@ class Editing:
     def read(self, says: str = "") -> None:
         """Until the reader has read what is there: its summary, or its sentence, holds this."""
         editor = self.editor
-        self.qtbot.waitUntil(lambda: not editor._timer.isActive(), timeout=5000)
-        self.qtbot.waitUntil(lambda: says in (editor.problem or editor.summary.text()), timeout=10_000)
+        self.qtbot.waitUntil(lambda: not editor._timer.isActive(), timeout=60_000)
+        self.qtbot.waitUntil(lambda: says in (editor.problem or editor.summary.text()), timeout=60_000)
 
     def field(self, name: str) -> QLineEdit:
         return next(one for one in self.editor.findChildren(QLineEdit) if one.accessibleName() == name)

@@ -181,8 +181,7 @@ class Running:
 
     def end(self) -> int:
         """Wait for the end; why it ended."""
-        self.thread.join(30.0)
-        assert not self.thread.is_alive()
+        self.thread.join()  # as long as its kernels may have to be compiled
         return int(self.ring.control.cause)
 
     def assert_ended_without_current(self) -> None:

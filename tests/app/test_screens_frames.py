@@ -76,7 +76,7 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
     over = next(i for i, planned in enumerate(PLAN) if planned.segment == 1)
     screens.hear(opened(), running(over))
     rows = movement(1, "AEB", 2.0)[: FRAME * (2 * PANELS_EVERY + 2)]
-    view, seen = screens.run.centre.workspace.view, []
+    view, seen = screens.run.workspace.view, []
     for begin in range(0, len(rows), FRAME):
         screens.client.rows = rows[begin : begin + FRAME]
         screens.windows.frame()
@@ -101,7 +101,7 @@ def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) 
     screens.participant.show()
     settle(screens.participant)
     painted: list[str] = []
-    for name, view in (("console", screens.run.centre.workspace.view), ("participant", screens.participant.view)):
+    for name, view in (("console", screens.run.workspace.view), ("participant", screens.participant.view)):
         view.painted.connect(lambda name=name: painted.append(name))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.02))
     QApplication.processEvents()

@@ -11,9 +11,11 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, point, settle, visible_texts
 
 from app.ipc import messages as m
+from app.window.painting import theme
 from app.window.painting.plane import TRAIL_STEP_PX
 from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
+from app.window.words import Shown
 from core import tick_log
 from experiments.protocol import Cues, Instruction, load_protocol, shipped_protocols
 
@@ -79,6 +81,18 @@ def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: S
     for text in texts:
         said_of_rest = text.replace("1:00", "")
         assert not re.search(rf"\d|brake|controller|tip|{names}", said_of_rest), text
+
+
+def test_a_long_text_becomes_smaller_and_leaves_the_next_one_as_large_as_before(screens: Screens) -> None:
+    view = screens.participant.view
+    view.write(Shown("Go"))
+    short = view.grab().toImage()
+    view.write(Shown("Follow the line " * 8))
+    image = view.grab().toImage()
+    edge = [image.pixelColor(x, y).name() for x in (2, view.width() - 3) for y in range(view.height())]
+    assert image != short and set(edge) == {theme.CANVAS}
+    view.write(Shown("Go"))
+    assert view.grab().toImage() == short
 
 
 def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:

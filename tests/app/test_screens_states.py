@@ -32,9 +32,9 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
     for over in (0, 12):
         promises     = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
         screens.hear(opened(), ready(over, checks=RED))
-        assert screens.run.centre.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
+        assert screens.run.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
         screens.hear(ready(over))
-        assert screens.run.centre.small.text() in promises and screens.participant.view.shown.small in promises
+        assert screens.run.small.text() in promises and screens.participant.view.shown.small in promises
 
 
 def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
@@ -68,7 +68,7 @@ def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(sc
     """With the brakes that are stuck it would tell the controllers apart."""
     screens.hear(opened(), running(blind=True))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
-    workspace = screens.run.centre.workspace
+    workspace = screens.run.workspace
     assert workspace.view.instant.reachable() is None and not workspace.buttons[REACHABLE].isVisible()
     screens.hear(running(blind=False))
     screens.tick(movement(PLAN[0].segment, "AEB", 1.1)[1000:])
@@ -102,7 +102,7 @@ def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens) ->
     for state in ("blocked", "failed"):
         console = screens.hear(opened(), ready(12, checks=RED) if state == "blocked" else ready(12, stage=m.FAILED))
         settle(console)
-        small = screens.run.centre.small
+        small = screens.run.small
         assert small.fontMetrics().horizontalAdvance(small.text()) <= small.width()
         assert small.text() in visible_texts(console)
 
@@ -155,7 +155,7 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
     for begin in range(0, len(rows), 16):
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
-        labels, read = screens.run.centre.workspace.view.labels, screens.run.traces
+        labels, read = screens.run.workspace.view.labels, screens.run.traces
         assert HAND not in labels.words or read.force.value.split()[0] in labels.words[HAND]
         for joint, doing in labels.doing.items():
             current = read.currents.value.split(joint + " ")[1].split()[0]
@@ -178,7 +178,7 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     found = []
     for rows in two_controllers():
         console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
-        for button in screens.run.centre.workspace.buttons.values():
+        for button in screens.run.workspace.buttons.values():
             button.setChecked(True)
         screens.participant.show()
         settle(console)  # curves are painted piece by piece from the first tick on, both times
@@ -213,7 +213,7 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
     grid = screens.run.panel.grid
     assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
-    assert screens.run.centre.large.text() == "Stopped"
+    assert screens.run.large.text() == "Stopped"
 
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
@@ -259,14 +259,14 @@ def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Scr
     for status in ("done", "stopped", "timeout"):
         practised = result(PLAN[0]._replace(block=0), status)
         screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
-        assert screens.run.centre.large.text() == ENGLISH_WORDS[status] and not screens.run.card_shown
+        assert screens.run.large.text() == ENGLISH_WORDS[status] and not screens.run.card_shown
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
     protocol = paper(language="de", language_text=language_text("de", FOLDER))
     german = protocol.sentences
     screens.hear(opened(protocol=protocol), ready(1))
-    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Gut gemacht"
+    assert screens.participant.view.shown.large == screens.run.large.text() == "Gut gemacht"
     screens.hear(ready(1, stage=m.QUESTIONS))
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
@@ -276,7 +276,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Scree
         {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK}, {"stage": m.RERIG}, {"stage": m.FINISHED}
     ):  # fmt: skip
         screens.hear(GIVEN, running(2), ready(3, **following))
-        for said in (screens.participant.view.shown.small, screens.run.centre.small.text()):
+        for said in (screens.participant.view.shown.small, screens.run.small.text()):
             assert ERROR in said and CUE in said, following
         screens.hear(opened(), ready(3, **following))
         assert ERROR not in screens.participant.view.shown.small, following
@@ -284,7 +284,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Scree
 
 def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
     screens.hear(opened(), ready(3, stage="a text", card=m.Card("Text", "", participant="Think of a line")))
-    assert screens.participant.view.shown.large == screens.run.centre.large.text() == "Think of a line"
+    assert screens.participant.view.shown.large == screens.run.large.text() == "Think of a line"
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:

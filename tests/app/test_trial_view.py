@@ -68,7 +68,7 @@ def test_it_says_which_trial_it_is(view: TrialView) -> None:
 
 def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> None:
     QApplication.processEvents()
-    for trace, share in product(view.traces.all(), (0.1, 0.5, 0.93)):
+    for trace, share in product(view.traces.all, (0.1, 0.5, 0.93)):
         wanted = share * view.trial.t[-1]
         height = 0.4 * trace.item.viewRange()[1][1]
         place = trace.graph.mapFromScene(trace.item.vb.mapViewToScene(QPointF(wanted, height)))
@@ -76,10 +76,11 @@ def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> N
         QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
         pixel = view.trial.t[-1] / trace.item.vb.width()
         assert view.trial.t[view.at] == pytest.approx(wanted, abs=2.0 * pixel)
-        assert {line.cursor.value() for line in view.traces.all()} == {view.trial.t[view.at]}  # one cursor in all
+        assert {line.cursor.value() for line in view.traces.all} == {view.trial.t[view.at]}  # one cursor in all
 
 
 def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
+    view.speed.setCurrentIndex(SPEEDS.index(min(SPEEDS)))  # it must not come to its end
     QTest.keyClick(view, Qt.Key.Key_Space)
     assert view.playing and view.play_button.text() == "Pause"
     qtbot.waitUntil(lambda: view.at > 50, timeout=60_000)
@@ -127,9 +128,9 @@ def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
     for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
         QTest.keyClick(view, key)
         assert view.at == pytest.approx(at, abs=2)
-    speed = view.speed.currentData()
+    speed = view.speed.value()
     QTest.keyClick(view, Qt.Key.Key_Up)
-    assert view.speed.currentData() == SPEEDS[SPEEDS.index(speed) + 1]
+    assert view.speed.value() == SPEEDS[SPEEDS.index(speed) + 1]
 
 
 def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(view: TrialView) -> None:
@@ -153,7 +154,7 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
     view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
-    for trace in view.traces.all():
+    for trace in view.traces.all:
         assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
     seen = view.traces.force.curve.getData()[0]
     assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001)
@@ -169,7 +170,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     view = window.view
     row = view.trial.row
     other = 4 if row.controller != 4 else 2  # with the low gain it would come out as without
-    index = view.beside.findData(other)
+    index = view.beside.findText(view.trial.controllers[other])
     view.beside.setCurrentIndex(index)
     view.beside.activated.emit(index)
     assert "is being simulated" in view.note.text()
@@ -178,6 +179,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     assert "would feel the difference" in view.note.text()
     assert view.beside_measures.text().split(" · ")[:3] != view.measures.text().split(" · ")[:3]
     assert np.nanmax(view.traces.error.curve_beside.getData()[1]) > 0.0
+    view.beside.setCurrentIndex(0)
     view.beside.activated.emit(0)
     assert not view.beside_measures.isVisible() and not len(view.traces.error.curve_beside.getData()[1] or [])
 

@@ -29,7 +29,8 @@ def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> 
 def ended(number: int, controller: int = 2, error: float | None = 0.002, changed: bool = False, **what) -> m.Pass:
     status = what.pop("status", "done")
     settings = INITIAL._replace(controller=controller, **what)
-    return m.Pass(number, settings, changed, status, error, 3.0, 40.0, 2.5)
+    measures = {"path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_weighted_rms_m_s2": 40.0}
+    return m.Pass(number, settings, changed, status, measures | {"duration_s": 2.5})
 
 
 class Held:
@@ -245,7 +246,7 @@ def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: He
 def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
     sensing = held.page.segments["sensing"]
     ideal, encoders = sensing.findChildren(QPushButton)
-    assert sensing.value() == "Ideal" and "15 ms" in sensing.toolTip()
+    assert sensing.value() == IDEAL and "15 ms" in sensing.toolTip()
     QTest.mouseClick(encoders, Qt.MouseButton.LeftButton)
     assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
     held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))

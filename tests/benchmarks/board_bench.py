@@ -56,14 +56,14 @@ def compared(setting: Setting) -> dict:
     return {
         "run": planned.run, "configuration": planned.configuration, "controller": planned.controller,
         "path": planned.segment, "status": {"simulated": status, **{way: found[0] for way, found in ways.items()}},
-        "simulated": {name: getattr(here, name) for name in SHOWN},
+        "simulated": {name: here[name] for name in SHOWN},
         "difference": {way: differences(here, found[1]) for way, found in ways.items()},
     }  # fmt: skip
 
 
 def differences(here: Metrics, there: Metrics) -> dict[str, float | None]:
     """Relative differences of the measures shown; None where there is nothing to compare."""
-    pairs = {name: (getattr(here, name), getattr(there, name)) for name in SHOWN}
+    pairs = {name: (here[name], there[name]) for name in SHOWN}
     return {name: b / a - 1.0 if a and b is not None else None for name, (a, b) in pairs.items()}
 
 

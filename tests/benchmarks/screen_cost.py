@@ -97,8 +97,8 @@ def measure(seconds: float, width: int, height: int, both: bool = False, device:
     windows.show()
     windows.frame()
     run = main.page(RUN)
-    assert isinstance(run, RunPage) and run.centre.workspace is not None
-    for button in run.centre.workspace.buttons.values():
+    assert isinstance(run, RunPage) and run.workspace is not None
+    for button in run.workspace.buttons.values():
         button.setChecked(True)
     if both:
         participant.setGeometry(0, 0, width, height)

@@ -96,7 +96,7 @@ class SyntheticBench:
         if now - self._pulsed_s > PULSE_S:
             self._pulsed_s = now
             proof = m.Proof("run-001.arrows", self._fed, 300 * self._fed, 0.1)
-            said.append(m.Pulse(proof, m.Timing(14.0, 31.0, 402.0, 0, f"synthetic, {self._fed} ticks"), 0, 10**11))
+            said.append(m.Pulse(proof, m.Timing(14.0, 31.0, 402.0, 0, f"synthetic, {self._fed} ticks"), 0))
         return said
 
     def ticks(self) -> np.ndarray:

@@ -51,7 +51,7 @@ def test_a_box_is_the_one_that_matplotlib_would_draw_and_holds_every_value(value
     assert (box.low, box.high) == pytest.approx((oracle["whislo"], oracle["whishi"]), abs=1e-9)
     assert box.outliers == pytest.approx(sorted(oracle["fliers"]))
     assert box.low <= box.q1 <= box.median <= box.q3 <= box.high
-    assert sum(box.low <= value <= box.high for value in values) + len(box.outliers) == len(values) == box.count
+    assert sum(box.low <= value <= box.high for value in values) + len(box.outliers) == len(values) == box.n
 
 
 def test_a_box_by_hand():
@@ -70,7 +70,7 @@ def test_a_box_of_nothing_or_of_no_number_is_refused(values):
 def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
     rows = study()
     found = boxes(rows, DRAWN[0], BOTH)
-    assert len(found) == 10 and {box.count for box in found.values()} == {18}
+    assert len(found) == 10 and {box.n for box in found.values()} == {18}
     by_hand = [1e3 * row.path_error_m for row in rows if (row.controller, row.configuration) == (4, "four-brake")]
     assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
@@ -81,10 +81,10 @@ def test_a_trial_that_was_not_done_is_in_no_box_and_a_timed_out_one_only_if_aske
         rows[i] = replace(rows[i], status=status, path_error_m=0.065)
     assert [rows[i].controller for i in (0, 2, 4, 6)] == [1, 2, 3, 4]
     found = boxes(rows, DRAWN[0], BOTH)
-    assert [found[controller, "three-brake"].count for controller in (1, 2, 3, 4, 5)] == [17, 17, 17, 17, 18]
+    assert [found[controller, "three-brake"].n for controller in (1, 2, 3, 4, 5)] == [17, 17, 17, 17, 18]
     assert max(max(box.high, *box.outliers, 0.0) for box in found.values()) < 65.0
     asked = boxes(rows, DRAWN[0], BOTH, timeouts=True)
-    assert asked[1, "three-brake"].count == 18 and 65.0 in asked[1, "three-brake"].outliers
+    assert asked[1, "three-brake"].n == 18 and 65.0 in asked[1, "three-brake"].outliers
     assert {key: box for key, box in asked.items() if key != (1, "three-brake")}.items() <= found.items()
 
 

@@ -25,7 +25,9 @@ from experiments.analysis.charts import (
 from experiments.analysis.trials_table import write_table
 from experiments.export.results import Job, new_folder, read_results
 from experiments.export.results_files import session_lines, whose_fault, write_results
-from experiments.session.playback import read_playback
+from experiments.recording.reader import read_recording
+from experiments.session.files import read_stored
+from experiments.session.playback import device_of, read_playback
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
@@ -75,7 +77,7 @@ def test_what_does_not_count_is_grey_and_in_no_box():
     chart = charts(POOLED, rows, VIEW)[0]
     assert [point.row for point in chart.others] == rows[:2]
     assert "Grey: trials that do not count." in legend(chart, VIEW)
-    assert sum(at.box.count for at in chart.boxes) == len(chart.points) == 178
+    assert sum(at.box.n for at in chart.boxes) == len(chart.points) == 178
     assert "1 trial excluded by the experimenter" in left_out(rows)
 
 
@@ -214,6 +216,14 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     moving = ~np.isnan(trial.error)
     assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.path_error_time_m)
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
+
+
+def test_a_recording_of_a_device_that_its_session_lacks_is_refused(data):
+    session = data / "sub-01" / "ses-01"
+    recording = read_recording(session / "trials" / "run-003.parquet")
+    assert device_of(recording, read_stored(session)).name == recording.metadata["configuration"]
+    with pytest.raises(InputError, match="its session has no device 'seven-brake'"):
+        device_of(replace(recording, metadata={"configuration": "seven-brake"}), read_stored(session))
 
 
 def test_four_devices_are_drawn_in_four_ways_and_the_legend_names_them():

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
 
 
 def measured(recording, path=PATH):
-    return m.trial_metrics(recording, path)
+    return SimpleNamespace(**m.trial_metrics(recording, path))
 
 
 def test_what_each_figure_shows_is_the_definition_of_one_thing():
@@ -214,7 +215,7 @@ def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero(
 def test_a_trial_that_never_came_to_move_has_no_measures():
     recording = hand_made()
     recording.columns["phase"][:] = tick_log.HOLD
-    assert measured(recording) == m.NO_METRICS == (None,) * len(m.METRICS)
+    assert m.trial_metrics(recording, PATH) == dict.fromkeys(m.BY_NAME)
 
 
 @pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])
@@ -261,7 +262,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.WANTED_FX] = 10.0
     with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
         writer.write(rows)
-    from_file = m.trial_metrics(read_recording(tmp_path / "run-001.arrows"), PATH)
+    from_file = measured(read_recording(tmp_path / "run-001.arrows"))
     move = slice(600, 2900)
     tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
     deviation = np.abs(tip[move, 1] - 0.4)
@@ -270,7 +271,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     exact = m.amplitude_sum(m.weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert from_file.acceleration_exact_dft_sum == exact
     assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
-    assert all(value is not None for value in from_file)
+    assert all(value is not None for value in vars(from_file).values())
 
 
 # --- smoothness: acceleration, its weighted DFT, SPARC, on signals whose answers are known

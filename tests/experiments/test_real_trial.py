@@ -77,7 +77,7 @@ def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies(
     same = simulated(bench.device, controller, seed)
     here = recorded(rows, bench.device, outcome, tmp_path / "here.arrows", Sensors("AB", 6))
     there = recorded(same, bench.device, {}, tmp_path / "there.arrows", None)
-    ours, theirs = (trial_metrics(recording, trial.path)._asdict() for recording in (here, there))
+    ours, theirs = (trial_metrics(recording, trial.path) for recording in (here, there))
     off = {name: abs(ours[name] / theirs[name] - 1.0) for name in TOLERANCE}
     assert all(off[name] <= share for name, share in TOLERANCE.items()), off
     assert 0.0 < max(off.values()), "the sensors of a board leave no mark"
@@ -147,8 +147,8 @@ def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(
         and np.isfinite(rows[:, tick_log.TIP_X : tick_log.HAND_FY + 1]).all()
     )
     recording = recorded(rows, bench.device, outcome, tmp_path / "run.arrows", Sensors("AB", 6))
-    measures = trial_metrics(recording, trial.path)
-    assert measures.path_error_m is not None and measures.path_error_m < 0.005
+    error = trial_metrics(recording, trial.path)["path_error_m"]
+    assert error is not None and error < 0.005
     assert bench.link.health.lost == pytest.approx(outcome["filled"], abs=5)
 
 

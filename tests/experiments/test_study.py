@@ -87,7 +87,7 @@ def test_every_cell_of_the_plan_is_there_and_nearly_all_trials_reach_the_end(stu
     for controller in range(1, 6):
         done = [row.status == "done" for row in rows if row.controller == controller]
         assert np.mean(done) >= 0.95
-    assert all(box.count == 2 for box in boxes(rows, DRAWN[0], ("three-brake", "four-brake")).values())
+    assert all(box.n == 2 for box in boxes(rows, DRAWN[0], ("three-brake", "four-brake")).values())
 
 
 def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_not(study, tmp_path):

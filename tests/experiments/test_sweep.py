@@ -2,16 +2,16 @@
 
 import csv
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
+import killed_work
 import pytest
-from processes import children, gone
+from live import wait_until
+from processes import gone
 
 from app.cli import main
 from core.files import InputError
@@ -124,34 +124,19 @@ def test_what_stands_in_the_file_cannot_be_said_beside_it(file, tmp_path, capsys
     assert "--cluster: is for --sweep alone" in capsys.readouterr().err
 
 
-def descendants(pid: int) -> set[int]:
-    """Every living process that descends from this one."""
-    found, waiting = set(), {pid}
-    while waiting:
-        waiting = {child for parent in waiting for child in children(parent)} - found
-        found |= waiting
-    return found
-
-
 @pytest.mark.parametrize("number", [9, signal.SIGTERM])
 def test_a_killed_sweep_leaves_no_worker_and_goes_on_with_what_was_done(file, tmp_path, number):
     file.write_text(SMALL.replace("operators = 2", "operators = 400"))
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "app.cli", "study", "--sweep", str(file), "--out", str(out)]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    end = time.perf_counter() + 200.0
-    while len(list(out.glob("parts/0*.csv"))) < 3:
-        assert process.poll() is None and time.perf_counter() < end
-        time.sleep(0.05)
-    workers = descendants(process.pid)
-    os.kill(process.pid, number)
-    process.wait(60)
+    arguments = ["study", "--sweep", str(file), "--out", str(out)]
+    with (tmp_path / "workers").open("w") as printed:
+        command = [sys.executable, killed_work.__file__, str(int(number)), "one", *arguments]
+        assert abs(subprocess.run(command, stdout=printed).returncode) == number  # Windows has no sign before it
+    workers = [int(pid) for pid in (tmp_path / "workers").read_text().split()]
     assert workers
-    while not all(map(gone, workers)):
-        assert time.perf_counter() < end, "workers outlive the sweep"
-        time.sleep(0.1)
+    wait_until(lambda: all(map(gone, workers)))
     kept = {path.name for path in out.glob("parts/0*.csv")}
-    assert len(kept) >= 3 and not (out / "sweep.csv").exists()
+    assert len(kept) == killed_work.DONE and not (out / "sweep.csv").exists()
     first = load_sweep(file).jobs[0]
     part = out / "parts" / f"{first.number:06d}.csv"
     if part.exists():

@@ -65,10 +65,10 @@ def test_the_measures_are_those_of_the_columns():
     shown[MOVE_FROM:4000], near[MOVE_FROM:4000] = -6.0, -7.5
     columns = dict(WANTED_FX=0.0, WANTED_FY=wanted, SHOWN_FX=3.0, SHOWN_FY=shown, NEAREST_FX=0.0, NEAREST_FY=near)
     found = trial_metrics(hand_made(SLAVE_X=hand_made().column("tip_x_m"), SLAVE_Y=0.408, **columns), PATH)
-    assert found.slave_error_m == pytest.approx(0.008)
-    assert found.force_shown_share == pytest.approx(0.6)
-    assert found.force_unavailable_share == pytest.approx(0.25)
-    assert none.force_shown_share is None, "nothing was wanted"
+    assert found["slave_error_m"] == pytest.approx(0.008)
+    assert found["force_shown_share"] == pytest.approx(0.6)
+    assert found["force_unavailable_share"] == pytest.approx(0.25)
+    assert none["force_shown_share"] is None, "nothing was wanted"
 
 
 def test_a_study_runs_it_and_a_replay_is_equal_to_the_last_bit(tmp_path):

@@ -15,7 +15,7 @@ four_currents = st.tuples(u16, u16, u16, u16)
 #: fault -> readings that bring it about, how many ticks of them, detail
 CONDITIONS = {
     Fault.OVER_CURRENT: ({"current_mA": (0, 0, 1250, 0)}, OVER_CURRENT_TICKS, 2),
-    Fault.ENCODER: ({"encoder_good": (True, True, False, True)}, 1, 2),
+    Fault.BAD_ENCODER: ({"encoder_good": (True, True, False, True)}, 1, 2),
     Fault.FORCE_SATURATED: ({"force": (0, 0, 0, -66_700, 0, 0)}, SATURATED_TICKS, 3),
 }
 
@@ -160,9 +160,9 @@ def test_the_first_fault_stays_the_cause_of_all_that_follow() -> None:
     bench = SimulatedBoard().activate()
     bench.tick(50)
     bench.tick(encoder_good=(False, True, True, True))
-    assert bench.board.faults == Fault.WATCHDOG | Fault.ENCODER and bench.board.cause == Fault.WATCHDOG
+    assert bench.board.faults == Fault.WATCHDOG | Fault.BAD_ENCODER and bench.board.cause == Fault.WATCHDOG
     report = [m for m in bench.tick(SATURATED_TICKS, force=(70_000,) * 6) if isinstance(m, FaultReport)]
-    assert report[-1].faults == Fault.WATCHDOG | Fault.ENCODER | Fault.FORCE_SATURATED
+    assert report[-1].faults == Fault.WATCHDOG | Fault.BAD_ENCODER | Fault.FORCE_SATURATED
     assert (report[-1].cause, report[-1].detail) == (Fault.WATCHDOG, 255)
 
 

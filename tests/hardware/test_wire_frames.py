@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.emulated_board.board import Board, Readings
+from hardware.emulated_board.board import FULL_BOARD, Board, Readings
 from hardware.wire.frames import MAX_ENCODED, MAX_PAYLOAD, FrameDecoder, checksum, encode_frame
 from hardware.wire.messages import (
     AskHello,
@@ -21,10 +21,10 @@ from hardware.wire.messages import (
     Heartbeat,
     Home,
     ResetFault,
-    SampleLayout,
     SetLimits,
     State,
     Stop,
+    layout_of,
     pack,
     unpack,
 )
@@ -98,7 +98,7 @@ def fuzz(n: int, seed: int, decoders: dict[str, object]) -> dict[str, int]:
 def all_decoders() -> dict[str, object]:
     """Bytes in, number of frames taken for true out: the frames alone, the messages, a whole board."""
     frames, messages, board = FrameDecoder(), FrameDecoder(), Board()
-    layout = SampleLayout(2, 6, 4)
+    layout = layout_of(FULL_BOARD)
     for k in range(200):
         board.tick(Readings(force=(0,) * 6), 1000 * k)
     assert board.state == State.IDLE

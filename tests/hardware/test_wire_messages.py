@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from test_wire_frames import stuffed
 
+from hardware.emulated_board.board import FULL_BOARD
 from hardware.wire import messages
 from hardware.wire.frames import MAX_PAYLOAD, FrameDecoder, encode_frame
-from hardware.wire.messages import LAYOUTS, Hello, Sample, SampleLayout, layout_of, pack, unpack
+from hardware.wire.messages import LAYOUTS, Hello, Layout, Sample, layout_of, pack, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
 VECTORS = json.loads((ROOT / "docs" / "protocol-vectors.json").read_text())
@@ -19,8 +20,14 @@ FRAMES = [pytest.param(vector, id=vector["name"].replace(" ", "-")) for vector i
 STREAMS = [pytest.param(vector, id=vector["name"].replace(" ", "-")) for vector in VECTORS["streams"]]
 
 
-def layout(vector: dict) -> SampleLayout:
-    return SampleLayout(vector["encoders"], vector["force_channels"], vector["brakes"])
+def sample_layout(encoders: int, force_channels: int, brakes: int) -> Layout:
+    """Of a board with so many of each."""
+    bits = {"encoders": (1 << encoders) - 1, "brakes": (1 << brakes) - 1}
+    return layout_of(FULL_BOARD._replace(**bits, force_channels=force_channels))
+
+
+def layout(vector: dict) -> Layout:
+    return sample_layout(vector["encoders"], vector["force_channels"], vector["brakes"])
 
 
 def message_of(vector: dict) -> tuple:
@@ -80,7 +87,7 @@ def test_the_specification_names_every_message_with_its_type_and_length() -> Non
         assert written.pop(number) == (kind.__name__, str(1 + struct.calcsize("<" + fields)))
     assert written == {messages.SAMPLE_TYPE: ("Sample", "23 + 4 e + 4 f + 2 b")}
     for e, f, b in ((2, 6, 4), (4, 0, 1)):
-        assert SampleLayout(e, f, b).bytes == 23 + 4 * e + 4 * f + 2 * b
+        assert sample_layout(e, f, b).bytes == 23 + 4 * e + 4 * f + 2 * b
 
 
 def test_the_specification_gives_the_offsets_of_hello() -> None:
@@ -102,13 +109,12 @@ def test_a_payload_of_the_wrong_length_or_type_is_no_message() -> None:
 
 
 def test_the_longest_sample_fits_a_frame() -> None:
-    assert SampleLayout(4, 6, 4).bytes <= MAX_PAYLOAD
+    assert sample_layout(4, 6, 4).bytes <= MAX_PAYLOAD
 
 
 def test_a_sample_is_as_long_as_hello_says() -> None:
     hello = next(message_of(v) for v in VECTORS["frames"] if v["message"] == "Hello")
-    found = layout_of(hello)
-    assert (found.encoders, found.force_channels, found.brakes) == (2, 6, 4)
+    assert layout_of(hello).bytes == 23 + 4 * 2 + 4 * 6 + 2 * 4
 
 
 @pytest.mark.parametrize("current", [-1, 65536])

@@ -126,7 +126,7 @@ def test_the_hand_force_comes_back_through_mounting_calibration_and_mass_beyond(
     tip, force, acceleration = (0.04, 0.41), np.array([12.0, -7.0]), np.array([3.0, 5.0])
     hello = hello_of(device)
     emulated = EmulatedSensors(device, hello, tip, seed=1)
-    read = [emulated.read(tip, force, acceleration, (0,) * 4, set(), set(), False).force for _ in range(400)]
+    read = [emulated.read(tip, force, acceleration, (0,) * 4).force for _ in range(400)]
     found = ForceSensing(device, hello.force_channels, hello.force_unit)
     found.zero = np.full(6, 50.0)
     mean = np.array(read).mean(axis=0) + 50.0

@@ -26,7 +26,7 @@ class Emulated:
         self.port = self.process.stdout.readline().strip()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((LOOPBACK, emulated_ports()[self.port]))
-        self._socket.settimeout(60.0)
+        self._socket.settimeout(200.0)
 
     def order(self, **order) -> dict:
         """An order; the truth."""
@@ -37,12 +37,12 @@ class Emulated:
         """End it; its exit code. Windows cannot ask it to end: its exit code 1 then stands for 0."""
         if sys.platform == "win32":
             self.process.kill()
-            code = self.process.wait(60) - 1
+            code = self.process.wait(200) - 1
             while self.port in emulated_ports():  # the sockets of a program that was ended may close a moment later
                 time.sleep(0.01)
         else:
             self.process.send_signal(number)
-            code = self.process.wait(60)
+            code = self.process.wait(200)
         self.process.stdout.close()
         self._socket.close()
         return code

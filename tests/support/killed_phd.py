@@ -44,7 +44,7 @@ class KilledPhd:
     def close(self) -> None:
         """End it."""
         self._process.stdin.close()
-        self._process.wait(60)
+        self._process.wait(200)
         self._folder.cleanup()
 
 

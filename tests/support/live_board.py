@@ -22,6 +22,7 @@ from experiments.session.files import cell
 DEVICE = "four-brake"
 BRAKING = (2, 4)  # controllers that act on everybody
 AGAIN_S = 3.0  # after which what was asked for is asked for again
+STARTS_S = 30.0  # after which a trial that was neither begun nor refused is started again
 MOST_TRIES = 10  # of a trial that the machine spoils
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
 
@@ -99,8 +100,10 @@ class BoardSession:
             path = window.opened.protocol.paths[window.snapshot.coming.segment]
             self.emulated.order(path=msgspec.to_builtins(path if whole else half(path)))
             window.ticks.clear()
+            before = window.snapshot.notice
             window.client.send(m.Start())
-            if window.within(AGAIN_S, lambda s: s.stage == m.RUNNING):
+            window.within(STARTS_S, lambda s, old=before: s.stage == m.RUNNING or s.notice_bad and s.notice != old)
+            if window.snapshot.stage == m.RUNNING:
                 run = window.snapshot.running.run
                 if whole or self._in_movement():
                     return run

@@ -104,7 +104,7 @@ class RecordedBoard(Board):
 
 def lived(program: Path, script: list[bytes]) -> list[Did]:
     """What the board in C did when it was told this."""
-    done = subprocess.run([program], input=b"".join(script), capture_output=True, timeout=120)
+    done = subprocess.run([program], input=b"".join(script), capture_output=True, timeout=250)
     assert done.returncode == 0, done.stderr.decode()
     did, at = [], 0
     while at < len(done.stdout):

@@ -31,7 +31,7 @@ PIECE = 60  # ticks at each look of the server
 class SimulatedLoop:
     """In place of `LoopProcess`: the same jobs and answers, in simulated time."""
 
-    dead = hung = closed = False
+    hung = closed = False
 
     def __init__(self, ring: Ring) -> None:
         self._ring, self._trial = ring, None
@@ -75,7 +75,8 @@ class SimulatedLoop:
     def kill(self) -> None:
         self.closed = True
 
-    close = kill
+    def end(self, wait_s: float) -> None:
+        self.kill()
 
 
 class BoardLoop:
@@ -84,7 +85,7 @@ class BoardLoop:
     At each look of the server it does one job, a trial to its end, or has 20 ms of the time between trials.
     """
 
-    dead = hung = closed = False
+    hung = closed = False
 
     def __init__(self, ring: Ring, board: Bench) -> None:
         self._board, self._jobs, self._out = board, [], io.BytesIO()
@@ -130,7 +131,8 @@ class BoardLoop:
         if self._loop.device is not None:
             self._loop.device.close()
 
-    close = kill
+    def end(self, wait_s: float) -> None:
+        self.kill()
 
 
 class LocalClient:

@@ -1,1 +1,1 @@
-"""What is painted on the window's canvases."""
+"""What pages are made of, their look, and what is painted on canvases."""

@@ -5,14 +5,14 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtCore import QMarginsF, QPointF, QRectF
 from PySide6.QtGui import QKeySequence, QPainter, QShortcut
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton
 
 from app.window.painting import theme
-from app.window.painting.flow import Flow
 from app.window.painting.layers import Doing, Instant, Point, doing
 from app.window.painting.marks import BRAKES, HAND, Labels, arrow_of, paint_arrow, points_along, points_in
+from app.window.painting.parts import Flow, column, row, toggle
 from app.window.painting.plane import AT_DESK, Plane, Sizes
 from core import tick_log
 from core.device import Device
@@ -35,19 +35,15 @@ class Reading:
         self._at_s = now_s
         return True
 
-    def again(self) -> None:
-        """It is time, whenever that is."""
-        self._at_s = -math.inf
-
 
 class ForceView(Plane):
     """One device on one path. A subclass adds what else it shows of `instant`, and what its labels keep off."""
 
     def __init__(
         self, extent: QRectF, keep_free: QMarginsF, labels: Labels, sizes: Sizes = AT_DESK, grid: bool = False,
-        follows_mouse: bool = False, parent: QWidget | None = None,
+        follows_mouse: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(extent, sizes, keep_free, grid, follows_mouse, parent)
+        super().__init__(extent, sizes, keep_free, grid, follows_mouse)
         self.device: Device | None = None
         self.instant: Instant | None = None
         self.shown = {TRAIL, FORCES}
@@ -114,7 +110,6 @@ class ForceView(Plane):
 
     @property
     def labelled(self) -> bool:
-        """Whether labels are shown."""
         return FORCES in self.shown
 
     def marks(self) -> dict[str, QPointF]:
@@ -156,7 +151,6 @@ class ForceView(Plane):
         return QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
 
     def place_labels(self) -> None:
-        """Find each label a place, as things are now."""
         assert self.instant is not None
         self.labels.place(self.instant, self.marks(), self.solid(), self.drawn(), self.room())
 
@@ -179,28 +173,18 @@ class ForceView(Plane):
 class Layered(QFrame):
     """A view, and below it the buttons that show and hide its layers."""
 
-    def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]], parent: QWidget | None = None) -> None:
+    def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]]) -> None:
         """layers: name -> its key, what it shows."""
-        super().__init__(parent, objectName="canvas")
-        self.view, self.foot, row_of_buttons = view, QHBoxLayout(), Flow(5)
+        super().__init__(objectName="canvas")
+        self.view = view
         self.buttons = {layer: self._button(layer, *about) for layer, about in layers.items()}
-        for button in self.buttons.values():
-            row_of_buttons.addWidget(button)
-        self.foot.setContentsMargins(8, 0, 8, 8)
-        self.foot.addLayout(row_of_buttons, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2, 2, 2, 2)
-        layout.setSpacing(4)
-        layout.addWidget(self.view, 1)
-        if self.buttons:
-            layout.addLayout(self.foot)
+        self.foot = row((Flow(*self.buttons.values(), gap=5), 1), spacing=4, margins=(8, 0, 8, 8))
+        self.setLayout(column((view, 1), *([self.foot] if layers else []), spacing=4, margins=(2, 2, 2, 2)))
 
     def _button(self, layer: str, key: str, shows: str) -> QPushButton:
-        button = QPushButton(f"{layer}  {key}", objectName="toggle", checkable=True, checked=layer in self.view.shown)
+        show, on = (lambda shown: self.view.show_layer(layer, shown)), layer in self.view.shown
+        button = toggle(f"{layer}  {key}", show, on, shows)
         button.setMinimumHeight(26)  # half of it holds the round ends
         button.setFont(theme.font(theme.SMALL))
-        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         QShortcut(QKeySequence(key), self, button.toggle).setAutoRepeat(False)
-        button.setToolTip(shows)
-        button.toggled.connect(lambda shown: self.view.show_layer(layer, shown))
         return button

@@ -38,7 +38,7 @@ def extent_of_paths(paths: Iterable[PathFile], margin: float = MARGIN_M) -> QRec
     return _around(np.concatenate([outline(path, SPACING_M) for path in paths]), margin)
 
 
-def extent_of_linkages(devices: Sequence[Device], paths: Iterable[PathFile], margin: float = MARGIN_M) -> QRectF:
+def extent_of_linkages(devices: Sequence[Device], paths: Iterable[PathFile]) -> QRectF:
     """The rectangle (m) in which every device's linkage stays while its tip is on these paths."""
     places: list[Point] = []
     for path in paths:
@@ -46,7 +46,7 @@ def extent_of_linkages(devices: Sequence[Device], paths: Iterable[PathFile], mar
         every = max(1, len(points) // 24)
         for tip in (*points[::every].tolist(), points[-1].tolist()):
             places += [place for device in devices for place in joints_at(device.mechanism, (tip[0], tip[1])).values()]
-    return _around(np.array(places), margin)
+    return _around(np.array(places), MARGIN_M)
 
 
 def _around(points: np.ndarray, margin: float) -> QRectF:

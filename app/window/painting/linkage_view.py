@@ -3,33 +3,9 @@
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QWidget
 
-from app.window.painting import theme
-from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
-from app.window.painting.layers import (
-    Point,
-    directions,
-    extent_of_linkages,
-    extent_of_paths,
-    field_at_rest,
-    field_of,
-    needles,
-)
-from app.window.painting.marks import (
-    ARMS,
-    LETTER_PX,
-    Labels,
-    paint_arms,
-    paint_directions,
-    paint_field,
-    paint_joints,
-    paint_wedge,
-    points_along,
-    points_in,
-    ring_radius,
-    rings_of,
-)
+from app.window.painting import layers, marks, theme
+from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered
 from app.window.painting.plane import AT_DESK, RIGHT, Sizes
 from app.window.painting.theme import font, pen, shade, text_width
 from core import tick_log
@@ -49,13 +25,12 @@ class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
     def __init__(
-        self, devices: tuple[Device, ...], paths: dict[int, PathFile], worded: bool = True, sizes: Sizes = AT_DESK,
-        parent: QWidget | None = None,
-    ) -> None:  # fmt: skip
+        self, devices: tuple[Device, ...], paths: dict[int, PathFile], worded: bool = True, sizes: Sizes = AT_DESK
+    ) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
         free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
-        super().__init__(extent_of_paths(paths.values(), NEAR_M), free, Labels(), sizes, grid=worded, parent=parent)
-        self._extents = (self._extent, extent_of_linkages(devices, paths.values()))
+        super().__init__(layers.extent_of_paths(paths.values(), NEAR_M), free, marks.Labels(), sizes, grid=worded)
+        self._extents = (self._extent, layers.extent_of_linkages(devices, paths.values()))
         self.device = devices[0]
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
@@ -64,18 +39,18 @@ class LinkageView(ForceView):
         self._field: Field | None = None
         self.sense = 1.0  # of travel
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
         self._path, self.sense = build_path(path, "path"), 1.0
         super().show_trial(device, path, tip)
 
-    def rest(self, tip: Point) -> None:
-        self._field = field_at_rest(self._path, tip, self.sense) if self._path else None
+    def rest(self, tip: layers.Point) -> None:
+        self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
         super().rest(tip)
 
     def add(self, rows: np.ndarray, taken: bool = False) -> None:
         if self._path is not None:
             tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-            self._field = field_of(rows[-1]) or field_at_rest(self._path, tip, self.sense)
+            self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)
             if rows[-1, tick_log.TRAVEL_SENSE] != self.sense:
                 self.sense = float(rows[-1, tick_log.TRAVEL_SENSE])
                 self.repaint_still()
@@ -102,18 +77,18 @@ class LinkageView(ForceView):
 
     def drawn(self) -> np.ndarray:
         """Arms, rings and directions too."""
-        marks, (at, _) = self.marks(), self._joints()
-        lines = [(at[a], at[b]) for a, b in ARMS] if at else []
+        seen, (at, _) = self.marks(), self._joints()
+        lines = [(at[a], at[b]) for a, b in marks.ARMS] if at else []
         labels = self.device.labels
-        places = [(marks[joint], ring_radius(labels[joint])) for joint in labels if joint in marks]
+        places = [(seen[joint], marks.ring_radius(labels[joint])) for joint in labels if joint in seen]
         if at and DIRECTIONS in self.shown and self._field is not None:
             handle = self.to_screen(self.instant.tip)
-            for one in directions(self.device, self.instant.g, self._field):
-                reach = QPointF(one.p_x, -one.p_y) * LETTER_PX
+            for one in layers.directions(self.device, self.instant.g, self._field):
+                reach = QPointF(one.p_x, -one.p_y) * marks.LETTER_PX
                 lines.append((handle - reach, handle + reach))
                 places += [(handle - reach, 9.0), (handle + reach, 9.0)]
-        drawn = [super().drawn(), *(points_along(*line) for line in lines)]
-        drawn += [points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
+        drawn = [super().drawn(), *(marks.points_along(*line) for line in lines)]
+        drawn += [marks.points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
         return np.concatenate(drawn)
 
     # painting
@@ -122,8 +97,8 @@ class LinkageView(ForceView):
         if self._path is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
-            found = needles(self._path, self.sense, self.device, low, high, step)
-            paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
+            found = layers.needles(self._path, self.sense, self.device, low, high, step)
+            marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if self.device.assumed and self._worded_view:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
@@ -134,12 +109,12 @@ class LinkageView(ForceView):
             return
         handle, (at, rings) = self.to_screen(self.instant.tip), self._joints()
         if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
-            paint_wedge(painter, handle, wedge)
-        paint_arms(painter, at, ARM_PX, 2.0)
+            marks.paint_wedge(painter, handle, wedge)
+        marks.paint_arms(painter, at, ARM_PX, 2.0)
         if at and DIRECTIONS in self.shown and self._field is not None:
-            found = directions(self.device, self.instant.g, self._field)
-            paint_directions(painter, handle, found, self._field, self.device.labels)
-        paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
+            found = layers.directions(self.device, self.instant.g, self._field)
+            marks.paint_directions(painter, handle, found, self._field, self.device.labels)
+        marks.paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
         self.paint_forces(painter)
 
     def paint_over_handle(self, painter: QPainter) -> None:
@@ -158,7 +133,20 @@ class LinkageView(ForceView):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = self.instant.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, rings_of(at, self.device.labels)
+        return at, marks.rings_of(at, self.device.labels)
+
+
+def small_view(device: Device, path: PathFile, tip: layers.Point, sizes: Sizes) -> LinkageView:
+    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
+    view = LinkageView((device,), {1: path}, False, sizes)
+    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    view.setMinimumSize(0, 0)
+    view.shown = {LINKAGE}
+    view.show_trail(False)
+    view.set_extent(layers.extent_of_linkages([device], [path]))
+    view.show_trial(device, path, tip)
+    return view
 
 
 #: layer -> its key, what it shows
@@ -178,51 +166,37 @@ class Workspace(Layered):
 
     view: LinkageView
 
-    def __init__(
-        self, devices: tuple[Device, ...], paths: dict[int, PathFile], whole: bool = True, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], whole: bool = True) -> None:
         """whole: with the line above, labels and buttons, for which a small one has no room."""
-        super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {}, parent)
-        self._began_s, self._phase, self._reading = 0.0, -1, Reading()
+        super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {})
+        self._began_s, self._phase = 0.0, -1
 
-    def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
         """The coming or beginning trial: its device and path, the handle at rest at `tip` (m)."""
         self._phase = -1
-        self._reading.again()
         self.view.show_trial(device, path, tip)
 
-    def rest(self, tip: Point) -> None:
+    def rest(self, tip: layers.Point) -> None:
         """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
         self._phase = -1
-        self._reading.again()
-        self.show_text("")
+        self.view.show_text("", "")
         self.view.rest(tip)
 
-    def show_text(self, title: str, line: str = "") -> None:
-        """What stands above the workspace while no trial runs."""
-        self.view.show_text(title, line)
-
-    def add(self, rows: np.ndarray, words: bool = True) -> None:
-        """Ticks (n, tick_log.WIDTH) since the last frame. words: write the numbers too, ten times a second."""
-        if not len(rows):
-            return
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, tick_log.WIDTH), n > 0, since the last frame."""
         self.view.add(rows)
-        now = rows[-1]
-        if int(now[tick_log.PHASE]) != self._phase:
-            self._phase = int(now[tick_log.PHASE])
-            first = np.flatnonzero(rows[:, tick_log.PHASE] == self._phase)[0]
-            self._began_s = float(rows[first, tick_log.T])
-            self._reading.again()
-        if words and self._reading.due(float(now[tick_log.T])):
-            self.word(now)
+        phase = int(rows[-1, tick_log.PHASE])
+        if phase != self._phase:
+            self._phase = phase
+            self._began_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
 
     def word(self, now: np.ndarray) -> None:
-        """The numbers of a tick (tick_log.WIDTH,), which was the last one added."""
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
         says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
         if self._phase == tick_log.MOVE:
             says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         says.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.show_text(PHASE_NAMES[self._phase], " · ".join(says))
+        self.view.show_text(PHASE_NAMES[self._phase], " · ".join(says))
         self.view.word()
 
     def set_blind(self, blind: bool) -> None:

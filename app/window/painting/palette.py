@@ -63,27 +63,10 @@ LIGHT = Palette(
     controllers=("#6b7681", "#c27a00", "#9c7f10", "#1d6cba", "#3d8ac4"),
 )  # fmt: skip
 PALETTES = {"dark": DARK, "light": LIGHT}
-_chosen = DARK
+chosen = DARK
 
 
 def choose(name: str) -> None:
     """The palette of this process, by its name; without effect once `theme` has been imported."""
-    global _chosen
-    _chosen = PALETTES[name]
-
-
-def chosen() -> Palette:
-    """The palette of this process."""
-    return _chosen
-
-
-def contrast(one: str, other: str) -> float:
-    """Of two colours, 1 to 21 (WCAG 2); 4.5 is enough for text."""
-    brighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
-    return (brighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
-    red, green, blue = (p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    global chosen
+    chosen = PALETTES[name]

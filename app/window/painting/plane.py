@@ -62,7 +62,7 @@ class Plane(QWidget):
     """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
 
     extent: what must be seen, m. keep_free: px at each side that stay clear of it. grid: lines every 10 cm.
-    follows_mouse: the pointer over this widget is the hand.
+    follows_mouse: the pointer over this widget is the hand, and drawn.
     """
 
     pointer_moved = Signal(float, float)  # m, inside what is drawn
@@ -76,9 +76,8 @@ class Plane(QWidget):
         keep_free: QMarginsF | None = None,
         grid: bool = False,
         follows_mouse: bool = True,
-        parent: QWidget | None = None,
     ) -> None:
-        super().__init__(parent)
+        super().__init__()
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
         self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
@@ -103,10 +102,9 @@ class Plane(QWidget):
 
     # what to show
 
-    def set_extent(self, extent: QRectF, keep_free: QMarginsF | None = None) -> None:
-        """What must be seen, m; keep_free: px at each side that stay clear of it (None: as before)."""
+    def set_extent(self, extent: QRectF) -> None:
+        """What must be seen, m."""
         self._extent = extent
-        self._keep_free = keep_free or self._keep_free
         self._fit()
 
     def show_path(self, path: PathFile | None) -> None:
@@ -207,14 +205,13 @@ class Plane(QWidget):
     # events
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if not self._follows_mouse:
-            return
         if not self.rect().contains(event.position().toPoint()):  # dragged out, with a button held down
             self._leave()
             return
-        self.pointer = self.to_plane(event.position())
-        self.pointer_moved.emit(*self.pointer)
-        self._pointer_moved = True
+        place = self.to_plane(event.position())
+        if self._follows_mouse:
+            self.pointer, self._pointer_moved = place, True
+        self.pointer_moved.emit(*place)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)
@@ -231,9 +228,11 @@ class Plane(QWidget):
         super().leaveEvent(event)
 
     def _leave(self) -> None:
-        if self._follows_mouse and self.pointer is not None:
+        if self._follows_mouse:
+            if self.pointer is None:
+                return
             self.show_pointer(None)
-            self.pointer_left.emit()
+        self.pointer_left.emit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._fit()

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.window.painting import palette
 
-_OF = palette.chosen()
+_OF = palette.chosen
 GROUND, PANEL, LINE, TEXT, QUIET, CANVAS, FIELD = (
     _OF.ground, _OF.panel, _OF.line, _OF.text, _OF.quiet, _OF.canvas, _OF.field
 )  # fmt: skip
@@ -52,7 +52,10 @@ def font(size: int = NORMAL, bold: bool = False) -> QFont:
 
 
 def scale_text(step: int) -> None:
-    """The next larger (1) or smaller (-1) text size, in every window that is there."""
+    """The next larger (1) or smaller (-1) text size, in every window that is there.
+
+    A widget that has to do more for it has a method `follow_text`.
+    """
     global _text_size
     before = TEXT_SIZES[_text_size]
     _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
@@ -65,16 +68,19 @@ def scale_text(step: int) -> None:
         widget.setProperty("px", size)
         now.setPixelSize(text_px(size))
         widget.setFont(now)
+        if hasattr(widget, "follow_text"):
+            widget.follow_text()
 
 
-def mono(size: int = NORMAL) -> QFont:
+def mono() -> QFont:
     """For text in columns."""
     chosen = QFont(["DejaVu Sans Mono", "monospace"])
-    chosen.setPixelSize(size)
+    chosen.setPixelSize(NORMAL)
     return chosen
 
 
-def colour(name: str, alpha: float = 1.0) -> QColor:
+@cache
+def shade(name: str, alpha: float = 1.0) -> QColor:
     """A colour of the palette, more or less transparent."""
     chosen = QColor(name)
     chosen.setAlphaF(alpha)
@@ -124,17 +130,14 @@ QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT};
 QPushButton#main:focus {{ border-color: {TEXT}; }}
 QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
 QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
-QPushButton#key {{ text-align: left; }}
-QPushButton#key:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+QPushButton#key, QPushButton#choice {{ text-align: left; }}
+QPushButton#key:checked, QPushButton#choice:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
+    border-color: {ACCENT}; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
 QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
     padding: 8px 14px; color: {QUIET}; }}
 QPushButton#tab:checked {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
-QPushButton#choice {{ text-align: left; }}
-QPushButton#choice:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
-
-QPushButton#segment:checked {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
 QPushButton::menu-indicator {{ image: none; width: 0; }}
 QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
 QProgressBar::chunk {{ background: {ACCENT}; border-radius: 3px; }}
@@ -193,15 +196,9 @@ SHADES = 32  # of the spring
 
 
 @cache
-def shade(name: str, alpha: float = 1.0) -> QColor:
-    """A colour of the palette."""
-    return colour(name, alpha)
-
-
-@cache
 def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
     """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
-    made = QPen(colour(name, alpha), width)
+    made = QPen(shade(name, alpha), width)
     made.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
     made.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
     return made
