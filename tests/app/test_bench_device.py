@@ -26,7 +26,7 @@ def test_a_board_changes_the_measures_by_less_than_the_stated_tolerance(configur
     setting = setting_of(configuration, controller)
     (there, here), (status, board) = on_the_simulated_device(setting), on_the_board(setting, ALL)
     assert status == there == "done"
-    off = {name: abs(getattr(board, name) / getattr(here, name) - 1.0) for name in TOLERANCE}
+    off = {name: abs(board[name] / here[name] - 1.0) for name in TOLERANCE}
     assert all(off[name] <= most for name, most in TOLERANCE.items()), off
     assert max(off.values()) > 0.0, "the board leaves no mark"
 
@@ -34,9 +34,9 @@ def test_a_board_changes_the_measures_by_less_than_the_stated_tolerance(configur
 def test_it_is_the_filters_lag_and_not_the_encoder_that_the_highest_gain_does_not_bear() -> None:
     setting = setting_of("four-brake", 4)
     _, here = on_the_simulated_device(setting)
-    error = {how: on_the_board(setting, how)[1].path_error_m for how in (Effects(1), Effects(window=WINDOW))}
-    assert error[Effects(1)] == pytest.approx(here.path_error_m, rel=0.25), "steps alone, with a true velocity"
-    assert error[Effects(window=WINDOW)] > 1.5 * here.path_error_m, "the lag alone, with exact positions"
+    error = {how: on_the_board(setting, how)[1]["path_error_m"] for how in (Effects(1), Effects(window=WINDOW))}
+    assert error[Effects(1)] == pytest.approx(here["path_error_m"], rel=0.25), "steps alone, with a true velocity"
+    assert error[Effects(window=WINDOW)] > 1.5 * here["path_error_m"], "the lag alone, with exact positions"
 
 
 def test_the_same_trial_comes_out_the_same_again() -> None:
