@@ -292,7 +292,8 @@ def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
 def test_a_fault_may_act_from_the_start(text: str) -> None:
-    emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)])
+    tcp = None if HAS_TERMINALS else 0
+    emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)], tcp=tcp)
     emulator.close()
     assert emulator.port not in emulated_ports()
 

@@ -105,9 +105,11 @@ class Tree:
         (self.path / name).chmod(0o755)
 
     def start(self, *arguments: str, **environment: str) -> subprocess.Popen:
-        command = ["cmd.exe", "/c", self.root / "phd.cmd"] if WINDOWS else [self.root / "phd"]
+        command: list[str] | str = [str(self.root / ("phd.cmd" if WINDOWS else "phd")), *arguments]
+        if WINDOWS:  # its shell takes the first and the last of more than two quotes away
+            command = f'cmd.exe /s /c "{subprocess.list2cmdline(command)}"'
         return subprocess.Popen(
-            [*command, *arguments], env=self.environment | environment, text=True, start_new_session=True,
+            command, env=self.environment | environment, text=True, start_new_session=True,
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 

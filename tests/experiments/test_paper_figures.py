@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -350,9 +351,13 @@ def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):
 def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_path: Path, capsys, monkeypatch):
     monkeypatch.setattr(paper_figures, "figure_bytes", lambda *_: pytest.fail("drawn"))
     (tmp_path / "file").write_text("")
+    windows = sys.platform == "win32"
     for arguments, says in (
-        (["--out", str(tmp_path / "file")], "cannot be written (file exists)"),
-        (["--out", str(tmp_path / "file" / "below")], "cannot be written (not a directory)"),
+        (["--out", str(tmp_path / "file")], "already exists)" if windows else "cannot be written (file exists)"),
+        (
+            ["--out", str(tmp_path / "file" / "below")],
+            "already exists)" if windows else "cannot be written (not a directory)",
+        ),
         (["--out", str(tmp_path / "new"), "--device", "six-brake"], "unknown device 'six-brake'"),
         ([], "--out"),
     ):

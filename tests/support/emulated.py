@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from hardware.emulated_board.plug import LOOPBACK, emulated_ports
@@ -37,6 +38,8 @@ class Emulated:
         if sys.platform == "win32":
             self.process.kill()
             code = self.process.wait(200) - 1
+            while self.port in emulated_ports():  # the sockets of a program that was ended may close a moment later
+                time.sleep(0.01)
         else:
             self.process.send_signal(number)
             code = self.process.wait(200)
