@@ -3,7 +3,7 @@
 python -m tests.benchmarks.outside_check idle                     uncontrolled error; how long SDOF with gap is idle
 python -m tests.benchmarks.outside_check triples RANGES.toml [N]  `phd worlds RANGES.toml`, judged as the check did
 python -m tests.benchmarks.outside_check medians SWEEP.toml       `phd study --sweep SWEEP.toml`, beside no control
-python -m tests.benchmarks.outside_check gap FOLDER               shares of `phd worlds paper` where the error exceeds the gap
+python -m tests.benchmarks.outside_check gap FOLDER               of `phd worlds paper`: where the error exceeds the gap
 python -m tests.benchmarks.outside_check step [OPERATORS]         how far single trials move at a tenth of the step
 
 The files: docs/examples/ranges and docs/examples/sweeps. The rule of the check, on every device: SDOF with gap has the
