@@ -9,7 +9,7 @@ rule is met; a statement's margin is the least of its claims on all devices.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -74,12 +74,10 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
             for measure in MEASURES:
                 if (value := getattr(row, measure)) is not None:
                     values.setdefault((measure, row.configuration, row.controller), []).append(value)
-    return {cell: pooled_box(of_it) for cell, of_it in values.items()}
-
-
-def pooled_box(values: Iterable[float]) -> PooledBox:
-    """The box of at least one value."""
-    return PooledBox(*np.quantile(list(values), (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
+    return {
+        cell: PooledBox(*np.quantile(of_it, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
+        for cell, of_it in values.items()
+    }
 
 
 def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[BoxFinding]:

@@ -9,19 +9,22 @@ A job's rows depend on nothing but the job, so the table is the same, byte by by
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import joblib
 
+from core.device import Device
 from core.files import InputError
+from experiments.analysis.trials_table import csv_bytes
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
@@ -103,6 +106,27 @@ def run_work(
                 progress(done / len(work.jobs))
         _gather(table, work.columns, list(parts.values()))
     return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
+
+
+def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
+    """Lines of the table; the cell of a number that is missing or not finite is empty."""
+    return csv_bytes([["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in one]
+                      for one in lines])  # fmt: skip
+
+
+def device_texts(devices: Iterable[Device]) -> dict[str, str]:
+    """The files of devices and their brakes, in full, by what they are."""
+    texts = {}
+    for device in devices:
+        texts[f"device {device.name}"] = device.text
+        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
+    return texts
+
+
+def beside(path: Path, name: str) -> str | Path:
+    """A file beside the work's own where there is one of that name, else the shipped thing of that name."""
+    there = path.parent / name
+    return there if there.is_file() else name
 
 
 def _a(work: Work) -> str:

@@ -17,11 +17,9 @@ from core.files import InputError
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
-from experiments.study.unrecorded import person_of, run_trial, switched_on
-from experiments.trial.normals import normals
+from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.operator import TICK_S
 from experiments.trial.population import Population
-from experiments.trial.trial import Trial
 
 BAND_HZ = 20.0, 100.0  # assumed
 DETECTED_M_S2 = 0.1  # rms; assumed
@@ -71,11 +69,9 @@ def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np
     for operator in range(1, PEOPLE + 1):
         person = person_of(population, protocol.seed, operator)
         for device in protocol.devices:
-            for segment, path in protocol.paths.items():
-                simulated = switched_on(device, protocol.paths, protocol.assumptions)
+            for segment in protocol.paths:
                 planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
-                noise = normals(protocol.seed, operator, segment, 1)
-                trial = Trial(simulated, planned, path, preset, protocol.rules, protocol.trial, person, noise)
+                trial = trial_of(protocol, person, operator, planned, switched_on(device, protocol), preset)
                 rows = run_trial(trial)
                 moving = rows[:, tick_log.PHASE] == tick_log.MOVE
                 filtered = sosfiltfilt(band, rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1], axis=0)[moving]

@@ -10,15 +10,14 @@ import numpy as np
 
 from core.simulator.simulated_device import SimulatedDevice, start_again
 from experiments.analysis.error_bars import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
-from experiments.analysis.metrics import METRICS
+from experiments.analysis.metrics import BY_NAME
+from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.files import STORED, read_stored
-from experiments.study.unrecorded import run_measured, switched_on
-from experiments.trial.normals import normals
+from experiments.study.unrecorded import run_measured, switched_on, trial_of
 from experiments.trial.operator import Person
-from experiments.trial.trial import Trial
 
 BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag and backlash"}
 
@@ -37,47 +36,36 @@ def errors_in(folder: Path) -> list[Moved]:
 
 def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Moved]:
     """Every controller, change and measure, in order; label: of the participant that the person is."""
-    devices: dict[str, SimulatedDevice] = {}
+    devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
+    assumed = protocol.assumptions.simulated_fidelity
+    other = "static" if assumed == "mr" else "mr"  # the fidelity that the study does not assume
+
+    def measured(
+        planned: PlannedTrial, person: Person, device: SimulatedDevice, substeps: int = 1
+    ) -> TrialRow:
+        preset = protocol.controllers[int(planned.controller)]
+        trial = trial_of(protocol, person, participant_index(label), planned, device, preset)
+        trial.refine(substeps)
+        return run_measured(trial, label)[0]
+
     found: dict[tuple[int, str, str], list[tuple[float, float]]] = {}
     for planned in make_plan(protocol, label, coded=False):
         if planned.block != 1:
             continue
-        if planned.configuration not in devices:
-            device = protocol.device(planned.configuration)
-            devices[planned.configuration] = switched_on(device, protocol.paths, protocol.assumptions)
         here = devices[planned.configuration]
         start, tip = here.recorded_start(), here.tip
-        before = _measures(protocol, person, label, planned, here)
-        for change in (STEP, HAND, BRAKES[_other(protocol)]):
-            fidelity = _other(protocol) if change in BRAKES.values() else protocol.assumptions.simulated_fidelity
-            again = SimulatedDevice(here.device, tip, fidelity=fidelity)
+        before = measured(planned, person, here)
+        for change in (STEP, HAND, BRAKES[other]):
+            again = SimulatedDevice(here.device, tip, fidelity=other if change == BRAKES[other] else assumed)
             start_again(again, start)
             someone = person._replace(bias_m=person.bias_m + ASIDE_M) if change == HAND else person
-            after = _measures(protocol, someone, label, planned, again, SUBSTEPS if change == STEP else 1)
-            for name, value in after.items():
-                was = before[name]
+            after = measured(planned, someone, again, SUBSTEPS if change == STEP else 1)
+            for name in BY_NAME:
+                value, was = getattr(after, name), getattr(before, name)
                 if value is not None and was is not None:
                     moved = found.setdefault((int(planned.controller), change, name), [])
                     moved.append((abs(value - was), abs(was)))
     return [_moved(*cell, found[cell]) for cell in sorted(found, key=lambda cell: cell[0])]
-
-
-def _other(protocol: Protocol) -> str:
-    """The fidelity that the study does not assume."""
-    return "static" if protocol.assumptions.simulated_fidelity == "mr" else "mr"
-
-
-def _measures(
-    protocol: Protocol, person: Person, label: str, planned: PlannedTrial, device: SimulatedDevice, substeps: int = 1
-) -> dict[str, float | None]:
-    """The measures of a trial that begins on a device as it is."""
-    trial = Trial(
-        device, planned, protocol.paths[planned.segment], protocol.controllers[int(planned.controller)],
-        protocol.rules, protocol.trial, person,
-        normals(protocol.seed, participant_index(label), planned.segment, planned.repetition),
-    )  # fmt: skip
-    trial.refine(substeps)
-    return dict(run_measured(trial, METRICS).measures)
 
 
 def _moved(controller: int, change: str, measure: str, by: list[tuple[float, float]]) -> Moved:

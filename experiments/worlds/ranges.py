@@ -22,9 +22,10 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from core.files import InputError, Table, parse_toml, read_text, toml_text
+from core.files import InputError, Table, parse_toml, read_text, shipped_or_file, toml_text
 from experiments.assumptions import Assumptions
 from experiments.protocol import Count, Protocol, Text, load_protocol, protocol_from_json, protocol_to_json
+from experiments.study.jobs import beside
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of
 
@@ -150,27 +151,19 @@ def problem(ranges: Mapping[str, Range]) -> dict[str, Any]:
     return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
 
 
-def shipped_ranges() -> list[str]:
-    """Names of the ranges that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
-
-
 def load_ranges(name_or_path: str | Path) -> Ranges:
     """Shipped ranges by name, or a file. InputError, one sentence with file and key, for what cannot be run."""
-    path = SHIPPED_FOLDER / f"{name_or_path}.toml" if str(name_or_path) in shipped_ranges() else Path(name_or_path)
-    if not path.is_file():
-        shipped = ", ".join(shipped_ranges())
-        raise InputError(f"unknown ranges {str(name_or_path)!r}: neither shipped ones ({shipped}) nor a file")
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown ranges")
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
     given = dict(_by_column(file))
     if not given:
         raise InputError(f"{path}: holds no range")
     names = [str(one) for one in file.population.ends] if file.population else ["average"]
-    populations = {name: load_population(_beside(path, name)).text for name in names}
+    populations = {name: load_population(beside(path, name)).text for name in names}
     ranges = {column: one for column, one in given.items() if one.value is None}
     fixed = {column: one for column, one in given.items() if one.value is not None}
-    protocol = load_protocol(_beside(path, file.protocol))
+    protocol = load_protocol(beside(path, file.protocol))
     found = Ranges(file.name, text, protocol, file.operators, populations, ranges, fixed)
     for column, one in given.items():
         _check(replace(found, fixed={}), column, one, str(path))
@@ -185,12 +178,6 @@ def _by_column(file: RangesFile) -> Iterator[tuple[str, Range]]:
     for table in ("assumptions", "operator", "operator_factor", "device"):
         for key, one in getattr(file, table).items():
             yield f"{table}.{key}", one
-
-
-def _beside(path: Path, name: str) -> str | Path:
-    """A file beside the ranges file where there is one of that name, else the shipped thing of that name."""
-    there = path.parent / name
-    return there if there.is_file() else name
 
 
 def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:

@@ -6,23 +6,22 @@ is the study that `phd study` runs with the same assumptions and seed, without r
 table alone. How the folder is filled, resumed and spread over workers: `experiments.study.jobs`.
 """
 
-import csv
-import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from core.files import InputError
-from experiments.analysis.box_findings import MEASURES, PooledBox, box_findings, pooled_box
-from experiments.analysis.findings import LEAST_FINISHED, STATEMENTS, why_no_findings
+from experiments.analysis.box_findings import MEASURES, PooledBox, box_findings, pooled_boxes
+from experiments.analysis.findings import STATEMENTS, why_no_findings
 from experiments.analysis.metrics import DRAWN
+from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import write_new_files
-from experiments.study.jobs import Done, Work, run_work
+from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines
 from experiments.study.low_gain import settled
 from experiments.study.unrecorded import study_trials
 from experiments.trial.tick import TICK_S
@@ -50,52 +49,21 @@ class World:
             protocol = settled(protocol, population)
         except InputError:  # no low gain is without vibration: one cannot tell of such a world
             return Done(self._row({}, math.nan), 0)
-        trials: dict[tuple[str, int], list[Mapping[str, float | None] | None]] = {}
-        ticks, finished = 0, 0
-        for one in study_trials(protocol, population, self.ranges.operators, DRAWN):
-            done = one.outcome["status"] == "done"
-            cell = one.planned.configuration, int(one.planned.controller)
-            trials.setdefault(cell, []).append(one.measures if done else None)
-            ticks, finished = ticks + one.ticks, finished + done
-        count = sum(map(len, trials.values()))
-        return Done(self._row(_boxes(trials), finished / count), ticks)
+        rows, ticks = zip(*study_trials(protocol, population, self.ranges.operators, DRAWN), strict=True)
+        return Done(self._row(pooled_boxes(rows), len(to_compare(rows)) / len(rows)), sum(ticks))
 
     def _row(self, boxes: Mapping[tuple[str, str, int], PooledBox], share_done: float) -> bytes:
         protocol = self.ranges.protocol
         found = box_findings(boxes, [device.name for device in protocol.devices])
-        cells = [
+        return table_lines([[
             self.number, self.seed, *self.values.values(), share_done, *(one.verdict for one in found),
             *(one.margin for one in found),
             *(getattr(boxes.get(cell), q, math.nan) for cell in _cells(protocol) for q in QUARTILES),
-        ]  # fmt: skip
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(map(_as_cell, cells))
-        return text.getvalue().encode()
-
-
-def _boxes(
-    trials: Mapping[tuple[str, int], Sequence[Mapping[str, float | None] | None]],
-) -> dict[tuple[str, str, int], PooledBox]:
-    """As `pooled_boxes`: none where under 90 % of the trials reached the end (None: did not)."""
-    found = {}
-    for (configuration, controller), of_it in trials.items():
-        done = [one for one in of_it if one is not None]
-        if len(done) < LEAST_FINISHED * len(of_it):
-            continue
-        for measure in MEASURES:
-            if values := [value for one in done if (value := one[measure]) is not None]:
-                found[measure, configuration, controller] = pooled_box(values)
-    return found
+        ]])  # fmt: skip
 
 
 def _cells(protocol: Protocol) -> list[tuple[str, str, int]]:
     return [(m, device.name, k) for m in MEASURES for device in protocol.devices for k in protocol.controllers]
-
-
-def _as_cell(value: object) -> object:
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else ""
-    return value
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:
@@ -129,27 +97,23 @@ def run_worlds(
         raise InputError(f"--n: at most {MOST_WORLDS} worlds, not {n}")
     texts = {"ranges": ranges.text, "protocol": ranges.protocol.text, "n": str(n), "seed": str(seed)}
     texts |= {f"population {name}": text for name, text in ranges.populations.items()}
-    for device in ranges.protocol.devices:
-        texts |= {f"device {device.name}": device.text}
-        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
+    texts |= device_texts(ranges.protocol.devices)
     work = Work(KIND, ranges.name, texts, columns(ranges), worlds_of(ranges, n, seed))
     finished = run_work(work, Path(out), resume, cluster, progress)
-    summary = {"out": str(finished.table), "report": str(Path(out) / REPORT / "report.md")}
     report = Path(out) / REPORT
     files, found = report_files(finished.table, ranges, seed)
     if not report.exists():
         write_new_files({report / name: content for name, content in files.items()})
     trials = n * ranges.operators * len(make_plan(ranges.protocol, "01"))
     new = trials * (n - finished.already_done) // n
-    return (
-        summary
-        | found
-        | {
-            "worlds": n,
-            "already_done": finished.already_done,
-            "trials": trials,
-            "trials_per_s": new / finished.wall_s,
-            "simulated_s": finished.ticks * TICK_S,
-            "wall_s": finished.wall_s,
-        }
-    )
+    return {
+        "out": str(finished.table),
+        "report": str(report / "report.md"),
+        **found,
+        "worlds": n,
+        "already_done": finished.already_done,
+        "trials": trials,
+        "trials_per_s": new / finished.wall_s,
+        "simulated_s": finished.ticks * TICK_S,
+        "wall_s": finished.wall_s,
+    }

@@ -24,7 +24,7 @@ from core.control.controllers import PARAMETERS
 from experiments.analysis.box_findings import SIMILAR
 from experiments.analysis.charts import QUARTILE_METHOD
 from experiments.analysis.error_bars import STEP
-from experiments.analysis.metrics import BY_NAME, DRAWN, Metric
+from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.protocol import load_protocol
 from experiments.study.simulation_errors import simulation_errors
 from experiments.study.sweep import load_sweep, run_sweep
@@ -38,18 +38,18 @@ OPERATORS, TRIPLES = 30, 100
 CONTROLLED = (2, 3, 4, 5)
 GAP_CONTROLLER = 3
 ERROR = "path_error_m"
-IDLE = Metric("idle_share", "", "Idle", "idle", "share of the ticks in the gap", lambda m: m.share_of_ticks(GAP))
+IDLE = BY_NAME["released_share"]._replace(of=lambda m: m.share_of_ticks(GAP))  # share of the ticks in the gap
 
 
 def idle() -> None:
     """Of the paper's study with thirty people, by device."""
     found: dict[str, tuple[list[float], list[float]]] = {}
-    for one in study_trials(load_protocol(), load_population(), OPERATORS, (BY_NAME[ERROR], IDLE)):
-        errors, shares = found.setdefault(one.planned.configuration, ([], []))
-        if one.planned.controller == 1:
-            errors.append(one.measures[ERROR])
-        if one.planned.controller == GAP_CONTROLLER:
-            shares.append(one.measures[IDLE.name])
+    for row, _ in study_trials(load_protocol(), load_population(), OPERATORS, (BY_NAME[ERROR], IDLE)):
+        errors, shares = found.setdefault(row.configuration, ([], []))
+        if row.controller == 1:
+            errors.append(row.path_error_m)
+        if row.controller == GAP_CONTROLLER:
+            shares.append(row.released_share)
     for device, (errors, shares) in found.items():
         print(
             f"{device}: uncontrolled error, median {1e3 * np.median(errors):.2f} mm, mean {1e3 * np.mean(errors):.2f} "

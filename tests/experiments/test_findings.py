@@ -16,7 +16,6 @@ from experiments.analysis.box_findings import (
     PooledBox,
     box_findings,
     box_findings_of,
-    pooled_box,
     pooled_boxes,
 )
 from experiments.analysis.findings import (
@@ -459,7 +458,7 @@ def test_boxes_pool_the_trials_of_everyone_that_reached_the_end():
     rows = study(people=3)
     boxes = {cell: box for cell, box in pooled_boxes(rows).items() if cell[1:] == ("three-brake", 2)}
     errors = sorted(r.path_error_m for r in rows if (r.configuration, r.controller) == ("three-brake", 2))
-    assert boxes[ERROR, "three-brake", 2] == pooled_box(errors) and len(errors) == 18
+    assert boxes[ERROR, "three-brake", 2] == tuple(np.quantile(errors, (0.25, 0.5, 0.75))) and len(errors) == 18
     late = [replace(r, status="timeout") if r.controller == 3 and r.repetition == 1 else r for r in rows]
     found = {one.statement.number: one for one in box_findings_of(late)}
     assert found[5].verdict == CANNOT_TELL and "too few of its trials reached the end" in found[5].sentence

@@ -71,5 +71,5 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it(un
 
 
 def test_trials_without_recordings_are_under_the_same_assumptions(found):
-    trials = [one for one in study_trials(found, PEOPLE, 1) if one.planned.controller == 5]
-    assert trials and all(np.isfinite(one.measures["path_error_m"]) for one in trials)
+    trials = [row for row, _ in study_trials(found, PEOPLE, 1) if row.controller == 5]
+    assert trials and all(np.isfinite(row.path_error_m) for row in trials)

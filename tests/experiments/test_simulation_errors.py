@@ -57,7 +57,7 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
 
     def rows(substeps):
         trial = Trial(
-            switched_on(PROTOCOL.devices[0], PROTOCOL.paths, PROTOCOL.assumptions), planned, PROTOCOL.paths[1],
+            switched_on(PROTOCOL.devices[0], PROTOCOL), planned, PROTOCOL.paths[1],
             PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial, PERSON, normals(1, 1, 1, 1),
         )  # fmt: skip
         trial.refine(substeps)

@@ -11,6 +11,7 @@ from pathlib import Path
 import killed_work
 import pytest
 from live import wait_until
+from msgspec import structs
 from processes import gone
 
 from app.cli import main
@@ -78,7 +79,8 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     """Without control nothing but the device acts: another rule set must not change a single digit."""
     jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]
     one = jobs[0].run().rows
-    other = replace(jobs[0], rules="literal").run().rows
+    literal = structs.replace(jobs[0].protocol, rules="literal")
+    other = replace(jobs[0], protocol=literal).run().rows
     assert other.replace(b"literal", b"settled") == one
     assert jobs[1].run().rows != one
 
