@@ -5,6 +5,7 @@ stands: `sitecustomize.py`, which its Python reads first, puts the folders besid
 """
 
 import argparse
+import contextlib
 import importlib.metadata
 import os
 import re
@@ -82,7 +83,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
     made = not args.folder.exists()
     try:
-        with Progress("copying") as bar:
+        with contextlib.closing(Progress("copying")) as bar:
             bundle(args.folder, bar)
     except BaseException:  # half a bundle is of no use
         shutil.rmtree(args.folder, ignore_errors=True)
@@ -93,7 +94,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
 
 
-def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
+def bundle(folder: Path, progress: Callable[[float], None]) -> None:
     """Copy it all into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:

@@ -109,7 +109,7 @@ def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compile
     """Make the verb's one call, with a bar; compiles: another bar shows first which kernels are compiled."""
     if compiles:
         watch_compiling()
-    with Progress(doing) as progress:
+    with contextlib.closing(Progress(doing)) as progress:
         return call(*arguments, progress=progress)
 
 

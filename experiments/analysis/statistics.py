@@ -109,10 +109,10 @@ def friedman(measure: str, configuration: str, table: ByController) -> list[Resu
 
 
 def _ranks(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ranks from 1 within each row (m, n), equal values with the mean of theirs; and how many are equal to each."""
-    one, other = samples[:, :, np.newaxis], samples[:, np.newaxis, :]
-    equal = np.count_nonzero(other == one, axis=2)
-    return np.count_nonzero(other < one, axis=2) + 0.5 * (equal + 1), equal
+    """Ranks from 1 within each row (.., n), equal values with the mean of theirs; and how many are equal to each."""
+    one, other = samples[..., :, np.newaxis], samples[..., np.newaxis, :]
+    equal = np.count_nonzero(other == one, axis=-1)
+    return np.count_nonzero(other < one, axis=-1) + 0.5 * (equal + 1), equal
 
 
 def pairs(measure: str, configuration: str, table: ByController) -> list[Result]:
@@ -130,7 +130,7 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
             chances[len(results)] = signed_rank_p(differences)
             ends = shift[2:], rank_biserial_interval(differences)
         results.append(Result(*about, "hodges_lehmann", shift.middle, *ends[0]))
-        results.append(Result(*about, "rank_biserial", rank_biserial(differences), *ends[1]))
+        results.append(Result(*about, "rank_biserial", float(rank_biserial(differences)), *ends[1]))
     for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())), strict=True):
         results[place] = results[place]._replace(p=p, p_holm=p_holm)
     return results
@@ -204,22 +204,19 @@ def signed_rank_distribution(n: int) -> np.ndarray:
     return chances
 
 
-def rank_biserial(differences: np.ndarray) -> float:
-    """Matched pairs: (sum of ranks over 0 minus sum of those under it) / sum of all; 0 if all are 0. In [-1, 1]."""
-    return float(_rank_biserials(np.atleast_2d(differences))[0])
-
-
-def _rank_biserials(samples: np.ndarray) -> np.ndarray:
-    """The same for each row (m, n)."""
-    ranks = _ranks(np.abs(samples))[0] - np.count_nonzero(samples == 0.0, axis=1, keepdims=True)
-    ranks[samples == 0.0] = 0.0
-    total = ranks.sum(axis=1)
-    return np.divide((np.sign(samples) * ranks).sum(axis=1), total, out=np.zeros(len(samples)), where=total > 0.0)
+def rank_biserial(differences: np.ndarray) -> np.ndarray:
+    """Matched pairs, of each row (.., n): (sum of ranks over 0 minus sum of those under it) / sum of all, in [-1, 1]; 0
+    if all are 0.
+    """
+    ranks = _ranks(np.abs(differences))[0] - np.count_nonzero(differences == 0.0, axis=-1, keepdims=True)
+    ranks[differences == 0.0] = 0.0
+    total = ranks.sum(axis=-1)
+    return np.divide((np.sign(differences) * ranks).sum(axis=-1), total, out=np.zeros(total.shape), where=total > 0.0)
 
 
 def rank_biserial_interval(differences: np.ndarray) -> tuple[float, float]:
     """Percentile bootstrap over participants, seeded. All the same way gives +-1 to +-1."""
-    return _middle(_rank_biserials(differences[_resampled(len(differences))]))
+    return _middle(rank_biserial(differences[_resampled(len(differences))]))
 
 
 def _resampled(people: int) -> np.ndarray:

@@ -10,12 +10,11 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from experiments.analysis.error_bars import Moved
+from experiments.analysis.report import Moved
 from experiments.benchmark.scenes import START, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
-from experiments.study.simulation_errors import simulation_errors
-from experiments.study.unrecorded import person_of
+from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial, load_kernels
 

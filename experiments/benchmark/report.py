@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import matplotlib
 
-from experiments.analysis.error_bars import Moved, error_table
 from experiments.analysis.findings import CONTROLLER
+from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 
 #: step of the rows that the table shows

@@ -1,16 +1,12 @@
 """Answers to the questionnaire and the experimenter's notes: from the journals into CSV, or a BIDS phenotype."""
 
-import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from core.files import InputError
 from experiments.analysis.charts import Answers
 from experiments.analysis.trials_table import Column
-from experiments.export.columns import NOTES, QUESTIONNAIRE, SCALES, scale_column
-from experiments.export.files import write_json, write_rows
-from experiments.session.files import read_stored
+from experiments.export.files import NOTES, QUESTIONNAIRE, SCALES, scale_column, write_json, write_rows
 from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
 QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
@@ -43,24 +39,6 @@ def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Not
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
     return answers, notes
-
-
-class Form(NamedTuple):
-    """What a participant answered before their session."""
-
-    participant: str
-    asked: dict[str, tuple[str, ...] | str]  # as `Protocol.form`
-    answers: dict[str, str | float]
-
-
-def forms_of(sessions: Iterable[Path]) -> list[Form]:
-    """The forms of these session folders, as far as they can be read."""
-    forms = []
-    for folder in sessions:
-        with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
-            stored = read_stored(folder)
-            forms.append(Form(stored.participant, stored.protocol.form, stored.about.get("form", {})))
-    return forms
 
 
 def write_answers_and_notes(

@@ -10,6 +10,7 @@ Text does not go into a motion file: phases are events; `stuck` is a channel of 
 a number, its words are in _motion.json. File names hold device and run, never the controller.
 """
 
+import contextlib
 import csv
 import re
 from collections.abc import Sequence
@@ -19,13 +20,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from core.files import InputError
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
-from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
-from experiments.export.columns import PHASE_LEVELS, recording_column
-from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
+from experiments.export.answers import answers_and_notes, write_phenotype
+from experiments.export.files import (
+    PHASE_LEVELS,
+    Exported,
+    ExportedTrial,
+    recording_column,
+    write_columns,
+    write_json,
+    write_rows,
+)
 from experiments.inputs import INPUTS, is_person
 from experiments.recording.schema import Recording
+from experiments.session.files import read_stored
 from experiments.session.session import version_of
 
 BIDS_VERSION = "1.11.1"
@@ -103,12 +113,17 @@ class BidsDataset:
         for (subject, session), lines in self._scans.items():
             place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
             write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
-        forms = {f"sub-{form.participant}": form for form in forms_of(exported.sessions)}
-        asked = {name: kind for form in forms.values() for name, kind in form.asked.items()}
+        forms: dict[str, dict[str, str | float]] = {}  # subject -> what was answered before the session
+        asked: dict[str, tuple[str, ...] | str] = {}
+        for folder in exported.sessions:
+            with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+                stored = read_stored(folder)
+                forms[f"sub-{stored.participant}"] = stored.about.get("form", {})
+                asked |= stored.protocol.form
         header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
         write_rows(self.folder / "participants.tsv", [
             header,
-            *([subject, *(_answer(forms.get(subject), name) for name in header[1:-1]), hand]
+            *([subject, *(_answer(forms.get(subject, {}).get(name, MISSING)) for name in header[1:-1]), hand]
               for subject, hand in self._hands.items()),
         ])  # fmt: skip
         answers, _ = answers_and_notes(exported.sessions)
@@ -136,8 +151,7 @@ class BidsDataset:
         (self.folder / "README.md").write_bytes(exported.readme(_README))
 
 
-def _answer(form: Form | None, name: str) -> str:
-    answer = form.answers.get(name, MISSING) if form else MISSING
+def _answer(answer: str | float) -> str:
     return f"{answer:g}" if isinstance(answer, float) else str(answer)
 
 

@@ -12,12 +12,11 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.boxplots import draw_boxplots
+from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.charts import boxes, told_apart
-from experiments.analysis.error_bars import Moved
 from experiments.analysis.findings import findings, why_no_findings
 from experiments.analysis.metrics import DRAWN
-from experiments.analysis.report import side_by_side, warnings, write_report
+from experiments.analysis.report import Moved, side_by_side, warnings, write_report
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
@@ -35,7 +34,7 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
-from experiments.study.simulation_errors import errors_in
+from experiments.study.unrecorded import errors_in
 
 
 @dataclass
@@ -164,7 +163,7 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
     without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
     label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
     protocol, rows = " and ".join(sorted(found.protocols)), told_apart(found.rows)
-    draw_boxplots(rows, out / "figures", label, labels=found.controllers, protocol=protocol, timeouts=timeouts)
+    draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts)
     if not any(row.status in COUNTED for row in found.rows):
         return []
     presets = dict(sorted(found.presets.items()))
@@ -175,7 +174,7 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
             moved = errors_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts, moved)
+    write_report(found.rows, out / "report", note, presets, found.simulated, timeouts, moved, of_recording(out))
     judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
     return [*warnings(found.rows, judged, found.simulated), *unsure]
 

@@ -6,16 +6,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from core import tick_log
-from experiments.analysis.boxplots import draw_boxplots
-from experiments.analysis.error_bars import Moved
+from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
-from experiments.analysis.report import warnings, write_report
+from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
@@ -26,8 +25,7 @@ from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
-from experiments.study.low_gain import settled
-from experiments.study.simulation_errors import errors_in
+from experiments.study.unrecorded import errors_in, settled
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial, load_kernels
@@ -87,15 +85,16 @@ class Done:
             setattr(self, name, getattr(self, name) + value)
 
 
+@dataclass
 class Run:
     """One process's part of a study: each takes on the next operator that no other has."""
 
-    def __init__(
-        self, out: Path, study: StudyPlan, shared: Shared, progress: Callable[[float], None] = lambda share: None
-    ) -> None:
-        self.out, self.study, self.shared, self.progress = out, study, shared, progress
-        self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
-        self.done = Done()
+    out: Path
+    study: StudyPlan
+    shared: Shared
+    progress: Callable[[float], None] = lambda share: None
+    done: Done = field(default_factory=Done)
+    rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, beside: Helpers) -> dict:
         """Run what is not done yet, with the helpers, then the table and the figures."""
@@ -194,12 +193,9 @@ class Run:
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
                 label = f"{note}, {operators.label}"
-                draw_boxplots(
-                    table, folder, label, labels=protocol.labels(), protocol=protocol.name, pool=beside.pool
-                )
+                draw_boxplots(table, folder, label, protocol.labels(), protocol.name, pool=beside.pool)
             else:
-                about = f"{note}, {operators.note}"
-                write_report(table, folder, about, controllers=protocol.controllers, simulated=True, moved=moved)
+                write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
             rename(folder, self.out / name)
 

@@ -37,7 +37,8 @@ def wilson(holding: int | np.ndarray, n: int | np.ndarray) -> tuple[np.ndarray, 
     """The 95 % interval of a share (Wilson)."""
     z, p = 1.96, holding / np.maximum(n, 1)
     middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
-    return (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
+    low, high = (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
+    return np.minimum(low, p), np.maximum(high, p)  # of a share of 0 or 1 rounding may leave the share outside
 
 
 def overview(

@@ -1,7 +1,12 @@
-"""The report on worlds, from their table: shares, what decides, what to measure first, the world nearest the paper."""
+"""The report on worlds, from their table: shares, what decides, what to measure first, the world nearest the paper.
+
+Which assumption decides a statement: first-order indices from the worlds at hand (RBD-FAST, by SALib). The index of an
+assumption is the share of a verdict's variance (it holds or not, over all worlds) that goes when the assumption is
+known: Var(E[verdict | assumption]) / Var(verdict). What no assumption alone explains is their interplay, and the chance
+of which three people took part.
+"""
 
 import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,15 +17,17 @@ import numpy as np
 from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
 from experiments.analysis.findings import CONTROLLER, STATEMENTS
 from experiments.analysis.metrics import BY_NAME
+from experiments.analysis.trials_table import csv_bytes
 from experiments.protocol_writer import whole_text
-from experiments.worlds.indices import LEAST_EITHER, Indices, indices, settled
 from experiments.worlds.pictures import decided_by, label, overview, wilson
-from experiments.worlds.ranges import Range, Ranges, Value
+from experiments.worlds.ranges import Range, Ranges, Value, problem
 
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
 NEAREST, PEOPLE = "nearest.toml", "nearest-people.toml"
 NOTHING_FIRST = "no assumption alone stands out from chance (more worlds may show one)"
 DECIDING = 3  # assumptions that the table names for each statement
+SEED = 1  # of the bootstrap behind the intervals
+LEAST_EITHER = 30  # worlds in which it holds, and in which it does not: fewer give no index worth the name
 
 
 class Worlds(NamedTuple):
@@ -56,6 +63,42 @@ def read_worlds(table: Path) -> Worlds:
     cells = [(measure, device, int(controller)) for measure, device, controller, _ in names]
     k = 2 + len(margins)
     return Worlds(numbers[:, 0], numbers[:, 1], numbers[:, 2:k], cells, numbers[:, k:].reshape(len(numbers), -1, 3))
+
+
+class Indices(NamedTuple):
+    """Of every statement (rows) and assumption (columns); nan where nearly all worlds agree."""
+
+    first: np.ndarray
+    half_width: np.ndarray  # of the 95 % interval
+
+    @property
+    def clear(self) -> np.ndarray:
+        """Those that are above chance: beyond their own half-width."""
+        return np.nan_to_num(self.first) > np.nan_to_num(self.half_width, nan=np.inf)
+
+
+def indices(ranges: Mapping[str, Range], shares: np.ndarray, holds: np.ndarray) -> Indices:
+    """shares (n, assumptions): where the worlds lie in the ranges; holds (n, statements): whether each holds."""
+    from SALib.analyze import rbd_fast  # here: it takes seconds
+
+    first = np.full((holds.shape[1], shares.shape[1]), np.nan)
+    half_width = first.copy()
+    for row, verdicts in enumerate(holds.T.astype(float)):
+        if shares.shape[1] and LEAST_EITHER <= verdicts.sum() <= len(verdicts) - LEAST_EITHER:
+            found = rbd_fast.analyze(problem(ranges), shares, verdicts, seed=SEED)
+            first[row], half_width[row] = np.maximum(found["S1"], 0.0), found["S1_conf"]
+    return Indices(first, half_width)
+
+
+def settled(found: Indices, holds: np.ndarray) -> np.ndarray:
+    """How much of all doubt each assumption would settle (0 .. 1), by the indices that are above chance.
+
+    Doubt: the variance of a verdict, p (1 - p), summed over the statements.
+    """
+    p = holds.mean(axis=0)
+    doubt = p * (1.0 - p)
+    of_each = np.where(found.clear, found.first, 0.0) * doubt[:, np.newaxis]
+    return of_each.sum(axis=0) / max(float(doubt.sum()), 1e-12)
 
 
 def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, bytes], dict[str, object]]:
@@ -286,25 +329,19 @@ def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Valu
     )
 
 
-def _csv(lines: Sequence[Sequence[object]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue().encode()
-
-
 def _indices_csv(ranges: Ranges, found: Indices) -> bytes:
     lines: list[Sequence[object]] = [("statement", "assumption", "first_order_index", "half_width_95")]
     for i, statement in enumerate(STATEMENTS):
         for j, column in enumerate(ranges.ranges):
             pair = found.first[i, j], found.half_width[i, j]
             lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in pair)))
-    return _csv(lines)
+    return csv_bytes(lines)
 
 
 def _jointly_csv(holds: np.ndarray) -> bytes:
     """Share of worlds in which both of two statements hold."""
     both = holds.astype(float).T @ holds / len(holds)
     numbers = [statement.number for statement in STATEMENTS]
-    return _csv(
+    return csv_bytes(
         [("statement", *numbers), *((k, *(f"{x:.4f}" for x in row)) for k, row in zip(numbers, both, strict=True))]
     )

@@ -22,8 +22,7 @@ from experiments.plan import make_plan
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines
-from experiments.study.low_gain import settled
-from experiments.study.unrecorded import study_trials
+from experiments.study.unrecorded import settled, study_trials
 from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files

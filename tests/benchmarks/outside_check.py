@@ -23,12 +23,11 @@ from core.control.algorithm import GAP, GAP_M
 from core.control.controllers import PARAMETERS
 from experiments.analysis.box_findings import SIMILAR
 from experiments.analysis.charts import QUARTILE_METHOD
-from experiments.analysis.error_bars import STEP
 from experiments.analysis.metrics import BY_NAME, DRAWN
+from experiments.analysis.report import STEP
 from experiments.protocol import load_protocol
-from experiments.study.simulation_errors import simulation_errors
 from experiments.study.sweep import load_sweep, run_sweep
-from experiments.study.unrecorded import person_of, study_trials
+from experiments.study.unrecorded import person_of, simulation_errors, study_trials
 from experiments.trial.population import load_population
 from experiments.worlds.ranges import load_ranges
 from experiments.worlds.report import Worlds, read_worlds

@@ -11,7 +11,7 @@ import core.brake
 from app.cli import main
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
-from experiments.analysis.error_bars import STEP
+from experiments.analysis.report import STEP
 from experiments.benchmark.bench import Row, creep, simulated, with_order
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import brakes_of, reference_tips, time_constant, torque_gain

@@ -32,6 +32,9 @@ from experiments.analysis.findings import (
 from experiments.analysis.participants import Interval, mean_interval, spreads
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.trials_table import TrialRow
+from experiments.protocol import load_protocol
+
+TABLE_I = load_protocol().controllers
 
 DEVICES = ("three-brake", "four-brake")
 #: As the paper found them: path error (mm), its spread, force, acceleration.
@@ -260,7 +263,7 @@ def test_similarity_gets_no_easier_with_fewer_people():
 @pytest.mark.parametrize("people", [5, 6, 7, 8, 9])
 def test_the_report_says_where_so_few_people_cannot_reach_significance(people, tmp_path):
     """All differ the same way in every pair: a star where Holm over ten pairs allows it, else a sentence why not."""
-    write_report(study(people, noise=0.2), tmp_path, "note")
+    write_report(study(people, noise=0.2), tmp_path, "note", TABLE_I, False)
     text = (tmp_path / "report.md").read_text()
     smallest = stats.wilcoxon(np.arange(1.0, people + 1.0)).pvalue
     says = "On three-brake and four-brake no *, however they differ: the smallest p of Wilcoxon's test with "
@@ -271,7 +274,7 @@ def test_the_report_says_where_so_few_people_cannot_reach_significance(people, t
 
 @pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (12, "")])
 def test_below_six_people_the_report_refuses_to_claim_anything_for_others(people, who, tmp_path):
-    write_report(study(people), tmp_path, "settled rules")
+    write_report(study(people), tmp_path, "settled rules", TABLE_I, False)
     text = (tmp_path / "report.md").read_text()
     refused = "too few to claim any of this for others; read it as a description." in text
     assert refused == (people < 6) == (f"{who} too few" in text or who == "Five")
@@ -324,10 +327,10 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     rows = study(noise=0.3)
-    paths = write_report(rows, tmp_path / "a", "settled rules, parameters assumed")
+    paths = write_report(rows, tmp_path / "a", "settled rules, parameters assumed", TABLE_I, False)
     assert sorted(p.name for p in paths) == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
     assert {p.name for p in (tmp_path / "a").iterdir()} == {p.name for p in paths}
-    write_report(rows, tmp_path / "b", "settled rules, parameters assumed")
+    write_report(rows, tmp_path / "b", "settled rules, parameters assumed", TABLE_I, False)
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     page = (tmp_path / "a" / "report.md").read_text()
@@ -341,10 +344,10 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "report.md").write_text("mine")
     with pytest.raises(InputError, match="exists already"):
-        write_report(rows, tmp_path / "c", "note")
+        write_report(rows, tmp_path / "c", "note", TABLE_I, False)
     assert [p.name for p in (tmp_path / "c").iterdir()] == ["report.md"]
     with pytest.raises(InputError, match="nothing to report"):
-        write_report([replace(rows[0], status="aborted")], tmp_path / "d", "note")
+        write_report([replace(rows[0], status="aborted")], tmp_path / "d", "note", TABLE_I, False)
     assert not (tmp_path / "d").exists()
 
 

@@ -10,8 +10,7 @@ from sessions import new_session
 from app.cli import main
 from core.files import InputError
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
-from experiments.study.low_gain import DETECTED_M_S2, GAINS, settled, vibrations
-from experiments.study.unrecorded import study_trials
+from experiments.study.unrecorded import DETECTED_M_S2, GAINS, settled, study_trials, vibrations
 
 
 @pytest.fixture(scope="module")

@@ -39,6 +39,7 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow
+from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
 
 DEVICES = ("three-brake", "four-brake")
@@ -316,7 +317,7 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
 
 
 def test_the_tables_are_tidy(tmp_path):
-    write_report(study(people=3), tmp_path, "note")
+    write_report(study(people=3), tmp_path, "note", load_protocol().controllers, False)
     lines = rows_in(tmp_path / "participant_means.csv")
     assert len(lines) == 3 * 2 * 5
     assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)

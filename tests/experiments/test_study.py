@@ -16,9 +16,9 @@ from protocols import PEOPLE, short
 
 from app.cli import main
 from experiments.analysis.charts import boxes
-from experiments.analysis.error_bars import error_sentence, error_table
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN, METRICS
+from experiments.analysis.report import error_sentence, error_table
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.reader import read_recording
@@ -26,9 +26,8 @@ from experiments.session.files import read_stored
 from experiments.session.verify import verify
 from experiments.study import study as studies
 from experiments.study.helpers import helpers
-from experiments.study.simulation_errors import simulation_errors
 from experiments.study.study import resume_study, run_study
-from experiments.study.unrecorded import study_trials
+from experiments.study.unrecorded import simulation_errors, study_trials
 from experiments.trial.normals import Normals, normals
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population

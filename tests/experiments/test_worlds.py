@@ -21,10 +21,19 @@ from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
-from experiments.worlds.indices import Indices, indices, settled
 from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import Range, load_ranges
-from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files, where_it_holds
+from experiments.worlds.report import (
+    Indices,
+    Worlds,
+    indices,
+    judged_again,
+    nearest_world,
+    read_worlds,
+    report_files,
+    settled,
+    where_it_holds,
+)
 from experiments.worlds.worlds import columns, run_worlds, worlds_of
 
 RANGES = """
@@ -332,3 +341,10 @@ def test_the_interval_of_a_share_is_wilsons():
     low, high = wilson(5, 20)
     assert (float(low), float(high)) == pytest.approx((0.1119, 0.4687), abs=1e-3)
     assert tuple(map(float, wilson(0, 10))) == pytest.approx((0.0, 0.2775), abs=1e-3)
+
+
+def test_a_share_lies_in_its_own_interval_also_where_none_or_all_hold():
+    for n in range(1, 200):
+        holding = np.arange(n + 1)
+        low, high = wilson(holding, n)
+        assert np.all(low <= holding / n) and np.all(holding / n <= high)
