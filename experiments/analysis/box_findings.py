@@ -21,15 +21,15 @@ from experiments.analysis.findings import (
     CANNOT_TELL,
     CONTROLLER,
     FAILS,
-    GROUP,
     HOLDS,
     LEAST_FINISHED,
     STATEMENTS,
     Claim,
     Statement,
+    named,
 )
 from experiments.analysis.metrics import BY_NAME, DRAWN
-from experiments.analysis.participants import PAPER_CONFIGURATIONS, configurations_of, finished_share
+from experiments.analysis.participants import configurations_of, finished_share
 from experiments.analysis.trials_table import TrialRow, to_compare
 
 LITTLE, SIMILAR = 0.15, 0.30  # of U
@@ -82,7 +82,23 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
 
 def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[BoxFinding]:
     """All eleven. bands: factor on 15 % and 30 %, to see what hangs on them."""
-    return [_judged(statement, boxes, configurations, bands) for statement in STATEMENTS]
+    found = []
+    for statement in STATEMENTS:
+        compared = [
+            Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
+            for claim in statement.claims
+            for measure in claim.measures
+            if measure in MEASURES
+            for place in claim.places(configurations)
+        ]
+        decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)
+        if decisive is None or math.isnan(decisive.margin):
+            why = _why_missing(decisive, boxes) if decisive else "No trials."
+            found.append(BoxFinding(statement, CANNOT_TELL, math.nan, why))
+        else:
+            verdict = HOLDS if decisive.margin >= 0.0 else FAILS
+            found.append(BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands)))
+    return found
 
 
 def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[BoxFinding]:
@@ -90,27 +106,10 @@ def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Bo
     return box_findings(pooled_boxes(rows, timeouts), configurations_of(rows))
 
 
-def _judged(statement: Statement, boxes: Boxes, configurations: Sequence[str], bands: float) -> BoxFinding:
-    compared = [
-        Compared(claim, measure, at, _margin(claim, measure, at, boxes, bands))
-        for claim in statement.claims
-        for measure in claim.measures
-        if measure in MEASURES
-        for at in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
-    ]
-    if not compared:
-        return BoxFinding(statement, CANNOT_TELL, math.nan, "No trials.")
-    decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin))
-    if math.isnan(decisive.margin):
-        return BoxFinding(statement, CANNOT_TELL, math.nan, _why_missing(decisive, boxes))
-    verdict = HOLDS if decisive.margin >= 0.0 else FAILS
-    return BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands))
-
-
 def _margin(claim: Claim, measure: str, where: tuple[str, str], boxes: Boxes, bands: float) -> float:
     """By how much a claim is met (not under 0) or missed, in units of U; nan without all its boxes, or with U = 0."""
     try:
-        first, second = ([boxes[measure, at, k] for k in side] for at, side in _sides(claim, where))
+        first, second = ([boxes[measure, at, k] for k in side] for at, side in claim.sides(where))
         uncontrolled = _size(claim, boxes[measure, where[0], 1])
     except KeyError:
         return math.nan
@@ -130,10 +129,6 @@ def _margin(claim: Claim, measure: str, where: tuple[str, str], boxes: Boxes, ba
     return min(-more - band, apart)
 
 
-def _sides(claim: Claim, where: tuple[str, str]) -> tuple[tuple[str, tuple[int, ...]], tuple[str, tuple[int, ...]]]:
-    return (where[0], claim.first), (where[1], claim.second)
-
-
 def _size(claim: Claim, box: PooledBox) -> float:
     return box.q3 - box.q1 if claim.spread else box.median
 
@@ -144,7 +139,7 @@ def _band(claim: Claim) -> float:
 
 
 def _why_missing(one: Compared, boxes: Boxes) -> str:
-    for at, side in (*_sides(one.claim, one.where), (one.where[0], (1,))):
+    for at, side in (*one.claim.sides(one.where), (one.where[0], (1,))):
         for controller in side:
             if (one.measure, at, controller) not in boxes:
                 return f"No box of {CONTROLLER[controller]!r} on {at}, or too few of its trials reached the end."
@@ -155,14 +150,13 @@ def _sentence(one: Compared, boxes: Boxes, bands: float) -> str:
     """The comparison that decides, in numbers, and what was needed."""
     claim, metric = one.claim, BY_NAME[one.measure]
     texts = []
-    for at, side in _sides(claim, one.where):
+    for at, side in claim.sides(one.where):
         of_side = [boxes[one.measure, at, k] for k in side]
         low, middle, high = (metric.scale * float(np.mean(column)) for column in zip(*of_side, strict=True))
-        name = GROUP[side] if len(side) > 1 else CONTROLLER[side[0]]
         number = f"{high - low:.2f}" if claim.spread else f"{middle:.2f} ({low:.2f} to {high:.2f})"
-        texts.append(f"{name} {number}" if not claim.devices else f"{at} {number}")
+        texts.append(f"{at if claim.devices else named(side)} {number}")
     what = f"{'length of the box, ' if claim.spread else ''}{metric.title.lower()}"
-    who = f"{GROUP.get(claim.first) or CONTROLLER[claim.first[0]]}" if claim.devices else one.where[0]
+    who = named(claim.first) if claim.devices else one.where[0]
     band = bands * _band(claim)
     needed = {BELOW: f"lower by {band:.0%}", AT_MOST: f"at most {band:.0%} more"}.get(claim.kind, f"within {band:.0%}")
     clear = ", neither median in the other's box" if claim.clear else ""

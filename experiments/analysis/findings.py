@@ -42,6 +42,11 @@ GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all 
 Controllers = tuple[int, ...]  # several: their mean
 
 
+def named(controllers: Controllers) -> str:
+    """One controller, or several that count by their mean."""
+    return CONTROLLER[controllers[0]] if len(controllers) == 1 else GROUP[controllers]
+
+
 class Claim(NamedTuple):
     """One thing to compare: `first` with `second`, by measures that must agree."""
 
@@ -53,6 +58,14 @@ class Claim(NamedTuple):
     little: bool = False  # "little change": `box_findings` then has a narrower band
     clear: bool = False  # "significantly": `box_findings` then wants the boxes apart
     devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
+
+    def places(self, configurations: Sequence[str]) -> list[tuple[str, str]]:
+        """Each place of the comparison: the device of `first`, and that of `second`."""
+        return [PAPER_CONFIGURATIONS] if self.devices else [(one, one) for one in configurations]
+
+    def sides(self, place: tuple[str, str]) -> tuple[tuple[str, Controllers], tuple[str, Controllers]]:
+        """What is compared at a place: device and controllers, on either side."""
+        return (place[0], self.first), (place[1], self.second)
 
 
 class Statement(NamedTuple):
@@ -153,11 +166,9 @@ class Comparison(NamedTuple):
     @property
     def what(self) -> str:
         """What is compared with what."""
-        first, second = (
-            CONTROLLER[side[0]] if len(side) == 1 else GROUP[side] for side in (self.claim.first, self.claim.second)
-        )
         spread = "spread of " if self.claim.spread else ""
-        return f"{spread}{BY_NAME[self.measure].short}, {first}" + ("" if self.claim.devices else f" against {second}")
+        against = "" if self.claim.devices else f" against {named(self.claim.second)}"
+        return f"{spread}{BY_NAME[self.measure].short}, {named(self.claim.first)}{against}"
 
     @property
     def numbers(self) -> str:
@@ -213,7 +224,7 @@ def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
         compared = [
             _compare(claim, measure, place, error_spread if claim.spread else by_measure[measure], finished, people)
             for claim in statement.claims
-            for place in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
+            for place in claim.places(configurations)
             for measure in claim.measures
         ]
         fewest = min((one.found.people for one in compared if one.found), default=len(people))
@@ -233,11 +244,10 @@ def _compare(
     here, there = place
     where = here if here == there else f"{here} against {there}"
     uncontrolled = [value for (_, device, k), value in table.items() if (device, k) == (here, 1)]
-    reason = _why_not(measure, ((here, claim.first), (there, claim.second), (here, (1,))), table, finished)
+    reason = _why_not(measure, (*claim.sides(place), (here, (1,))), table, finished)
     differences = []
     for person in people:
-        a = [table.get((person, here, k)) for k in claim.first]
-        b = [table.get((person, there, k)) for k in claim.second]
+        a, b = ([table.get((person, device, k)) for k in controllers] for device, controllers in claim.sides(place))
         if None not in a and None not in b:
             differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
     if not reason and not differences:

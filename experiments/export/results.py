@@ -155,11 +155,3 @@ class Job(NamedTuple):
     def partial(self) -> Path:
         """Where the files are until they are all there."""
         return self.folder.with_name(self.folder.name + PARTIAL)
-
-
-def new_folder(data_dir: Path) -> Path:
-    """DATA/results-1, -2, ..: the first that is not there."""
-    number = 1
-    while (data_dir / f"results-{number}").exists():
-        number += 1
-    return data_dir / f"results-{number}"

@@ -7,7 +7,6 @@ the table in DIR.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count
 from pathlib import Path
 
 from core.control.controllers import Preset
@@ -21,7 +20,7 @@ from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
 from experiments.protocol import label
-from experiments.recording.atomic_files import make_empty_folder, write_new_file
+from experiments.recording.atomic_files import first_free, make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
 from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
@@ -82,7 +81,8 @@ def analyze(
     recordings = sum(map(len, sessions.values()))
     if not recordings:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
-    out = new_folder(folder, out)
+    out = out or first_free(folder, "analysis")
+    make_empty_folder(out, "results are never overwritten")
     found, done = Found(), 0
     try:
         for session, paths in sessions.items():
@@ -113,14 +113,6 @@ def analyze(
         "changed": changed_boxes(folder / TABLE, found, timeouts) if found.left_out else [],
         "warnings": warned,
     }
-
-
-def new_folder(folder: Path, out: Path | None) -> Path:
-    """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
-    if out is None:
-        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
-    make_empty_folder(out, "results are never overwritten")
-    return out
 
 
 def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found: Found) -> JournalSummary:

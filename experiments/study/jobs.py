@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import joblib
 
@@ -39,16 +39,6 @@ class Done(NamedTuple):
     ticks: int  # simulated
 
 
-class Job(Protocol):
-    """What one process does at a time."""
-
-    @property
-    def number(self) -> int:
-        """Its place in the table, from 1."""
-
-    def run(self) -> Done: ...
-
-
 @dataclass(frozen=True)
 class Work:
     """Jobs whose rows make one table."""
@@ -57,7 +47,7 @@ class Work:
     name: str
     texts: Mapping[str, str]  # everything that decides it, in full
     columns: tuple[str, ...]
-    jobs: Sequence[Job]
+    jobs: Sequence[Any]  # each has its `number`, its place in the table from 1, and `run`, which makes it `Done`
 
 
 class Finished(NamedTuple):
@@ -136,7 +126,7 @@ def _a(work: Work) -> str:
 # --------------------------------------------------------------------------------------------------------- the workers
 
 
-def _results(jobs: Sequence[Job], on_cluster: bool) -> Iterator[tuple[int, Done]]:
+def _results(jobs: Sequence[Any], on_cluster: bool) -> Iterator[tuple[int, Done]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
     if not on_cluster:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
@@ -163,11 +153,11 @@ def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
 
 
-def _run(job: Job) -> tuple[int, Done]:
+def _run(job: Any) -> tuple[int, Done]:
     return job.number, job.run()
 
 
-def _run_beside_parent(job: Job, parent: int) -> tuple[int, Done]:
+def _run_beside_parent(job: Any, parent: int) -> tuple[int, Done]:
     """A job in a worker of this machine, which ends when the work does, however that ends."""
     if os.getpid() != parent:
         end_with(parent)

@@ -30,6 +30,11 @@ from experiments.trial.tick import TICK_S
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
+#: Of the table; the assumptions that vary stand behind the rules.
+COLUMNS = (
+    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
+    *BY_NAME, "energy_residual_J", "energy_added_max_J",
+)  # fmt: skip
 
 
 def _swept(key: str, kind: Any) -> tuple[str, Any, None]:
@@ -134,24 +139,7 @@ class Job:
         ]  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """A sweep, checked and spread out."""
-
-    name: str
-    texts: dict[str, str]  # every file that decides it, in full
-    assumed: bool
-    varied: tuple[str, ...]
-    jobs: tuple[Job, ...]
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Of its table: the assumptions that vary stand behind the rules."""
-        place = COLUMNS.index("rules") + 1
-        return (*COLUMNS[:place], *self.varied, *COLUMNS[place:])
-
-
-def load_sweep(path: Path) -> Sweep:
+def load_sweep(path: Path) -> Work:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
@@ -186,27 +174,20 @@ def load_sweep(path: Path) -> Sweep:
     )
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
     texts |= {f"population {one.name}": one.text for one in populations}
-    is_assumed = protocol.assumed or any(one.assumed for one in populations)
-    return Sweep(file.name, texts, is_assumed, varied, jobs)
-
-
-KIND = "sweep"
-COLUMNS = (
-    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
-    *BY_NAME, "energy_residual_J", "energy_added_max_J",
-)  # fmt: skip
+    place = COLUMNS.index("rules") + 1
+    return Work("sweep", file.name, texts, (*COLUMNS[:place], *varied, *COLUMNS[place:]), jobs)
 
 
 def run_sweep(
-    sweep: Sweep,
+    sweep: Work,
     out: Path,
     resume: bool = False,
     cluster: str | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
-    work = Work(KIND, sweep.name, sweep.texts, sweep.columns, sweep.jobs)
-    finished = run_work(work, Path(out), resume, cluster, progress)
+    finished = run_work(sweep, Path(out), resume, cluster, progress)
+    assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
     with finished.table.open(newline="", encoding="utf-8") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
     return {
@@ -216,7 +197,7 @@ def run_sweep(
         "already_done": finished.already_done,
         "trials": len(done),
         "share_done": float(np.mean(done)),
-        "parameters": "assumed" if sweep.assumed else "as in the files",
+        "parameters": "assumed" if assumed else "as in the files",
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
     }

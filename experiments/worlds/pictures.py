@@ -87,33 +87,17 @@ def decided_by(
         "Above: the assumption, its first-order index and half of that one's 95 % interval."
     )
     with matplotlib.rc_context(STYLE):
-        figure, grid = sheet(
-            note,
-            (11.0, 1.32 * max(len(rows), 1)),
-            (2.0, 0.2, 0.45, 0.4),
-            max(len(rows), 1),
-            columns,
-            (0.35, 0.5),
-            inside=True,
-        )
+        size, margins = (11.0, 1.32 * max(len(rows), 1)), (2.0, 0.2, 0.45, 0.4)
+        figure, grid = sheet(note, size, margins, max(len(rows), 1), columns, (0.35, 0.5), inside=True)
         for axes_row, i in zip(grid, rows, strict=False):
             order = np.argsort(-first[i], kind="stable")[:columns]
             for axes, j in zip(axes_row, order, strict=True):
                 column = list(ranges)[j]
                 _share_against(axes, ranges[column], shares[:, j], holds[:, i])
-                axes.set_title(
-                    f"{label(column, ranges[column])}: {first[i, j]:.2f} ± {half[i, j]:.2f}",
-                    fontsize=SMALL,
-                    loc="left",
-                    pad=3,
-                )
-            axes_row[0].set_ylabel(
-                textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 30),
-                rotation=0,
-                ha="right",
-                va="center",
-                fontsize=SMALL,
-            )
+                index = f"{label(column, ranges[column])}: {first[i, j]:.2f} ± {half[i, j]:.2f}"
+                axes.set_title(index, fontsize=SMALL, loc="left", pad=3)
+            statement = textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 30)
+            axes_row[0].set_ylabel(statement, rotation=0, ha="right", va="center", fontsize=SMALL)
         return figure_bytes(figure, "png")
 
 

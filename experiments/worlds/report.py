@@ -111,6 +111,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     doubt = settled(found, holds)
     order = np.argsort(-doubt, kind="stable")
     names = [label(column, one) for column, one in ranges.ranges.items()]
+    settling = [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0]
     note = (
         f"{n} worlds of the ranges {ranges.name!r}, seed {seed}: each a study of {ranges.operators} simulated people "
         "under assumptions of its own, judged by pooled boxes. Shares are of the worlds drawn, not of what is likely."
@@ -124,7 +125,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         note
         + " The people are simulated: read it as what this model says. A statement of which one cannot tell (too few "
         "trials reached the end) counts as one that does not hold. The rules: docs/judging.md.",
-        _in_short(holds, nearest, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0]),
+        _in_short(holds, nearest, settling),
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
@@ -145,7 +146,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
             f"{LEAST_EITHER} worlds, too few for an index.",
             "![share of worlds against each assumption](decided-by.png)",
             "## What to measure first",
-            _measure_first(ranges, names, doubt, [j for j in order if doubt[j] > 0.0], found, holds),
+            _measure_first(ranges, names, doubt, order[: len(settling)], found, holds),
         ]
         files["decided-by.png"] = decided_by(ranges.ranges, shares, holds, *found, note)
         files["indices.csv"] = _indices_csv(ranges, found)
@@ -154,7 +155,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     files |= nearest_files(ranges, values, nearest + 1, int(worlds.seeds[nearest]))
     files |= {
         "report.md": ("\n\n".join(parts) + "\n").encode(),
-        "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0], note),
+        "overview.png": overview(holds, other, settling, note),
         "jointly.csv": _jointly_csv(holds),
     }
     most = int(holds.sum(axis=1).max())
@@ -170,10 +171,7 @@ def nearest_files(ranges: Ranges, values: Mapping[str, Value], number: int, seed
     protocol, population = ranges.study(values, seed)
     name = f"{protocol.name}, world {number}"
     about = f"# World {number} of the ranges {ranges.name!r}, the nearest to the paper:\n#   {_command(ranges)}\n"
-    return {
-        NEAREST: whole_text(protocol, name, about).encode(),
-        PEOPLE: population.text.encode(),
-    }
+    return {NEAREST: whole_text(protocol, name, about).encode(), PEOPLE: population.text.encode()}
 
 
 def _command(ranges: Ranges) -> str:
@@ -260,8 +258,7 @@ def _decided(found: Indices, ranges: Ranges, names: Sequence[str], shares: np.nd
         cells += ["-"] * (DECIDING - len(cells))
         rest = f"{max(1.0 - found.first[i, found.clear[i]].sum(), 0.0):.2f}"
         lines.append((statement.number, statement.text, *cells, rest))
-    heads = ["first", "second", "third"][:DECIDING]
-    return _table(("", "the paper says", *heads, "all that no one alone explains"), lines)
+    return _table(("", "the paper says", "first", "second", "third", "all that no one alone explains"), lines)
 
 
 def where_it_holds(one: Range, shares: np.ndarray, holds: np.ndarray) -> str:
@@ -278,10 +275,10 @@ def _share(holds: np.ndarray) -> str:
 
 
 def _measure_first(
-    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: Sequence[int], found: Indices, holds: np.ndarray
+    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: np.ndarray, found: Indices, holds: np.ndarray
 ) -> str:
     """A line for each assumption that settles something; the others in a sentence."""
-    if not order:
+    if not len(order):
         return f"{NOTHING_FIRST[:1].upper()}{NOTHING_FIRST[1:]}."
     others = ", ".join(name for j, name in enumerate(names) if j not in order)
     rest = f"\n\nNo index above chance: {others}." if others else ""
@@ -308,24 +305,16 @@ def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Valu
     lines = []
     for measure, device, controller in worlds.cells:
         metric, box = BY_NAME[measure], boxes.get((measure, device, controller))
-        numbers = [f"{metric.scale * q:.2f}" for q in box] if box else ["-"] * 3
-        lines.append(
-            (
-                metric.title,
-                device,
-                CONTROLLER[controller],
-                f"{numbers[1]} ({numbers[0]} to {numbers[2]}) {metric.shown_unit}",
-            )
-        )
+        q1, median, q3 = (f"{metric.scale * q:.2f}" for q in box) if box else ("-", "-", "-")
+        size = f"{median} ({q1} to {q3}) {metric.shown_unit}"
+        lines.append((metric.title, device, CONTROLLER[controller], size))
     assumed = [(label(column, one), values[column]) for column, one in ranges.ranges.items()]
     missed = f"missing: {', '.join(missing)}, in units of the uncontrolled median" if missing else "none is missing"
-    return "\n\n".join(
-        (
-            f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.",
-            f"Run it again, in this folder: `{_command(ranges)}`.",
-            _table(("assumption", "in this world"), assumed),
-            _table(("measure", "device", "controller", "median (quartiles)"), lines),
-        )
+    return (
+        f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.\n\n"
+        f"Run it again, in this folder: `{_command(ranges)}`.\n\n"
+        f"{_table(('assumption', 'in this world'), assumed)}\n\n"
+        f"{_table(('measure', 'device', 'controller', 'median (quartiles)'), lines)}"
     )
 
 
@@ -342,6 +331,5 @@ def _jointly_csv(holds: np.ndarray) -> bytes:
     """Share of worlds in which both of two statements hold."""
     both = holds.astype(float).T @ holds / len(holds)
     numbers = [statement.number for statement in STATEMENTS]
-    return csv_bytes(
-        [("statement", *numbers), *((k, *(f"{x:.4f}" for x in row)) for k, row in zip(numbers, both, strict=True))]
-    )
+    lines = [(number, *(f"{x:.4f}" for x in row)) for number, row in zip(numbers, both, strict=True)]
+    return csv_bytes([("statement", *numbers), *lines])
