@@ -5,9 +5,7 @@ Timed figures depend on what else runs: they are shown, never judged.
 
 import contextlib
 import os
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -24,6 +22,7 @@ from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
+from experiments.study.helpers import end_with
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 
@@ -129,25 +128,19 @@ def table(found: list[dict]) -> str:
 @contextlib.contextmanager
 def hogs(n: int) -> Iterator[None]:
     """Processes that only compute; they end with us."""
-    processes = [start_python("app.verbs.loop_lateness", stdin=subprocess.PIPE) for _ in range(n)]
+    processes = [start_python("app.verbs.loop_lateness", str(os.getpid())) for _ in range(n)]
     try:
         yield
     finally:
         for process in processes:
             process.kill()
-            process.communicate()
+            process.wait()
 
 
 def main() -> None:
-    """The process of `hogs`: compute until the input ends, on any core as a foreign program would."""
+    """The process of `hogs`: compute as long as its parent lives, on any core as a foreign program would."""
     leave_core(-1)
-    threading.Thread(target=end_with_input, daemon=True).start()
+    end_with(int(sys.argv[1]))
     number = 1
     while True:
         number = number * 1_664_525 % 4_294_967_291
-
-
-def end_with_input() -> None:
-    """End the process when the input ends, for then the process that started it is gone."""
-    sys.stdin.buffer.read()
-    os._exit(0)

@@ -244,10 +244,8 @@ def colour_of(controller: int | str) -> str:
 def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
     face = "white" if look else colour
-    mark: dict[str, Any]
     if box.n == 1:
-        mark = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
-        axes.plot([x], [box.median], "s", markersize=7.0, **mark)
+        axes.plot([x], [box.median], "s", markersize=7.0, mfc=face, mec=colour, mew=1.3, zorder=4)
         return
     body: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3}
     axes.bar(x, box.q3 - box.q1, width, box.q1, zorder=3, **body)
@@ -255,5 +253,4 @@ def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: in
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
     if box.outliers:
-        mark = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
-        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **mark)
+        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, mfc="none", mec=colour, mew=1.1, zorder=3)

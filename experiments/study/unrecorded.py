@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,10 +85,10 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     """Run a trial to its end and measure it: its row, with these measures alone, and its ticks."""
     rows = run_trial(trial)
     found = measures_of(recording_of(rows, trial.device.braked), trial.path, metrics)
-    measures = dict(zip((metric.name for metric in metrics), found, strict=True))
     outcome = trial.outcome()
-    energies = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    return TrialRow(label, *trial.planned, outcome["status"], **energies, **measures), len(rows)
+    values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
+    values |= zip((metric.name for metric in metrics), found, strict=True)
+    return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 
 
 def run_trial(trial: Trial) -> np.ndarray:
