@@ -48,24 +48,6 @@ _EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands
 #: The specification's type of a channel; it has none for forces, currents and torques (MISC).
 _KINDS = (("t_s", "LATENCY"), ("tip_v", "VEL"), ("tip_a", "ACCEL"), ("tip_", "POS"))
 
-_README = """\
-# {name}
-
-Trials on a planar five-bar whose joints carry brakes (a passive haptic display): a hand moves the handle along a
-path while a controller switches the brakes. One motion file a trial, 1000 samples a second, SI units. Frame:
-x to the participant's right, y away from the participant.
-
-- `*_motion.tsv`: first the time since the start (LATENCY), then the handle, the hand force (MISC, N), the brakes.
-- `*_motion.json`, `Trial`: the path in m, rules and gain of the controller, whether numbers of the device are assumed
-  (`assumed`), the seed; `Outcome`: how it ended; `Decisions`: the words of the channel `decision`.
-- `*_events.tsv`: the phases of the trial. Every measure is taken over `move`.
-- `*_scans.tsv`: controller (its number in Table I), device, path, status and the measures of each trial.
-
-`SimulatedDevice` and `SimulatedOperator` in `*_motion.json` say what was no real device and no person; with a
-simulated operator, times of day are those of the computation.
-To be added before it is shared: authors, licence (dataset_description.json), who the participants are.
-"""
-
 
 class _Channel(NamedTuple):
     """A row of a channels table; the fields are its columns."""
@@ -148,7 +130,7 @@ class BidsDataset:
         }
         for name, content in about.items():
             write_json(self.folder / name, content)
-        (self.folder / "README.md").write_bytes(exported.readme(_README))
+        (self.folder / "README.md").write_bytes(exported.readme("bids"))
 
 
 def _answer(answer: str | float) -> str:

@@ -44,20 +44,6 @@ _SHOWN_WHILE_BLIND = (
     "warnings",
 )  # fmt: skip
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
-_CSV_README = """\
-# {name}, as CSV
-
-Trials on a planar five-bar whose joints carry brakes: a hand moves the handle along a path.
-
-- `trials.csv`: one row a trial, in the order in which the sessions ran them. `recording` is the file of its ticks.
-- `sub-*/ses-*/run-*.csv`: every tick, 1000 a second; beside each a `.json` with what is known of the trial.
-- `questionnaire.csv`, `notes.csv`, where there are any: the answers after each block; what the experimenter wrote.
-- `columns.json`: unit and meaning of every column. J stands for a joint: A and B at the bases, E and C the elbows.
-
-UTF-8, comma, line feed, one header line; SI units; numbers in the shortest form that reads back to the same double;
-an empty cell: nothing was measured, or the number was not finite. Frame: x to the participant's right, y away from
-the participant. `assumed` in a `.json`: numbers of the device or the brakes are assumed, not measured.
-"""
 
 
 def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] = lambda share: None) -> dict:
@@ -215,7 +201,7 @@ class CsvTables:
         tables: dict[str, Mapping[str, Column]] = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
         tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
         write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
-        (self.folder / "README.md").write_bytes(exported.readme(_CSV_README))
+        (self.folder / "README.md").write_bytes(exported.readme("csv"))
 
 
 def _described(columns: Mapping[str, Column]) -> dict[str, dict]:

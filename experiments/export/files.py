@@ -104,8 +104,9 @@ class Exported(NamedTuple):
     unrecorded: list[TrialRow]  # rows of trials that left no recording
     sessions: list[Path]  # their folders
 
-    def readme(self, text: str) -> bytes:
-        """README.md: `text` with the name in it, and what is missing."""
+    def readme(self, form: str) -> bytes:
+        """README.md of this form ("bids", "csv"): with the name in it, and what is missing."""
+        text = Path(__file__).with_name(f"readme_{form}.md").read_text(encoding="utf-8")
         lines = [text.format(name=self.name)]
         if self.blind:
             lines += [
