@@ -21,6 +21,7 @@ from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
+from experiments.progress import Progress, unseen
 from experiments.protocol import load_protocol
 from experiments.study.helpers import end_with
 from experiments.trial.population import load_population
@@ -30,7 +31,7 @@ LOOK_S = 0.02
 WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
 
 
-def measure_all(seconds: float, progress: Callable[[float], None] = lambda share: None) -> list[dict]:
+def measure_all(seconds: float, progress: Progress = unseen) -> list[dict]:
     """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
     cores = len(program_cores()) or os.cpu_count() or 1
     found: list[dict] = []
@@ -42,9 +43,7 @@ def measure_all(seconds: float, progress: Callable[[float], None] = lambda share
     return found
 
 
-def measure(
-    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] = lambda share: None
-) -> dict:
+def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = unseen) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.

@@ -1,7 +1,7 @@
 """The charts of the pages of results, printed: what is seen on the screen as PNG, SVG and PDF."""
 
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ from experiments.analysis.sheet import (
     small_print,
 )
 from experiments.analysis.trials_table import Controller, TrialRow
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
@@ -57,12 +58,7 @@ LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
 
 
 def draw_charts(
-    shown: Sequence[Chart],
-    rows: Sequence[TrialRow],
-    folder: Path,
-    note: str,
-    view: View,
-    progress: Callable[[float], None] = lambda share: None,
+    shown: Sequence[Chart], rows: Sequence[TrialRow], folder: Path, note: str, view: View, progress: Progress = unseen
 ) -> list[Path]:
     """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
 

@@ -10,7 +10,6 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,6 +21,7 @@ from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes
+from experiments.progress import Progress, unseen
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -55,7 +55,7 @@ class Row:
     order: float | None = None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda share: None) -> dict:
+def run_bench(quick: bool = False, progress: Progress = unseen) -> dict:
     """All of it; the JSON of DESIGN section 6 with more beside the rows. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S

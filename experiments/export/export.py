@@ -9,7 +9,7 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 import contextlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path, PurePosixPath
@@ -30,6 +30,7 @@ from experiments.export.files import (
     write_columns,
     write_json,
 )
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import TEXT_COLUMNS
@@ -46,7 +47,7 @@ _SHOWN_WHILE_BLIND = (
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
-def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] = lambda share: None) -> dict:
+def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.

@@ -21,6 +21,7 @@ from core.mechanism import JOINTS
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
+from experiments.progress import Progress, unseen
 from experiments.simulate.scene import Scene
 
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
@@ -80,7 +81,7 @@ def new_simulation(scene: Scene) -> Simulation:
     return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
 
 
-def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], None] = lambda share: None) -> Summary:
+def simulate(scene: Scene, out_path: str | Path, progress: Progress = unseen) -> Summary:
     """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
@@ -129,8 +130,7 @@ class Comparison(NamedTuple):
 
 
 def run_beside(
-    scene: Any, run: Any, half_step: Any, write: Callable[[np.ndarray, np.ndarray], None],
-    progress: Callable[[float], None],
+    scene: Any, run: Any, half_step: Any, write: Callable[[np.ndarray, np.ndarray], None], progress: Progress
 ) -> Comparison:  # fmt: skip
     """Run a scene (of a device or a cobot) and the same one at half the step, chunk by chunk, and compare the places.
 

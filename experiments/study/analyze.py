@@ -5,7 +5,7 @@ session was opened. What is damaged or was cut off is left out and named; the bo
 the table in DIR.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from experiments.analysis.report import Moved, side_by_side, warnings, write_rep
 from experiments.analysis.sensitivity import of_recording
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
+from experiments.progress import Progress, unseen
 from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
@@ -63,11 +64,7 @@ class Found:
 
 
 def analyze(
-    folder: Path,
-    out: Path | None = None,
-    unblind: str = "",
-    timeouts: bool = False,
-    progress: Callable[[float], None] = lambda share: None,
+    folder: Path, out: Path | None = None, unblind: str = "", timeouts: bool = False, progress: Progress = unseen
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 

@@ -15,7 +15,7 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ import joblib
 from core.device import Device
 from core.files import InputError
 from experiments.analysis.trials_table import csv_bytes
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
@@ -60,11 +61,7 @@ class Finished(NamedTuple):
 
 
 def run_work(
-    work: Work,
-    out: Path,
-    resume: bool = False,
-    cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    work: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
 ) -> Finished:
     """Run every job that is not done yet, then write the table. InputError for wrong input.
 

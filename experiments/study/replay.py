@@ -3,7 +3,6 @@
 Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
@@ -68,7 +68,7 @@ def replay(
     protocol: str | None = None,
     hand: str | None = None,
     out: Path | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> dict[str, Any]:
     """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
 

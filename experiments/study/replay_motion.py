@@ -18,7 +18,6 @@ there leaves it on this device. The trial comes out as it was to rounding, or, w
 to fractions of a millimetre.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,6 +38,7 @@ from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
+from experiments.progress import Progress, unseen
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
@@ -179,7 +179,7 @@ def run_replay(
     preset: Preset,
     rules: str,
     whole: bool,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 

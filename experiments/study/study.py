@@ -4,7 +4,7 @@ import contextlib
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, fi
 from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
 from experiments.recording.writer import RecordingWriter
@@ -36,11 +37,7 @@ FIGURES, REPORT = "figures", "report"
 
 
 def run_study(
-    out: Path,
-    operators: int,
-    protocol: Protocol,
-    population: Population,
-    progress: Callable[[float], None] = lambda share: None,
+    out: Path, operators: int, protocol: Protocol, population: Population, progress: Progress = unseen
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
@@ -52,9 +49,7 @@ def run_study(
         return Run(out, study, beside.shared, progress).carry_out(beside)
 
 
-def resume_study(
-    out: Path, asked: Mapping[str, object], progress: Callable[[float], None] = lambda share: None
-) -> dict:
+def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = unseen) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -92,7 +87,7 @@ class Run:
     out: Path
     study: StudyPlan
     shared: Shared
-    progress: Callable[[float], None] = lambda share: None
+    progress: Progress = unseen
     done: Done = field(default_factory=Done)
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 

@@ -6,7 +6,6 @@ How its folder is filled, resumed and spread over workers: `jobs`.
 import csv
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -22,6 +21,7 @@ from experiments.analysis.metrics import BY_NAME
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
+from experiments.progress import Progress, unseen
 from experiments.protocol import PARAMETER_TYPES, Count, Protocol, Rules, Text, load_protocol, plain_text
 from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
@@ -179,11 +179,7 @@ def load_sweep(path: Path) -> Work:
 
 
 def run_sweep(
-    sweep: Work,
-    out: Path,
-    resume: bool = False,
-    cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    sweep: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
     finished = run_work(sweep, Path(out), resume, cluster, progress)

@@ -7,7 +7,7 @@ table alone. How the folder is filled, resumed and spread over workers: `experim
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from experiments.analysis.findings import STATEMENTS, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines
@@ -87,7 +88,7 @@ def run_worlds(
     seed: int = 1,
     resume: bool = False,
     cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> dict:
     """Run the worlds that are not done yet, write the table and the report; the summary. As `run_work`."""
     if reason := why_no_findings(ranges.protocol.controllers):
