@@ -112,25 +112,21 @@ def draw_boxplots(
     view = View(tuple(dict.fromkeys(row.configuration for row in rows)), labels, timeouts=timeouts)
     if not rows:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
-    sheets = []
+    calls: list[tuple] = []
     for metric in FIGURES:
         name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
-        sheets.append(([metric], 6.4, [folder / f"{name}.{form}" for form in FORMATS]))
-    sheets.append((list(DRAWN), 5.0 * len(DRAWN), [folder / "boxplots.png"]))
-    paths = [path for _, _, of_it in sheets for path in of_it]
-    refuse_existing_files(paths)
-    calls = [
-        (rows, [metric.name for metric in shown], width, note, view, [path.suffix[1:] for path in of_it])
-        for shown, width, of_it in sheets
-    ]
-    drawn: dict[Path, bytes] = {}
-    for (_, _, of_it), forms in zip(sheets, _drawn(calls, pool), strict=True):
-        drawn |= zip(of_it, forms, strict=True)
-    write_new_files(drawn)
-    return paths
+        calls.append((rows, [metric.name], 6.4, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
+    wide = [metric.name for metric in DRAWN]
+    calls.append((rows, wide, 5.0 * len(wide), note, view, [folder / "boxplots.png"]))
+    refuse_existing_files(path for call in calls for path in call[-1])
+    files: dict[Path, bytes] = {}
+    for of_it in _drawn(calls, pool):
+        files |= of_it
+    write_new_files(files)
+    return list(files)
 
 
-def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[list[bytes]]:
+def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path, bytes]]:
     """The files of each sheet: those that no process of the pool has begun are drawn by this one, the last first."""
     waiting = [pool.submit(_sheet, *call) for call in calls] if pool else []
     mine = {i: _sheet(*calls[i]) for i in reversed(range(len(waiting))) if waiting[i].cancel()}
@@ -139,11 +135,11 @@ def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[list[bytes
 
 
 def _sheet(
-    rows: Sequence[TrialRow], names: Sequence[str], width: float, note: str, view: View, formats: Sequence[str]
-) -> list[bytes]:
-    """One figure as the bytes of its files; names: of the metrics."""
+    rows: Sequence[TrialRow], names: Sequence[str], width: float, note: str, view: View, paths: Sequence[Path]
+) -> dict[Path, bytes]:
+    """One figure as its files; names: of the metrics."""
     figure = draw(rows, [BY_NAME[name] for name in names], width, note, view)
-    return [figure_bytes(figure, form) for form in formats]
+    return {path: figure_bytes(figure, path.suffix[1:]) for path in paths}
 
 
 def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:

@@ -26,7 +26,7 @@ from core.device import Device
 from core.files import InputError
 from experiments.analysis.trials_table import csv_bytes
 from experiments.progress import Progress, unseen
-from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
+from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
 
@@ -77,7 +77,11 @@ def run_work(
     elif not out.is_dir():
         raise InputError(f"{out}: holds no {work.kind} to resume")
     with workers, hold_lock(out):
-        (_compare if resume else _store)(stored, work)
+        if resume:
+            _compare(stored, work)
+        else:
+            about = {"name": work.name, "texts": dict(work.texts)}
+            write_new_file(stored, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
         parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
         there = {path.name for path in (out / PARTS).glob("*.csv")}
         waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in there]
@@ -91,7 +95,10 @@ def run_work(
                     rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
                 progress(done / len(work.jobs))
-        _gather(table, work.columns, list(parts.values()))
+        if not table.exists():
+            rows = b"".join(part.read_bytes() for part in parts.values())
+            write_new_file(table, csv_bytes([work.columns]) + rows, sync=True)
+        shutil.rmtree(out / PARTS, ignore_errors=True)
     return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
 
 
@@ -180,13 +187,6 @@ def _ending_at_once() -> Iterator[None]:
 # ----------------------------------------------------------------------------------------------------------- the files
 
 
-def _store(path: Path, work: Work) -> None:
-    """Write what the work is into its folder."""
-    about = json.dumps({"name": work.name, "texts": dict(work.texts)}, indent=1, sort_keys=True).encode() + b"\n"
-    with written_beside(path, about) as partial:
-        give_new_name(partial, path)
-
-
 def _compare(path: Path, work: Work) -> None:
     """InputError unless the folder's work is this one: a changed file would mix two in one table."""
     try:
@@ -198,12 +198,3 @@ def _compare(path: Path, work: Work) -> None:
     changed = sorted(key for key in {*stored, *work.texts} if stored.get(key) != work.texts.get(key))
     if changed:
         raise InputError(f"{path}: {_a(work)} was begun with another {', '.join(changed)}; use a new folder")
-
-
-def _gather(table: Path, columns: Sequence[str], parts: Sequence[Path]) -> None:
-    """Write the table from the parts if it is not there yet; the parts then go."""
-    if not table.exists():
-        data = (",".join(columns) + "\n").encode() + b"".join(part.read_bytes() for part in parts)
-        with written_beside(table, data) as partial:
-            give_new_name(partial, table)
-    shutil.rmtree(table.parent / PARTS, ignore_errors=True)
