@@ -44,11 +44,11 @@ from experiments.assumptions import SENSINGS
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 MARGIN_M = 0.045  # around the path, at least
-SLACK = "slack"
+GAP = "gap"
 LAYERS = {
     TRAIL: ("T", "The way of the handle in this pass"),
     FORCES: ("F", "The forces of your hand and of the brakes"),
-    SLACK: ("G", "The band along the path in which nothing guides"),
+    GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
 INSET_PX = 180  # wide, at most
@@ -66,7 +66,7 @@ REAL = "Real brakes: what you change acts in the next pass, and each pass waits 
 
 
 class Canvas(ForceView):
-    """The path, the slack around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
+    """The path, the gap around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
@@ -87,7 +87,7 @@ class Canvas(ForceView):
         self.set_extent(extent_of_paths([path], MARGIN_M))
         super().show_trial(device, path, tip)
 
-    def show_slack(self, gap_m: float) -> None:
+    def show_gap(self, gap_m: float) -> None:
         """The half-width of the band without control."""
         if gap_m != self.gap_m:
             self.gap_m = gap_m
@@ -125,13 +125,13 @@ class Canvas(ForceView):
 
     @property
     def path_px(self) -> float:
-        return max(super().path_px, self.gap_m * self.scale if SLACK in self.shown else 0.0)
+        return max(super().path_px, self.gap_m * self.scale if GAP in self.shown else 0.0)
 
     def room(self) -> QRectF:
         return QRectF(self.rect()).adjusted(4.0, HEAD_PX, -4.0, -4.0)
 
     def paint_under_path(self, painter: QPainter) -> None:
-        if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
+        if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
             way, stroker = QPainterPath(), QPainterPathStroker()
             way.addPolygon(QPolygonF([self.to_screen(place) for place in self.outline]))
             stroker.setWidth(2.0 * self.gap_m * self.scale)
@@ -536,7 +536,7 @@ class TryPage(Page):
         weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
         drag = f"At {own.get(GAIN, 0.0):g} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
-        self.canvas.show_slack(own.get("gap_m", 0.0))
+        self.canvas.show_gap(own.get("gap_m", 0.0))
         protocols = now.initial.with_parameters(**opened.protocol.controllers[s.controller].named)
         changed = [dial.label.lower() for dial in dials_of(opened) if dial.setting(s) != dial.setting(protocols)]
         changed += ["sensing"] if s.sensing != now.initial.sensing else []

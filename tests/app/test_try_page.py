@@ -211,7 +211,7 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
 
 def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_outside(held: Held) -> None:
     canvas, generator = held.page.canvas, np.random.default_rng(1)
-    canvas.show_slack(0.005)
+    canvas.show_gap(0.005)
     for size in ((1000, 490), (1256, 610), (1896, 970)):
         held.page.resize(*size)
         QApplication.processEvents()
