@@ -22,7 +22,7 @@ from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
-from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.schema import recording_of
 from experiments.session.files import STORED, read_stored
@@ -198,7 +198,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
     without = squares(make_preset("without", "none", {}))
 
     def vibrates(gain: float) -> bool:
-        added = squares(protocol.controllers[number].replaced(GAIN, gain)) - without
+        added = squares(protocol.controllers[number].replaced(gain_N_s_m=gain)) - without
         return bool((added > DETECTED_M_S2**2).any())
 
     if vibrates(GAINS[0]):
