@@ -18,12 +18,11 @@ from app.session_server.loop_process import LoopProcess
 from app.session_server.lost_time import lost_time
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.path import build_path
-from core.simulator.simulated_device import SimulatedDevice
-from experiments.plan import PlannedTrial
+from experiments.plan import make_plan
 from experiments.progress import Progress, unseen
 from experiments.protocol import load_protocol
 from experiments.study.helpers import end_with
+from experiments.study.unrecorded import person_of, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 
@@ -100,18 +99,13 @@ def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
 
 
 def endless_trials() -> Iterator[Trial]:
-    """Trials of one simulated operator, without end."""
+    """Trials of one simulated operator on one device, without end."""
     protocol = load_protocol()
-    generator = np.random.default_rng(1)
-    person = load_population().draw(generator)
-    device = protocol.devices[0]
-    start = build_path(next(iter(protocol.paths.values())), "path")
-    simulation = SimulatedDevice(device, (start.x0, start.y0))
+    person, device = person_of(load_population(), protocol.seed, 1), switched_on(protocol.devices[0], protocol)
     while True:
-        for segment, path in protocol.paths.items():
-            for number, preset in protocol.controllers.items():
-                planned = PlannedTrial(0, 0, device.name, number, segment, 1)
-                yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+        for planned in make_plan(protocol, "01", coded=False):
+            if planned.configuration == protocol.devices[0].name:
+                yield trial_of(protocol, person, 1, planned, device, protocol.controllers[int(planned.controller)])
 
 
 def table(found: list[dict]) -> str:

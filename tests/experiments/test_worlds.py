@@ -21,7 +21,6 @@ from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
-from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import Range, load_ranges
 from experiments.worlds.report import (
     Indices,
@@ -33,6 +32,7 @@ from experiments.worlds.report import (
     report_files,
     settled,
     where_it_holds,
+    wilson,
 )
 from experiments.worlds.worlds import columns, run_worlds, worlds_of
 
