@@ -111,7 +111,6 @@ def doctor_verb(args: argparse.Namespace) -> int:
     return 1 if any(check.state == BAD for check in checks) else 0
 
 
-
 def emulate(args: argparse.Namespace) -> None:
     from hardware.emulated_board.line_faults import read_fault
 

@@ -303,9 +303,7 @@ def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
     return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
 
 
-def _chart(
-    page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]
-) -> Chart:
+def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]) -> Chart:
     """The points of a chart: those that are compared, those whose time was up, and those that do not count."""
 
     def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:

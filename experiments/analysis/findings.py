@@ -263,10 +263,7 @@ def _compare(
 
 
 def _why_not(
-    measure: str,
-    sides: Sequence[tuple[str, Controllers]],
-    table: Scores,
-    finished: dict[tuple[str, int | str], float],
+    measure: str, sides: Sequence[tuple[str, Controllers]], table: Scores, finished: dict[tuple[str, int | str], float]
 ) -> str:
     """Why trials with these controllers on these devices cannot be compared; "": they can."""
     measured = {cell[1:] for cell in table}

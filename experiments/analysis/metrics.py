@@ -437,12 +437,7 @@ def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:
 Metrics = dict[str, float | None]  # the measures of one trial, by name
 
 
-def trial_metrics(recording: "Recording", path: Path) -> Metrics:
-    """Every measure of one trial, as `measures_of`."""
-    return dict(zip(BY_NAME, measures_of(recording, path, METRICS), strict=True))
-
-
-def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -> list[float | None]:
+def trial_metrics(recording: "Recording", path: Path, metrics: Sequence[Metric] = METRICS) -> Metrics:
     """These measures of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
@@ -451,6 +446,6 @@ def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
-        return [None] * len(metrics)
+        return {one.name: None for one in metrics}
     m = Movement(recording, path)
-    return [one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics]
+    return {one.name: one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics}

@@ -67,20 +67,6 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = un
 
 
 @dataclass
-class Done:
-    """What a process has done of a study."""
-
-    simulating_s: float = 0.0
-    ticks: int = 0
-    trials: int = 0
-    doubted: int = 0  # trials whose energy ledger contradicts their motion
-
-    def add(self, other: "Done") -> None:
-        for name, value in vars(other).items():
-            setattr(self, name, getattr(self, name) + value)
-
-
-@dataclass
 class Run:
     """One process's part of a study: each takes on the next operator that no other has."""
 
@@ -88,7 +74,7 @@ class Run:
     study: StudyPlan
     shared: Shared
     progress: Progress = unseen
-    done: Done = field(default_factory=Done)
+    done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, beside: Helpers) -> dict:
@@ -103,9 +89,9 @@ class Run:
                     others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.processes)]
                 self.run_operator(session)
         for other in others:
-            self.done.add(other.result())
+            self.done.update(other.result())
         table = write_pooled_table(self.out)
-        if self.done.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
+        if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, beside, errors or beside.pool.submit(errors_in, self.out))
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
@@ -114,7 +100,7 @@ class Run:
             "trials": len(table),
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(row.status == "recovered" for row in table),
-            "in_doubt": self.done.doubted,
+            "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": population.name,
@@ -122,8 +108,8 @@ class Run:
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
             "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
-            "simulated_s": self.done.ticks * TICK_S,
-            "simulation_wall_s": self.done.simulating_s,
+            "simulated_s": self.done["ticks"] * TICK_S,
+            "simulation_wall_s": 1e-9 * self.done["simulating_ns"],
             "wall_s": time.perf_counter() - began,
             "warnings": warnings(table, found, simulated=True),
         }
@@ -166,17 +152,17 @@ class Run:
                 f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
                 str(self.out),
             ) from error
-        self.done.trials += 1
-        self.done.doubted += bool(trial.outcome()["warnings"])
+        self.done["trials"] += 1
+        self.done["in_doubt"] += bool(trial.outcome()["warnings"])  # its energy ledger contradicts its motion
 
     def run_ticks(self, trial: Trial, writer: RecordingWriter) -> None:
         """Every tick of a trial into its recording."""
         while not trial.finished:
-            start = time.perf_counter()
+            start = time.perf_counter_ns()
             n = trial.run(self.rows)
-            self.done.simulating_s += time.perf_counter() - start
+            self.done["simulating_ns"] += time.perf_counter_ns() - start
             writer.write(self.rows[:n])
-        self.done.ticks += trial.ticks
+        self.done["ticks"] += trial.ticks
 
     def conclude(self, table: Sequence[TrialRow], beside: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
@@ -195,8 +181,8 @@ class Run:
             rename(folder, self.out / name)
 
 
-def run_share(out: Path, study: StudyPlan) -> Done:
-    """In a helper: run operators as long as there are any."""
+def run_share(out: Path, study: StudyPlan) -> Counter[str]:
+    """In a helper: run operators as long as there are any; as `Run.done`."""
     shared = shared_in_helper()
     run = Run(out, study, shared)
     try:

@@ -17,7 +17,7 @@ from core.device import Device
 from core.files import InputError
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice, start_again
-from experiments.analysis.metrics import BY_NAME, METRICS, Metric, measures_of
+from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import NO_VIBRATION
@@ -47,8 +47,7 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
 
 
 def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
-    """A device under the protocol's assumptions as a session begins with it: at rest in the middle of the first path.
-    """
+    """A device under the protocol's assumptions as a session begins: at rest in the middle of the first path."""
     first = build_path(next(iter(protocol.paths.values())), "path")
     x, y, _, _ = point_at(first, 0.5 * first.length)
     assumed = protocol.assumptions
@@ -84,10 +83,9 @@ def study_trials(
 def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) -> tuple[TrialRow, int]:
     """Run a trial to its end and measure it: its row, with these measures alone, and its ticks."""
     rows = run_trial(trial)
-    found = measures_of(recording_of(rows, trial.device.braked), trial.path, metrics)
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    values |= zip((metric.name for metric in metrics), found, strict=True)
+    values |= trial_metrics(recording_of(rows, trial.device.braked), trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 
 
@@ -133,9 +131,7 @@ def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Mo
     assumed = protocol.assumptions.simulated_fidelity
     other = "static" if assumed == "mr" else "mr"  # the fidelity that the study does not assume
 
-    def measured(
-        planned: PlannedTrial, person: Person, device: SimulatedDevice, substeps: int = 1
-    ) -> TrialRow:
+    def measured(planned: PlannedTrial, person: Person, device: SimulatedDevice, substeps: int = 1) -> TrialRow:
         preset = protocol.controllers[int(planned.controller)]
         trial = trial_of(protocol, person, participant_index(label), planned, device, preset)
         trial.refine(substeps)
