@@ -14,7 +14,7 @@ from experiments.analysis.box_findings import BoxFinding, box_findings_of
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES
 from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
-from experiments.analysis.sensitivity import Variants, sensitivity, swapped
+from experiments.analysis.sensitivity import sensitivity, swapped
 from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
 from experiments.recording.atomic_files import write_new_files
@@ -64,11 +64,11 @@ def write_report(
     simulated: bool,
     timeouts: bool = False,
     moved: Sequence[Moved] = (),
-    variants: Variants | None = None,
-) -> list[Path]:
-    """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
+    recordings: Path | None = None,
+) -> list[str]:
+    """Write the files into `out_folder`; the warnings. note: what was used, as on the figures.
 
-    variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
+    recordings: where the recordings of the rows are named from, for further definitions of smoothness.
     controllers: those of the protocol; the paper's statements are tested on Table I's alone. Of coded rows only the
     means are written: each blind session has a key of its own, so codes cannot be compared.
     simulated: operators, not people, moved the handle. timeouts: trials whose time was up count in the statistics.
@@ -85,12 +85,13 @@ def write_report(
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
     parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
-    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
+    warned = warnings(rows, found, simulated)
+    parts += [f"**{warning}**" for warning in warned]
     parts.append("## The paper's findings")
     parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
     files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
-        results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts, none)]
+        results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none)]
         files |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         files["statistics.csv"] = _csv(Result._fields, results)
         bar = [error_sentence(moved)] if moved else []
@@ -107,7 +108,7 @@ def write_report(
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     files["report.md"] = ("\n\n".join(parts) + "\n").encode()
     write_new_files({folder / name: content for name, content in files.items()})
-    return [folder / name for name in files]
+    return warned
 
 
 def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> bytes:

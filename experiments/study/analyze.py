@@ -13,10 +13,9 @@ from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.charts import boxes, told_apart
-from experiments.analysis.findings import findings, why_no_findings
+from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
-from experiments.analysis.report import Moved, side_by_side, warnings, write_report
-from experiments.analysis.sensitivity import of_recording
+from experiments.analysis.report import Moved, side_by_side, write_report
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
 from experiments.progress import Progress, unseen
@@ -163,9 +162,8 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
             moved = errors_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    write_report(found.rows, out / "report", note, presets, found.simulated, timeouts, moved, of_recording(out))
-    judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
-    return [*warnings(found.rows, judged, found.simulated), *unsure]
+    warned = write_report(found.rows, out / "report", note, presets, found.simulated, timeouts, moved, out)
+    return [*warned, *unsure]
 
 
 def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:

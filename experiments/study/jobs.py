@@ -13,7 +13,6 @@ import math
 import os
 import shutil
 import signal
-import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -173,9 +172,6 @@ def _ending_at_once() -> Iterator[None]:
     """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
     is gone. An orderly end would wait for them, sometimes for ever.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield

@@ -159,7 +159,7 @@ def choose_device(trial: Recorded, device: str) -> Device:
     onto = load_device(device)
     paths = {segment: protocol.paths[segment]}
     check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
-    x, y = trial.start
+    x, y = (float(trial.recording.column(name)[trial.first]) for name in ("tip_x_m", "tip_y_m"))
     if not tip_is_free(onto.mechanism, x, y):
         raise InputError(f"device {device}: cannot be at ({x:.3f}, {y:.3f}) m, where the recorded movement begins")
     return onto

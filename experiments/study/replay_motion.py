@@ -64,11 +64,6 @@ class Recorded:
     path: PathAhead
     first: int  # first tick of `move`
 
-    @property
-    def start(self) -> tuple[float, float]:
-        """The tip at the first tick of `move`, m."""
-        return float(self.recording.column("tip_x_m")[self.first]), float(self.recording.column("tip_y_m")[self.first])
-
 
 def read_recorded(file: Path) -> Recorded:
     """A recorded trial that can be replayed. InputError if it is damaged, was cut off, or never came to `move`."""

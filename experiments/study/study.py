@@ -26,7 +26,7 @@ from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
-from experiments.study.unrecorded import errors_in, settled
+from experiments.study.unrecorded import errors_in, person_of, settled
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial, load_kernels
@@ -119,8 +119,7 @@ class Run:
         if (session_folder(self.out, label) / STORED).exists():
             return Session.resume(self.out, label, sync=False)
         protocol, population = self.study.protocol, self.study.population
-        generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
-        person = population.draw(generator)
+        person = person_of(population, protocol.seed, participant_index(label))
         return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
 
     def run_operator(self, session: Session) -> None:

@@ -5,7 +5,7 @@ Of worlds and sweeps; of a study's error bars; and of the paper's own rule for t
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from experiments.trial.trial import Trial
 
 #: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
 BLOCK_TICKS = 65_536
+_BLOCK = np.empty((BLOCK_TICKS, tick_log.WIDTH))  # takes memory as it is written
 BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag and backlash"}
 BAND_HZ = 20.0, 100.0  # assumed
 DETECTED_M_S2 = 0.1  # rms; assumed
@@ -91,18 +92,11 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
 
 def run_trial(trial: Trial) -> np.ndarray:
     """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room."""
-    block = _block()
-    n = trial.run(block)
-    blocks = [block[:n]]
+    blocks = [_BLOCK[: trial.run(_BLOCK)]]
     while not trial.finished:
         block = np.empty((BLOCK_TICKS, tick_log.WIDTH))
         blocks.append(block[: trial.run(block)])
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
-
-
-@cache
-def _block() -> np.ndarray:
-    return np.empty((BLOCK_TICKS, tick_log.WIDTH))
 
 
 # ------------------------------------------------------------------------------------------------------- error bars

@@ -13,9 +13,8 @@ in their people alone. The tables of a file, and what their keys are:
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -103,11 +102,6 @@ class Ranges:
     ranges: Mapping[str, Range]  # by column: "rules", "assumptions.low_gain", ..
     fixed: Mapping[str, Range]  # those with one value, by the same names; no columns
 
-    @cached_property
-    def stored_protocol(self) -> Mapping[str, Any]:
-        """The protocol as a study stores it, from which those of the worlds are made."""
-        return protocol_to_json(self.protocol)
-
     def drawn(self, n: int, seed: int) -> np.ndarray:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
         if not self.ranges:
@@ -134,7 +128,7 @@ class Ranges:
         if "assumptions" in tables:
             plain = msgspec.to_builtins(self.protocol.assumptions)
             overrides["assumptions"] = {**plain, **tables["assumptions"]}
-        about = {**self.stored_protocol, "overrides": overrides}
+        about = {**protocol_to_json(self.protocol), "overrides": overrides}
         if "device" in tables:
             about["devices"] = [
                 {**one, "file": _changed_device(one["file"], tables["device"])} for one in about["devices"]
@@ -156,7 +150,9 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown ranges")
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
-    given = dict(_by_column(file))
+    given = {table: one for table in ("rules", "population") if (one := getattr(file, table)) is not None}
+    for table in ("assumptions", "operator", "operator_factor", "device"):
+        given |= {f"{table}.{key}": one for key, one in getattr(file, table).items()}
     if not given:
         raise InputError(f"{path}: holds no range")
     names = [str(one) for one in file.population.ends] if file.population else ["average"]
@@ -169,15 +165,6 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
         _check(replace(found, fixed={}), column, one, str(path))
     found.study({}, 0)
     return found
-
-
-def _by_column(file: RangesFile) -> Iterator[tuple[str, Range]]:
-    for table in ("rules", "population"):
-        if (one := getattr(file, table)) is not None:
-            yield table, one
-    for table in ("assumptions", "operator", "operator_factor", "device"):
-        for key, one in getattr(file, table).items():
-            yield f"{table}.{key}", one
 
 
 def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:

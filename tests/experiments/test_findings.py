@@ -327,9 +327,9 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     rows = study(noise=0.3)
-    paths = write_report(rows, tmp_path / "a", "settled rules, parameters assumed", TABLE_I, False)
-    assert sorted(p.name for p in paths) == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
-    assert {p.name for p in (tmp_path / "a").iterdir()} == {p.name for p in paths}
+    assert write_report(rows, tmp_path / "a", "settled rules, parameters assumed", TABLE_I, False) == []
+    paths = sorted((tmp_path / "a").iterdir())
+    assert [p.name for p in paths] == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
     write_report(rows, tmp_path / "b", "settled rules, parameters assumed", TABLE_I, False)
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
