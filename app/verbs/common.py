@@ -35,9 +35,6 @@ PORTS: dict[str, Any] = {
 Do = Callable[[argparse.Namespace], int | None]
 
 
-# ------------------------------------------------------------------------------------------------------- its arguments
-
-
 def add_verb(
     verbs: argparse._SubParsersAction, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
@@ -100,9 +97,6 @@ def devices_of(args: argparse.Namespace) -> list:
     if len(set(names)) < len(names):
         raise InputError(f"--device: two devices have the same name ({', '.join(names)})")
     return devices
-
-
-# ---------------------------------------------------------------------------------------------- its call and its answer
 
 
 def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compiles: bool = False) -> Any:

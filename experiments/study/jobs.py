@@ -126,9 +126,6 @@ def _a(work: Work) -> str:
     return work.kind if work.kind.endswith("s") else f"a {work.kind}"
 
 
-# --------------------------------------------------------------------------------------------------------- the workers
-
-
 def _results(jobs: Sequence[Any], on_cluster: bool) -> Iterator[tuple[int, Done]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
     if not on_cluster:
@@ -178,9 +175,6 @@ def _ending_at_once() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-# ----------------------------------------------------------------------------------------------------------- the files
 
 
 def _compare(path: Path, work: Work) -> None:

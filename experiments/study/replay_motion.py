@@ -50,9 +50,6 @@ HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path w
 PROGRESS_EVERY = 500  # ticks
 
 
-# ------------------------------------------------------------------------------------------------- the recorded trial
-
-
 @dataclass(frozen=True)
 class Recorded:
     """A recorded trial, and what its session knows of it."""
@@ -81,9 +78,6 @@ def read_recorded(file: Path) -> Recorded:
     where = f"{file}: path"
     path_file = path_from(recording.metadata["path"], where)
     return Recorded(recording, row, stored, path_file, build_path(path_file, where), int(move[0]))
-
-
-# ------------------------------------------------------------------------------------------------- the recorded hand
 
 
 class RecordedHand(NamedTuple):
@@ -136,9 +130,6 @@ def _finite(recording: Recording, first: int, *names: str) -> np.ndarray:
     if len(bad):
         raise InputError(f"{recording.path}: {', '.join(names)}: tick {first + bad[0]} is missing or not finite")
     return found
-
-
-# -------------------------------------------------------------------------------------------------- device and run
 
 
 class ReplayedDevice(SimulatedDevice):

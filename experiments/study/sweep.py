@@ -53,6 +53,8 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
     kind: Annotated[str, choice(*ALGORITHMS)]
 
     def __post_init__(self) -> None:
+        if math.prod(len(getattr(self, name) or (None,)) for name in PARAMETERS) > MOST_JOBS:
+            raise ValueError(f"its values have more than the {MOST_JOBS} combinations that one sweep may have")
         self.presets()
 
     def presets(self) -> list[Preset]:
@@ -153,6 +155,11 @@ def load_sweep(path: Path) -> Work:
     presets = [preset for controller in file.controller for preset in controller.presets()]
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller stands there twice")
+    all_rules = file.rules or (protocol.rules,)
+    lists = populations, protocol.devices, all_rules, presets, *file.varied.values()
+    count = file.operators * math.prod(map(len, lists))
+    if count > MOST_JOBS:  # before they are spread out
+        raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
     chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
     assumed = [replace(protocol.assumptions, **one) for one in chosen]
     if any(one.sensing == ENCODERS for one in assumed):
@@ -160,13 +167,10 @@ def load_sweep(path: Path) -> Work:
             encoder_counts(device)
     protocols = [
         replace(protocol, seed=file.seed, rules=rules, assumptions=one, trial=replace(protocol.trial, assumptions=one))
-        for rules in file.rules or (protocol.rules,)
+        for rules in all_rules
         for one in assumed
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
-    count = math.prod(map(len, cells))
-    if count > MOST_JOBS:
-        raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     jobs = tuple(
         Job(number, population, device, one, one.assumptions.controller(preset), operator, file.repetitions, varied)
