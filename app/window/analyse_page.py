@@ -45,7 +45,7 @@ from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
-from experiments.analysis.participants import people_of
+from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Conclusions, Job, Results, conclude, read_results
 from experiments.plan import counted

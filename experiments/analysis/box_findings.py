@@ -29,7 +29,7 @@ from experiments.analysis.findings import (
     named,
 )
 from experiments.analysis.metrics import BY_NAME, DRAWN
-from experiments.analysis.participants import configurations_of, finished_share
+from experiments.analysis.statistics import configurations_of, finished_share
 from experiments.analysis.trials_table import TrialRow, to_compare
 
 LITTLE, SIMILAR = 0.15, 0.30  # of U

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 
 from experiments.analysis.metrics import DRAWN, Metric
-from experiments.analysis.participants import people_of
+from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
 
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"

@@ -17,7 +17,7 @@ import numpy as np
 
 from core.control.controllers import Preset
 from experiments.analysis.metrics import BY_NAME, compared_for
-from experiments.analysis.participants import (
+from experiments.analysis.statistics import (
     PAPER_CONFIGURATIONS,
     Interval,
     Scores,

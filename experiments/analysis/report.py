@@ -13,9 +13,19 @@ from core.files import InputError
 from experiments.analysis.box_findings import BoxFinding, box_findings_of
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES
-from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
 from experiments.analysis.sensitivity import sensitivity, swapped
-from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
+from experiments.analysis.statistics import (
+    MEASURES,
+    POOLED,
+    Result,
+    configurations_of,
+    finished_share,
+    least_p_holm,
+    people_of,
+    scores,
+    statistics,
+    too_few,
+)
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
 from experiments.recording.atomic_files import write_new_files
 

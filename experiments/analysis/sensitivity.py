@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.analysis.metrics import BY_NAME, METRICS, amplitude_sum, columns, tip_acceleration, weighted_amplitudes
-from experiments.analysis.participants import configurations_of
-from experiments.analysis.statistics import Result
+from experiments.analysis.statistics import Result, configurations_of
 from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording

@@ -23,14 +23,15 @@ import numpy as np
 from core.files import InputError
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
-from experiments.export.answers import answers_and_notes, write_phenotype
 from experiments.export.files import (
     PHASE_LEVELS,
     Exported,
     ExportedTrial,
+    answers_and_notes,
     recording_column,
     write_columns,
     write_json,
+    write_phenotype,
     write_rows,
 )
 from experiments.inputs import INPUTS, is_person

@@ -19,14 +19,15 @@ import pyarrow as pa
 
 from core.files import InputError
 from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, row_of, write_table
-from experiments.export.answers import answers_and_notes, write_answers_and_notes
 from experiments.export.bids import BidsDataset
 from experiments.export.files import (
     DECISION_READING,
     PHASE_LEVELS,
     Exported,
     ExportedTrial,
+    answers_and_notes,
     recording_column,
+    write_answers_and_notes,
     write_columns,
     write_json,
 )

@@ -29,8 +29,8 @@ from experiments.analysis.findings import (
     answer,
     findings,
 )
-from experiments.analysis.participants import Interval, mean_interval, spreads
 from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.statistics import Interval, mean_interval, spreads
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import load_protocol
 

@@ -14,7 +14,6 @@ from scipy import stats
 from core import tick_log
 from core.tick_log import PHASES
 from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes
-from experiments.analysis.participants import LEAST_PEOPLE
 from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
@@ -25,6 +24,7 @@ from experiments.analysis.sensitivity import (
     swapped,
 )
 from experiments.analysis.statistics import (
+    LEAST_PEOPLE,
     MEASURES,
     POOLED,
     friedman,
