@@ -10,8 +10,16 @@ from typing import NamedTuple
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.box_findings import BoxFinding, box_findings_of
-from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
+from experiments.analysis.findings import (
+    CONTROLLER,
+    HOLDS,
+    BoxFinding,
+    Finding,
+    box_findings_of,
+    description_only,
+    findings,
+    why_no_findings,
+)
 from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES
 from experiments.analysis.sensitivity import sensitivity, swapped
 from experiments.analysis.statistics import (

@@ -17,8 +17,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
-from experiments.analysis.findings import CONTROLLER, STATEMENTS
+from experiments.analysis.findings import CONTROLLER, LITTLE_OF_U, SIMILAR_OF_U, STATEMENTS, PooledBox, box_findings
 from experiments.analysis.metrics import BY_NAME
 from experiments.analysis.sheet import (
     BLUE,
@@ -147,8 +146,8 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
-        f"Bands: a difference counts from {LITTLE:.0%} of the uncontrolled box on, similar is within {SIMILAR:.0%}; "
-        "the last columns halve and double both.",
+        f"Bands: a difference counts from {LITTLE_OF_U:.0%} of the uncontrolled box on, similar is within "
+        f"{SIMILAR_OF_U:.0%}; the last columns halve and double both.",
         "## Jointly",
         _jointly(holds),
     ]

@@ -1,7 +1,7 @@
 """`phd worlds`: thousands of small studies, each under assumptions of its own, judged as the paper judges.
 
 A row of DIR/worlds.csv is one world: its seed, its assumptions, the verdict and margin of each statement by boxes
-(`experiments.analysis.box_findings`), and the boxes themselves, so that it can be judged again by other rules. A world
+(`experiments.analysis.findings`), and the boxes themselves, so that it can be judged again by other rules. A world
 is the study that `phd study` runs with the same assumptions and seed, without recordings. DIR/report is made from the
 table alone. How the folder is filled, resumed and spread over workers: `experiments.study.jobs`.
 """
@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from core.files import InputError
-from experiments.analysis.box_findings import MEASURES, PooledBox, box_findings, pooled_boxes
-from experiments.analysis.findings import STATEMENTS, why_no_findings
+from experiments.analysis.findings import BOXED, STATEMENTS, PooledBox, box_findings, pooled_boxes, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
@@ -63,7 +62,7 @@ class World:
 
 
 def _cells(protocol: Protocol) -> list[tuple[str, str, int]]:
-    return [(m, device.name, k) for m in MEASURES for device in protocol.devices for k in protocol.controllers]
+    return [(m, device.name, k) for m in BOXED for device in protocol.devices for k in protocol.controllers]
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:

@@ -21,8 +21,8 @@ import numpy as np
 
 from core.control.algorithm import GAP, GAP_M
 from core.control.controllers import PARAMETERS
-from experiments.analysis.box_findings import SIMILAR
 from experiments.analysis.charts import QUARTILE_METHOD
+from experiments.analysis.findings import SIMILAR_OF_U
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.report import STEP
 from experiments.protocol import load_protocol
@@ -92,7 +92,7 @@ def _as_the_check(worlds: Worlds, row: int, devices: list[str]) -> tuple[bool, b
         of_it = {k: boxes[ERROR, device, k] for k in (1, *CONTROLLED)}
         smallest.append(min(of_it, key=lambda k: of_it[k].q3 - of_it[k].q1) == GAP_CONTROLLER)
         medians = [of_it[k].median for k in CONTROLLED]
-        similar.append(max(medians) - min(medians) <= SIMILAR * of_it[1].median)
+        similar.append(max(medians) - min(medians) <= SIMILAR_OF_U * of_it[1].median)
     return all(smallest), any(smallest), all(similar)
 
 

@@ -11,23 +11,21 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from core.files import InputError
-from experiments.analysis.box_findings import (
-    MEASURES,
-    PooledBox,
-    box_findings,
-    box_findings_of,
-    pooled_boxes,
-)
 from experiments.analysis.findings import (
     AT_MOST,
     BELOW,
+    BOXED,
     CANNOT_TELL,
     FAILS,
     HOLDS,
     SIMILAR,
     STATEMENTS,
+    PooledBox,
     answer,
+    box_findings,
+    box_findings_of,
     findings,
+    pooled_boxes,
 )
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.statistics import Interval, mean_interval, spreads
@@ -357,7 +355,7 @@ def test_one_person_decides_nothing():
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
 
 
-ERROR, FORCE, ROUGHNESS = MEASURES
+ERROR, FORCE, ROUGHNESS = BOXED
 #: As the paper's text has them: median and length of the box, of path error, force and roughness.
 BOXED = {
     1: ((8.0, 2.0), (2.0, 0.4), (10.0, 2.0)),
@@ -373,7 +371,7 @@ def made(changes=(), wider=1.5):
     boxes = {}
     for device in DEVICES:
         for controller, of_it in BOXED.items():
-            for measure, (median, length) in zip(MEASURES, of_it, strict=True):
+            for measure, (median, length) in zip(BOXED, of_it, strict=True):
                 length *= wider if (device, controller, measure) == ("four-brake", 1, ERROR) else 1.0
                 boxes[measure, device, controller] = around(median, length)
     for measure, controller, median, length, *devices in changes:

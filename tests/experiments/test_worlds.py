@@ -15,8 +15,7 @@ import pytest
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.box_findings import box_findings_of, pooled_boxes
-from experiments.analysis.findings import HOLDS, STATEMENTS
+from experiments.analysis.findings import HOLDS, STATEMENTS, box_findings_of, pooled_boxes
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
