@@ -2,19 +2,20 @@
 
 The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims.
 
-Within each participant: a claim is split into comparisons, one for each configuration and each measure of one thing. In
-a comparison every participant gives one difference, first minus second, of the medians of their own trials (for "consistent": of their trials' mean distance from the middle of
-the box). `mean_interval` takes the differences as normal, which few people cannot show: below six the report warns.
-"Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
-on the three-brake device). Our choices: the difference within a person, where the paper compares boxes; "SDOF" reduces
-path error if it does without and with gap; "proportional" against "SDOF" overall is the mean of the two gains against
-the mean of the two gaps; what four brakes gain is judged over the four controllers that brake.
+Within each participant: a claim is split into comparisons, one for each configuration and each measure of one thing.
+In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
+"consistent": of their trials' mean distance from the middle of the box). `mean_interval` takes the differences as
+normal, which few people cannot show: below six the report warns. "Uncontrolled median": of the participants' scores
+without control, in the same configuration (between configurations: on the three-brake device). Our choices: the
+difference within a person, where the paper compares boxes; "SDOF" reduces path error if it does without and with gap;
+"proportional" against "SDOF" overall is the mean of the two gains against the mean of the two gaps; what four brakes
+gain is judged over the four controllers that brake.
 
-By boxes, as the paper judges (our choice: it draws boxes and states no rule): a box holds the trials of everyone (three
-people in the paper) with one controller on one device, by the measure of Fig. 16, 17 or 18. U is the size of the
-uncontrolled box on the first side's device: its median, or its length (q3 - q1) where lengths are compared. Several
-controllers on one side count by the mean of their medians. A rule's margin, in units of U, is not under 0 where the
-rule is met; a statement's margin is the least of its claims on all devices.
+By boxes, as the paper judges (our choice: it draws boxes and states no rule): a box holds the trials of everyone
+(three people in the paper) with one controller on one device, by the measure of Fig. 16, 17 or 18. U is the size of
+the uncontrolled box on the first side's device: its median, or its length (q3 - q1) where lengths are compared.
+Several controllers on one side count by the mean of their medians. A rule's margin, in units of U, is not under 0
+where the rule is met; a statement's margin is the least of its claims on all devices.
 """
 
 import math
