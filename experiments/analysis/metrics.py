@@ -141,11 +141,6 @@ class Movement:
         self.tip = self._columns("tip_x_m", "tip_y_m")  # (n, 2) m
         self.progress, self.deviation = along_path(self.tip, path)  # (n,) m
 
-    @property
-    def made_progress(self) -> bool:
-        """Whether the tip came any way along the path."""
-        return float(self.progress[-1] - self.progress[0]) >= LEAST_PROGRESS_M
-
     @cached_property
     def force(self) -> np.ndarray:
         """Magnitude of the hand force (n,), N."""
@@ -448,4 +443,5 @@ def trial_metrics(recording: "Recording", path: Path, metrics: Sequence[Metric] 
     if not recording.in_phase("move").any():
         return {one.name: None for one in metrics}
     m = Movement(recording, path)
-    return {one.name: one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics}
+    moved = m.progress[-1] - m.progress[0] >= LEAST_PROGRESS_M
+    return {one.name: one.of(m) if moved or not one.needs_progress else None for one in metrics}

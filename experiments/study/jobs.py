@@ -131,7 +131,7 @@ def _results(jobs: Sequence[Any], on_cluster: bool) -> Iterator[tuple[int, Done]
     if not on_cluster:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
             yield _run(jobs[0])
-        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
+        calls = (joblib.delayed(_run)(job, os.getpid()) for job in jobs[1:])
         workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
         yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
         return
@@ -153,15 +153,11 @@ def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
 
 
-def _run(job: Any) -> tuple[int, Done]:
-    return job.number, job.run()
-
-
-def _run_beside_parent(job: Any, parent: int) -> tuple[int, Done]:
-    """A job in a worker of this machine, which ends when the work does, however that ends."""
-    if os.getpid() != parent:
+def _run(job: Any, parent: int | None = None) -> tuple[int, Done]:
+    """A job; in a worker of this machine, which ends when its parent does, however that ends."""
+    if parent is not None and parent != os.getpid():
         end_with(parent)
-    return _run(job)
+    return job.number, job.run()
 
 
 @contextlib.contextmanager

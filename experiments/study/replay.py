@@ -253,16 +253,12 @@ def named(protocol: Protocol, controller: int | str) -> str:
 
 def write_ticks(replayed: Recording, first: int, out: Path) -> None:
     """The replayed ticks as a new CSV file, whole or not at all."""
-    arrays = [
-        pa.array(replayed.text(name)[first:].tolist(), pa.string())
-        if name in TEXT_COLUMNS
-        else pa.array(replayed.columns[name][first:] + 0.0)  # no "-0"
-        for name in replayed.columns
-    ]
+    columns = {
+        name: replayed.text(name)[first:].tolist() if name in TEXT_COLUMNS else column[first:] + 0.0  # no "-0"
+        for name, column in replayed.columns.items()
+    }
     sink = pa.BufferOutputStream()
-    sink.write((",".join(replayed.columns) + "\n").encode())
-    table = pa.table(arrays, names=list(replayed.columns))
-    pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
+    pa_csv.write_csv(pa.table(columns), sink, pa_csv.WriteOptions(quoting_style="needed", quoting_header="none"))
     write_new_file(out, sink.getvalue().to_pybytes())
 
 

@@ -93,12 +93,14 @@ class Run:
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, beside, errors or beside.pool.submit(errors_in, self.out))
+        ended = {number: [row.status == "done" for row in table if row.controller == number]
+                 for number in protocol.controllers}  # fmt: skip
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
         return {
             "out": str(self.out),
             "trials": len(table),
-            **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
+            **{f"done_controller_{number}": float(np.mean(of_it or [0.0])) for number, of_it in ended.items()},
             "recovered": sum(row.status == "recovered" for row in table),
             "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
@@ -199,9 +201,3 @@ def verdicts(found: Sequence[Finding]) -> str:
     counted = Counter(finding.verdict for finding in found)
     counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
     return f"{counts} (of the paper's {len(found)}; why: {REPORT}/report.md)"
-
-
-def share_done(rows: Sequence[TrialRow], controller: int) -> float:
-    """Share of a controller's trials that reached the end."""
-    done = [row.status == "done" for row in rows if row.controller == controller]
-    return float(np.mean(done)) if done else 0.0
