@@ -100,7 +100,7 @@ class Run:
         return {
             "out": str(self.out),
             "trials": len(table),
-            **{f"done_controller_{number}": float(np.mean(of_it or [0.0])) for number, of_it in ended.items()},
+            **{f"done_controller_{number}": float(np.mean(of_it)) if of_it else 0.0 for number, of_it in ended.items()},
             "recovered": sum(row.status == "recovered" for row in table),
             "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
