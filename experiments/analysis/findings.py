@@ -47,7 +47,7 @@ LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 ERROR, FORCE, ROUGHNESS = (compared_for(thing, on_any_device=True) for thing in ("accuracy", "force", "smoothness"))
-BOXED = tuple(metric.name for metric in DRAWN)  # the measures that have boxes
+IN_BOXES = tuple(metric.name for metric in DRAWN)  # the measures that have boxes
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
 Controllers = tuple[int, ...]  # several: their mean
@@ -66,8 +66,8 @@ class Claim(NamedTuple):
     first: Controllers
     second: Controllers
     spread: bool = False  # compare how far trials lie from the middle of the box, not the trials
-    little: bool = False  # "little change": `box_findings` then has a narrower band
-    clear: bool = False  # "significantly": `box_findings` then wants the boxes apart
+    little: bool = False  # "little change": by boxes the band is narrower
+    clear: bool = False  # "significantly": by boxes neither median may lie in the other box
     devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
 
     def places(self, configurations: Sequence[str]) -> list[tuple[str, str]]:
@@ -382,7 +382,7 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
     values: dict[tuple[str, str, int], list[float]] = {}
     for row in to_compare(rows, timeouts):
         if isinstance(row.controller, int) and finished[row.configuration, row.controller] >= LEAST_FINISHED:
-            for measure in BOXED:
+            for measure in IN_BOXES:
                 if (value := getattr(row, measure)) is not None:
                     values.setdefault((measure, row.configuration, row.controller), []).append(value)
     return {
@@ -399,7 +399,7 @@ def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0
             Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
             for claim in statement.claims
             for measure in claim.measures
-            if measure in BOXED
+            if measure in IN_BOXES
             for place in claim.places(configurations)
         ]
         decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)

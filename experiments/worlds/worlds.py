@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from core.files import InputError
-from experiments.analysis.findings import BOXED, STATEMENTS, PooledBox, box_findings, pooled_boxes, why_no_findings
+from experiments.analysis.findings import IN_BOXES, STATEMENTS, PooledBox, box_findings, pooled_boxes, why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
@@ -62,7 +62,7 @@ class World:
 
 
 def _cells(protocol: Protocol) -> list[tuple[str, str, int]]:
-    return [(m, device.name, k) for m in BOXED for device in protocol.devices for k in protocol.controllers]
+    return [(m, device.name, k) for m in IN_BOXES for device in protocol.devices for k in protocol.controllers]
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:

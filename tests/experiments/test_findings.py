@@ -14,10 +14,10 @@ from core.files import InputError
 from experiments.analysis.findings import (
     AT_MOST,
     BELOW,
-    BOXED,
     CANNOT_TELL,
     FAILS,
     HOLDS,
+    IN_BOXES,
     SIMILAR,
     STATEMENTS,
     PooledBox,
@@ -355,7 +355,7 @@ def test_one_person_decides_nothing():
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
 
 
-ERROR, FORCE, ROUGHNESS = BOXED
+ERROR, FORCE, ROUGHNESS = IN_BOXES
 #: As the paper's text has them: median and length of the box, of path error, force and roughness.
 BOXED = {
     1: ((8.0, 2.0), (2.0, 0.4), (10.0, 2.0)),
@@ -371,7 +371,7 @@ def made(changes=(), wider=1.5):
     boxes = {}
     for device in DEVICES:
         for controller, of_it in BOXED.items():
-            for measure, (median, length) in zip(BOXED, of_it, strict=True):
+            for measure, (median, length) in zip(IN_BOXES, of_it, strict=True):
                 length *= wider if (device, controller, measure) == ("four-brake", 1, ERROR) else 1.0
                 boxes[measure, device, controller] = around(median, length)
     for measure, controller, median, length, *devices in changes:
