@@ -216,24 +216,16 @@ class Movement:
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
 
-    def least_clearance(self) -> float | None:
-        distance = self._from_obstacle
-        return None if distance is None else max(float(distance.min()), 0.0)
-
-    def deepest_entry(self) -> float | None:
-        distance = self._from_obstacle
-        return None if distance is None else max(-float(distance.min()), 0.0)
-
     def guarded_share(self) -> float | None:
-        if self._from_obstacle is None:
+        if self.least_distance is None:
             return None
         return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
 
     @cached_property
-    def _from_obstacle(self) -> np.ndarray | None:
-        """Distance from the nearest obstacle (n,), m; None without one."""
-        distance = self._may_be_missing("obstacle_distance_m")[:, 0]
-        return None if np.isnan(distance).any() else distance
+    def least_distance(self) -> float | None:
+        """Least distance from the nearest obstacle, m, negative inside; None without one."""
+        distance = self._may_be_missing("obstacle_distance_m")
+        return None if np.isnan(distance).any() else float(distance.min())
 
     @cached_property
     def _wanted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -380,13 +372,13 @@ METRICS = (
     Metric(
         "least_clearance_m", "m", "Least clearance", "least clearance",
         "least distance of the handle from the nearest obstacle, 0 inside; none without obstacles",
-        Movement.least_clearance,
+        lambda m: None if m.least_distance is None else max(m.least_distance, 0.0),
         shown_unit="mm", scale=1e3, needs_progress=False, better="higher",
     ),
     Metric(
         "deepest_entry_m", "m", "Deepest entry", "deepest entry",
         "how deep the handle came into an obstacle; none without obstacles",
-        Movement.deepest_entry,
+        lambda m: None if m.least_distance is None else max(-m.least_distance, 0.0),
         shown_unit="mm", scale=1e3, needs_progress=False,
     ),
     Metric(
