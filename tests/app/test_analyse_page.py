@@ -82,9 +82,6 @@ def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
     return [(mark.pos().x(), mark.pos().y()) for mark in plot.ring.points()]
 
 
-# ------------------------------------------------------------------------------------------------------ what is shown
-
-
 def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     assert [len(plot.points.points()) for plot in page.plots] == [180, 180, 180]
@@ -213,9 +210,6 @@ def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> N
     assert not page.export_button.isEnabled()
 
 
-# -------------------------------------------------------------------------------------------------------- one trial
-
-
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     row = replace(page.rows[100], recording="")
@@ -330,9 +324,6 @@ def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data:
     assert page.chosen == last
 
 
-# ------------------------------------------------------------------------------------------------------------- export
-
-
 def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     (data / "results-1").mkdir()
     page = page_on(qtbot, data)
@@ -367,9 +358,6 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypat
     said = "Nothing was written" if end == "killed" else "cancelled"
     qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)
-
-
-# --------------------------------------------------------------------------------------------------------------- look
 
 
 @pytest.mark.parametrize("name", [POOLED, FINDINGS])

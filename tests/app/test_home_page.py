@@ -176,9 +176,6 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
         QApplication.setOrganizationName("")
 
 
-# the board
-
-
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
@@ -201,9 +198,6 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.link.choose(SIMULATED)
     page._link_chosen(SIMULATED)
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
-
-
-# the data
 
 
 def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:

@@ -252,9 +252,6 @@ def test_both_launchers_take_the_same_pythons() -> None:
     assert f'"%errorlevel%"=="{set_up.NOT_READY}"' in windows
 
 
-# ---------------------------------------------------------------------------------------------------- system packages
-
-
 class Debian:
     """What the set-up finds of the system, and what it runs there."""
 
@@ -326,9 +323,6 @@ def test_a_verb_without_a_window_needs_none(words: str) -> None:
     assert not set_up.opens_window(words.split())
 
 
-# ----------------------------------------------------------------------------------------------------------- phd test
-
-
 @shell
 @pytest.mark.parametrize("tool", ["none", "mypy"])
 def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, tool: str) -> None:
@@ -351,9 +345,6 @@ def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
 @shell
 def test_a_failure_without_the_jit_fails_the_suite(tree: Tree) -> None:
     assert "failed: pytest, pytest without the jit\n" in tree.run("test", INTERPRETED_CODE="1").stdout
-
-
-# --------------------------------------------------------------------------------------------------------------- pins
 
 
 def pins() -> dict[str, str]:

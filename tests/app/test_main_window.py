@@ -41,9 +41,6 @@ KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.Co
 RERIG = CARDS[m.RERIG].text
 
 
-# ------------------------------------------------------------------------------------------------- pre-flight, start
-
-
 @pytest.mark.parametrize("state", [m.BAD, m.WAITING])
 def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_readable(screens: Screens, state) -> None:
     check = m.Check("Disk", state, "12 MB free", "Free some space.")
@@ -115,9 +112,6 @@ def test_escape_in_a_note_leaves_the_note_and_nothing_else(screens: Screens) -> 
     assert len(screens.client.off_causes) == 1
 
 
-# ------------------------------------------------------------------------------------------------- redo, skip, abort ..
-
-
 def test_redo_names_the_last_run_and_its_reason(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
     assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "run 5" in screens.run.cards.question.title.text()
@@ -172,9 +166,6 @@ def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("prs nab t")]
     screens.hear(ready(3, notes=("13:02 prs nab t",)))
     assert "13:02 prs nab t" in screens.run.panel.notes.toPlainText()
-
-
-# ------------------------------------------------------------------------------------------------- what is shown
 
 
 def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
@@ -249,9 +240,6 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
     assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
 
 
-# ------------------------------------------------------------------------------------------------- waiting
-
-
 def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
     console = screens.hear(opened(), ready(30, stage=m.RERIG))
     texts = visible_texts(console)
@@ -286,9 +274,6 @@ def test_a_blind_session_is_opened_by_somebody_with_a_name(screens: Screens) -> 
     assert screens.press(KEY.Key_Return, question.own) == []
     QTest.keyClicks(question.own, "R. Book")
     assert screens.press(KEY.Key_Return, question.own) == [m.Unblind("R. Book")]
-
-
-# ------------------------------------------------------------------------------------------------- the end
 
 
 @pytest.mark.parametrize("death", ["silent", "said"])
@@ -344,9 +329,6 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
 def test_closing_between_trials_just_closes(screens: Screens) -> None:
     console = screens.hear(opened(), ready(3))
     assert console.close() and screens.client.stopped
-
-
-# ------------------------------------------------------------------------------------------------- drawing
 
 
 STATES = {

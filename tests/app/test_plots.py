@@ -43,9 +43,6 @@ def drawn(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     return trace.curves[0].curve.getData()
 
 
-# ------------------------------------------------------------------------------------------------------------ a curve
-
-
 def test_a_spike_of_one_tick_is_drawn_and_scrolls_out(trace: Trace) -> None:
     t = 1e-3 * np.arange(3000)
     values = np.full((1, 3000), 0.1)
@@ -111,9 +108,6 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
     assert traces.force.end == 10.0
 
 
-# ------------------------------------------------------------------------------------------------------------ traces
-
-
 def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
     traces.word()
@@ -168,9 +162,6 @@ def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> 
     assert "B 0.30" in traces.currents.value and traces.grab().toImage() != pictures[0]
 
 
-# ------------------------------------------------------------------------------------------------------------ timing
-
-
 def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     lateness = np.full(3000, 14.0)
@@ -193,9 +184,6 @@ def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> N
     assert strip.value == strip.words and strip.figures.parts[0][1] == theme.QUIET
     strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
     assert strip.words.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
-
-
-# ------------------------------------------------------------------------------------------------------------ energy
 
 
 def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:

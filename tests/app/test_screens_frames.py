@@ -214,9 +214,6 @@ def test_a_move_of_the_pointer_counts_once_the_tick_that_used_it_is_painted(scre
     assert moves.lost == 1
 
 
-# ------------------------------------------------------------------------------------------------- the verb
-
-
 def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
     one = {
         "windows": "main window", "width": 1280, "height": 720, "scale": 1.0, "platform": "xcb", "seconds": 5.0,
@@ -234,9 +231,6 @@ def test_the_report_has_a_line_for_every_case_and_the_pointer() -> None:
     assert "1280x720" in said and "1920x1080 200%" in said and "20.0%" in said
     assert "p95 30.0 (1.8 frames)" in said and "99.0% of 252" in said
     assert "not measured, no mouse" in table({**result, "pointer": {"refused": "no mouse"}})
-
-
-# ------------------------------------------------------------------------------------------------- room
 
 
 @pytest.mark.parametrize(("width", "height"), ((1280, 720), (1600, 900), (1920, 1080)))

@@ -230,9 +230,6 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     assert f"1 of its {last} trials have no result: {last} (skipped)" in said[-1][0]
 
 
-# ------------------------------------------------------------------------------------------------- breaks
-
-
 @pytest.fixture
 def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Opens a session with a break of ten minutes after each trial, again and again; `later` lets the clock go on."""

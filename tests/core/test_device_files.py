@@ -38,9 +38,6 @@ def device(*changes: tuple[str, str], brake: str = BRAKE):
 LINK = r"= \{mass_kg = 0.30, com_m = \S+ inertia_kg_m2 = \S+\}"
 
 
-# what the shipped files say
-
-
 def test_shipped_devices_are_the_papers_and_those_it_names_and_say_that_they_are_assumed():
     shipped = {name: load_device(name) for name in shipped_devices()}
     assert {name: device.braked for name, device in shipped.items()} == {
@@ -125,9 +122,6 @@ def test_kernels_get_radians_and_zeros_where_there_is_no_brake():
     assert (b.ripple, b.signed) == (0.0, 0.0)
 
 
-# what a device file means
-
-
 def test_a_link_without_centre_and_inertia_is_a_uniform_rod():
     rods = device((LINK, "= {mass_kg = 0.30}")).mechanism
     arm = FOUR.mechanism.arm_1
@@ -206,9 +200,6 @@ def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
         load_device(tmp_path / "mine.toml")
 
 
-# where the tip can be
-
-
 @given(st.floats(-0.7, 0.7), st.floats(0.001, 0.7), st.sampled_from(["three-brake", "four-brake"]))
 def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
     dev = {"three-brake": THREE, "four-brake": FOUR}[name]
@@ -242,8 +233,6 @@ def test_one_moving_body_alone_leaves_the_tip_without_inertia():
     bare = one_body.mechanism._replace(arm_1=arm, arm_2=nothing, tip_mass=0.0)
     assert not invertible_mass(bare, tips).any()
 
-
-# refusals
 
 BAD_DEVICES = {
     "negative length": (

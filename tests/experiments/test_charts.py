@@ -135,9 +135,6 @@ def test_answers_stand_by_question_and_device():
     assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
 
 
-# ------------------------------------------------------------------------------------------------ a folder's results
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     """A session of twenty trials: three run, of which one was repeated and one excluded, and one note."""

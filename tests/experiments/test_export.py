@@ -282,9 +282,6 @@ def test_an_empty_folder_is_taken_and_what_a_kill_left_beside_it_is_cleared(stud
     assert [path.name for path in tmp_path.iterdir()] == ["out"] and "old" not in files(out)
 
 
-# --- who or what moved which device, for every way in which a trial can be recorded
-
-
 def on_the_bench(session: Session, board: str) -> None:
     """One trial on a device on the bench that never got to its movement."""
     trial, writer = session.begin(session.next_planned(), Sensors("AB", 6))

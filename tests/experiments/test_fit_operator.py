@@ -165,9 +165,6 @@ def test_a_laboratory_fits_its_participant_and_simulates_it(tmp_path, capsys):
     assert main(["study", str(short), "--operators", "1", "--population", str(people), "--out", str(again)]) == 0
 
 
-# --- wrong input
-
-
 def test_a_folder_without_whole_trials_is_refused_in_one_sentence(tmp_path, capsys, data):
     assert "there is no such folder" in refusal(capsys, tmp_path / "none")
     assert "holds no trial that reached the end" in refusal(capsys, tmp_path)

@@ -114,9 +114,6 @@ def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake():
     assert brake.rise.a == pytest.approx(found.constants["rise"].surface.values, rel=1e-5)
 
 
-# --- numbers in other units, and what steps do not show
-
-
 def in_other_units(steps: list[Step], t=1.0, current=1.0, speed=1.0, torque=1.0) -> list[Step]:
     """The same steps with numbers times these factors."""
     found = []
@@ -222,8 +219,6 @@ def test_the_command_warns_on_stderr_and_in_json(folder, capsys):
             assert "assumed: current_max_A (the largest that was measured); knee_A" in printed.out
 
 
-# --- what steps cannot tell
-
 WITHOUT = {
     "no rising steps": (lambda s: not s.rising, "a_avg and a_1 to a_6 of Eq. (4), rise, .* no step to a higher"),
     "no falling steps": (lambda s: s.rising, "a_avg and a_1 to a_6 of Eq. (4), fall, .* no step to a lower"),
@@ -306,9 +301,6 @@ def test_intervals_of_a_straight_line_are_scipys_or_wider_where_the_scatter_is_u
         assert fit.half_widths[0] == pytest.approx(reach * max(line.stderr, uneven))
         wider.append(uneven > line.stderr)
     assert any(wider) and not all(wider)
-
-
-# --- the file and the command
 
 
 def test_a_written_file_reads_back_with_rows_before_the_step_and_a_running_clock(tmp_path):

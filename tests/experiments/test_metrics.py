@@ -274,9 +274,6 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     assert all(value is not None for value in vars(from_file).values())
 
 
-# --- smoothness: acceleration, its weighted DFT, SPARC, on signals whose answers are known
-
-
 TONES = {
     "1 Hz": ([(1.0, 0.5)], 0.5, 0.5),
     "7 Hz": ([(7.0, 2.0)], 14.0, 14.0),

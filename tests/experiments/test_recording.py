@@ -216,9 +216,6 @@ def test_a_tick_with_a_code_without_a_word_is_refused(path, column, value):
         RecordingWriter(path, "AEB", {}, sync=False).write(rows)
 
 
-# ---------------------------------------------------------------------------------------------------------- as Parquet
-
-
 def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):
     rows = ticks(2345)
     rows[5, tick_log.HAND_FX], rows[6, tick_log.HAND_FX] = np.nan, -0.0

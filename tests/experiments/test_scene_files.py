@@ -51,9 +51,6 @@ def _read_plain_scene():
 _SCENE = _read_plain_scene()
 
 
-# what a scene means
-
-
 def test_a_scene_without_tables_leaves_brakes_and_hand_at_zero(scene):
     s = scene()
     assert (s.fidelity, s.integrator, s.output_every, s.steps, s.rows) == ("ideal", "event", 1, 20, 21)
@@ -116,8 +113,6 @@ def test_output_times_are_multiples_of_the_interval_to_rounding(k, interval):
     if interval == 1e-3:
         assert time == float(f"{k}e-3")
 
-
-# what is refused
 
 TABLE = '[brakes]\nschedule = "brakes.csv"\n'
 FORCE = '[force]\nfile = "force.csv"\n'
