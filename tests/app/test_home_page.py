@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
-from sessions import new_session, run_trials
+from sessions import closed_session
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
@@ -268,9 +268,7 @@ def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_pa
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
     data, folder = shown.page.data, shown.setup.data_dir
-    kept = new_session(folder)
-    run_trials(kept, 2)
-    kept.close()
+    closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
     shares: list[float] = []
     data._export.progressed.connect(shares.append)

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live import LONG_S, live_window, wait_until
+from live import live_window
+from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
 from app.ipc.client import Client

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from disks import full
 from protocols import PAPER
 
 from app.ipc.client import Client
@@ -230,9 +231,6 @@ def test_brakes_that_are_off_before_a_trial_never_come_on_in_it(large: Ring) -> 
 
 
 def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_why(monkeypatch, tmp_path) -> None:
-    def full(*_args, **_options):
-        raise OSError(28, "No space left on device")
-
     monkeypatch.setattr(*((mmap, "mmap") if sys.platform == "win32" else (os, "memfd_create")), full)
     with pytest.raises(InputError, match="no memory for the ticks of the control loop"):
         Client(Setup(tmp_path / "data"))

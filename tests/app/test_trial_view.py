@@ -10,7 +10,7 @@ from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from sessions import new_session, run_trials
+from sessions import closed_session
 
 from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
 from core import tick_log
@@ -161,9 +161,7 @@ def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> No
 
 
 def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path: Path) -> None:
-    session = new_session(tmp_path / "data", protocol=short())
-    run_trials(session, 1)
-    session.close()
+    session = closed_session(tmp_path / "data", 1, protocol=short())
     window = TrialWindow(session.folder / session.rows[0].recording)
     qtbot.addWidget(window)
     window.show()

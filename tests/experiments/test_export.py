@@ -8,10 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from disks import full
 from exports import errors, table, validate
 from protocols import short
 from recorded import ticks
-from sessions import crash_in_trial, files, new_session, run, session_of
+from refusals import refusal
+from sessions import closed_session, crash_in_trial, files, new_session, run, session_of
 
 from app.cli import main
 from core import tick_log
@@ -32,8 +34,7 @@ SESSION = Path("sub-01", "ses-01")
 def study(tmp_path_factory):
     """Three trials of a simulated operator, and one of a person at the mouse, on a device with a name of its own."""
     data = tmp_path_factory.mktemp("export") / "study"
-    with session_of(data, 3):
-        pass
+    closed_session(data, 3)
     mouse_trial(data)
     return data
 
@@ -232,10 +233,7 @@ def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, t
 
 @pytest.mark.parametrize("existing", [False, True])
 def test_an_export_that_fails_leaves_nothing(study, tmp_path, monkeypatch, existing):
-    def fill_up(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(CsvTables, "finish", fill_up)
+    monkeypatch.setattr(CsvTables, "finish", full)
     here = tmp_path / "here"
     here.mkdir()
     outs = {"bids": here / "bids", "csv": here / "csv"}
@@ -266,9 +264,7 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
         "cannot be created": ["export", str(study), "--csv", str(full / "note.txt" / "out")],
     }
     for sentence, arguments in wrong.items():
-        assert main(arguments) == 2, sentence
-        said = capsys.readouterr()
-        assert sentence in said.err and said.err.count("\n") == 1 and said.out == ""
+        assert sentence in refusal(capsys, *arguments)
         assert files(tmp_path) == before and not (tmp_path / "out").exists()
 
 

@@ -1,6 +1,5 @@
 """The study from outside: what it leaves, that it repeats, and what it refuses."""
 
-import csv
 import errno
 import json
 import os
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from exports import rows as csv_rows
 from protocols import PEOPLE, short
+from refusals import refusal
 
 from app.cli import main
 from experiments.analysis.charts import boxes
@@ -69,8 +69,7 @@ def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study)
     assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
     assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
     assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 21)]
-    with (study / "trials.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(study / "trials.csv")
     assert list(rows[0])[: len(TABLE)] == TABLE and len(rows) == 20  # a new measure comes after them
     for row in rows:
         assert (study / row["recording"]).is_file()
@@ -160,9 +159,7 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
     (tmp_path / "empty").mkdir()
     places = {name: str(tmp_path / name) for name in ("full", "file", "empty", "new")}
     before = sorted(tmp_path.rglob("*"))
-    assert main([argument.format(**places) for argument in arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and said in captured.err
+    assert said in refusal(capsys, *[argument.format(**places) for argument in arguments])
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -216,7 +213,7 @@ def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_
     assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
 
 
-def test_no_trial_changes_the_draws_that_the_others_take():
+def test_no_trial_changes_the_draws_that_the_others_take_which_are_those_of_the_generator():
     first = next(study_trials(short(seed="8"), load_population("average"), 1)).planned
     key = 8, 1, first.segment, first.repetition
     generator = np.random.default_rng(np.random.SeedSequence(key))
@@ -224,9 +221,6 @@ def test_no_trial_changes_the_draws_that_the_others_take():
     assert kept._drawn, "the trial took others"
     for size in (6, (NOISE_DRAWS, 2)):
         assert np.array_equal(kept.standard_normal(size), generator.standard_normal(size))
-
-
-def test_kept_draws_are_those_of_the_generator_however_often_they_are_taken():
     drawn = Normals([3, 1])
     generator = np.random.default_rng(np.random.SeedSequence([3, 1]))
     expected = generator.standard_normal(6), generator.standard_normal((100, 2))

@@ -1,6 +1,5 @@
 """Sweeps: one table whatever ran where, resumed after a kill, refused in one sentence; no worker outlives it."""
 
-import csv
 import json
 import signal
 import subprocess
@@ -10,8 +9,10 @@ from pathlib import Path
 
 import killed_work
 import pytest
-from live import wait_until
+from exports import rows as csv_rows
 from processes import gone
+from refusals import refusal
+from waiting import wait_until
 
 from app.cli import main
 from core.files import InputError
@@ -40,14 +41,9 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def table(out: Path) -> list[dict[str, str]]:
-    with (out / "sweep.csv").open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(file, tmp_path):
     summary = run_sweep(load_sweep(file), tmp_path / "out")
-    rows = table(tmp_path / "out")
+    rows = csv_rows(tmp_path / "out" / "sweep.csv")
     assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, segments
     assert tuple(rows[0]) == COLUMNS
     cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
@@ -111,9 +107,7 @@ WRONG = {
 @pytest.mark.parametrize("text, says", WRONG.values(), ids=WRONG)
 def test_a_wrong_sweep_file_is_one_sentence_and_nothing_written(file, tmp_path, capsys, text, says):
     file.write_text(text)
-    assert main(["study", "--sweep", str(file), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and says in said.err and said.err.count("\n") == 1
+    assert says in refusal(capsys, "study", "--sweep", file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from processes import children, gone
+from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -18,15 +19,6 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 
 WINE_ALONE = "cpu_info.cc"  # Arrow asks for processors in a way that Wine does not always answer
-LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
-
-
-def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
-    """Wait for something to come true."""
-    end = time.perf_counter() + seconds
-    while not what():
-        assert time.perf_counter() < end, "waited in vain"
-        time.sleep(0.005)
 
 
 class Window:
