@@ -16,7 +16,7 @@ from core import tick_log
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.inputs import HID
-from hardware.hid import SILENT_S, WORD, HidHand
+from hardware.hid import WORD, HidHand
 
 
 @pytest.fixture
@@ -62,14 +62,6 @@ def test_an_unplugged_device_gives_no_force_and_blocks_the_start_until_it_is_bac
     assert check.state == m.BAD and "plug it in again" in check.advice
     bus.plugged = True
     wait_until(lambda: setup.checks("")[1].state == m.GOOD)
-
-
-def test_a_device_that_falls_silent_while_it_is_deflected_gives_no_force(played) -> None:
-    ring, bus, _ = played
-    bus.push("01 5e01 0000 0000")
-    wait_until(lambda: ring.control.push_count and newest(ring) == (20.0, 0.0))
-    bus.now += 2.0 * SILENT_S
-    wait_until(lambda: newest(ring) == (0.0, 0.0))
 
 
 def test_closing_leaves_no_force_behind() -> None:

@@ -193,11 +193,6 @@ def test_a_force_that_cannot_be_is_refused(
     assert says in refusal(capsys, "run", "--link", link, "--force", force, "--data-dir", tmp_path)
 
 
-def test_a_host_without_a_name_is_refused() -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        NetFT("")
-
-
 def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
     assert "force_sensor" not in device_at(bench.device, "/dev/a port").report()
     both = device_at(bench.device, "/dev/a port netft::1")

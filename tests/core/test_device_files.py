@@ -128,16 +128,13 @@ def test_a_link_without_centre_and_inertia_is_a_uniform_rod():
     assert rods.arm_1.proximal == pytest.approx(0.30 * arm.length_1**2 / 3 + carried + 2 * rotor)
 
 
-def test_limits_and_sensing_may_be_left_out_and_housings_and_rotors_are_zero_unless_said():
+def test_what_a_device_file_may_leave_out_is_as_it_says():
     bare = device((r"(?s)\[limits\].*?\[brakes\]", "[brakes]"), (r"(?s)\[sensing\].*", ""))
     assert bare.mechanism.margin == 0.3 and not bare.mechanism.has_theta_stops
     assert bare.sensing is None
     m = device(("joint_._kg = 1.4", ""), ("rotor_inertia_kg_m2 = 1e-4", "")).mechanism
     assert m.arm_1.rotor == 0.0
     assert m.arm_1.proximal == pytest.approx(1.95e-3 + 0.30 * 0.1397**2 + 0.30 * 0.2794**2)
-
-
-def test_a_device_without_a_brake_at_every_joint_keeps_the_joint_order():
     odd = device(('(?m)^[AE] = "mrb-2107-3"\n', ""))
     assert odd.braked == "BC" and list(odd.brakes.present) == [0, 0, 1, 1]
 
@@ -155,13 +152,10 @@ def test_the_stored_texts_rebuild_the_same_device():
         )
 
 
-def test_a_copied_device_file_is_as_good_as_the_shipped_name(tmp_path: Path):
+def test_a_copied_device_file_is_as_good_as_the_shipped_name_and_a_brake_is_found_relative_to_it(tmp_path: Path):
     (tmp_path / "mine.toml").write_text(FOUR.text)
     assert load_device(tmp_path / "mine.toml").mechanism.arm_2 == FOUR.mechanism.arm_2
     assert load_device("mine.toml", tmp_path).name == "four-brake"
-
-
-def test_a_brake_is_found_relative_to_the_device_file(tmp_path: Path):
     (tmp_path / "brakes").mkdir()
     (tmp_path / "brakes" / "weak.toml").write_text(BRAKE.replace("current_max_A = 1.0", "current_max_A = 0.5"))
     (tmp_path / "mine.toml").write_text(changed(FOUR.text, ('A = "mrb-2107-3"', 'A = "brakes/weak.toml"')))

@@ -102,18 +102,6 @@ def test_a_coaxial_device_held_at_its_elbows_swings_about_its_base_without_loss(
     assert abs(simulation.ledger().residual) < 1e-8
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_on_coaxial_bases_event_and_stepping_agree(seed):
-    rng = np.random.default_rng(seed)
-    device = five_bar(rng, True, 0.05, "EC")
-    start, v = free_place(device, rng), rng.uniform(-0.5, 0.5, 2)
-    event, stepping = (
-        tips_every_20_ms(Simulation(device, start, (v[0], v[1]), "ideal", kind), 0.3, step, (0.0, 0.6, 0.0, 0.6))
-        for kind, step in (("event", 1e-3), ("stepping", 1e-5))
-    )
-    assert np.abs(event - stepping).max() < 1e-4
-
-
 def test_where_two_rows_are_parallel_for_an_instant_the_error_falls_with_the_step():
     """The held joint hands over to another there: the exact solver says so, without chatter and without a fallback."""
     device = build_device(ONE_ABOVE_THE_OTHER, {"test-brake": BRAKE_TEXT}, "test")

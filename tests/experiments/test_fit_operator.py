@@ -194,7 +194,5 @@ def test_a_hand_that_no_force_sensor_felt_is_refused(data):
         motion_of(mouse, PAPER.paths[1])
 
 
-def test_one_participant_of_several_is_read_alone(tmp_path):
-    data = tmp_path / "data"
-    closed_session(data, 9)
+def test_one_participant_of_several_is_read_alone(data):
     assert list(read_motions(data, "01")) == list(read_motions(data)) == ["01"]

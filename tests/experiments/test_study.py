@@ -163,15 +163,18 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_the_table_is_the_one_of_operators_one_after_another(tmp_path):
-    protocol = short(paths=1, seed="6")
-    assert run_study(tmp_path / "study", 3, protocol, PEOPLE)["trials"] == 30
-    rows = read_table(tmp_path / "study" / "trials.csv")
-    alone = list(study_trials(protocol, PEOPLE, 3))
+def test_the_table_is_the_one_of_operators_one_after_another_and_of_trials_without_recordings_bit_by_bit(tmp_path):
+    protocol, population = short(paths=1, seed="7", rules='"literal"'), load_population("tremulous")
+    assert run_study(tmp_path / "study", 3, protocol, population)["trials"] == 30
+    rows, trials = read_table(tmp_path / "study" / "trials.csv"), list(study_trials(protocol, population, 3))
     assert [row.participant for row in rows] == ["01"] * 10 + ["02"] * 10 + ["03"] * 10
-    assert [{name: getattr(row, name) for name in one.measures} for row, one in zip(rows, alone, strict=True)] == [
-        one.measures for one in alone
-    ]
+    for row, one in zip(rows, trials, strict=True):
+        place = row.configuration, row.controller, row.segment, row.repetition, row.status
+        assert place == (*one.planned[2:], one.outcome["status"])
+        assert {name: getattr(row, name) for name in one.measures} == one.measures
+    assert list(trials[0].measures) == [metric.name for metric in METRICS]
+    few = next(study_trials(protocol, population, 1, DRAWN))
+    assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where helpers are not forked they do not see the change")
@@ -194,23 +197,6 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
 def test_a_killed_helper_is_an_error_that_says_how_to_go_on():
     with pytest.raises(OSError, match="--resume"), helpers(1) as beside:
         beside.pool.submit(os._exit, 1).result()
-
-
-def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_bit(tmp_path):
-    protocol, population = short(seed="7", rules='"literal"'), load_population("tremulous")
-    run_study(tmp_path / "study", 1, protocol, population)
-    (table,) = (tmp_path / "study").glob("sub-*/ses-*/trials.csv")
-    rows = {row.run: row for row in read_table(table)}
-    trials = list(study_trials(protocol, population, 1))
-    assert len(trials) == len(rows) == 20
-    for one in trials:
-        row = rows[one.planned.run]
-        place = row.configuration, row.controller, row.segment, row.repetition, row.status
-        assert place == (*one.planned[2:], one.outcome["status"])
-        assert {name: getattr(row, name) for name in one.measures} == one.measures
-    assert list(trials[0].measures) == [metric.name for metric in METRICS]
-    few = next(study_trials(protocol, population, 1, DRAWN))
-    assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
 
 
 def test_no_trial_changes_the_draws_that_the_others_take_which_are_those_of_the_generator():

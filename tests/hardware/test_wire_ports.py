@@ -90,15 +90,12 @@ def test_of_two_that_look_alike_the_other_is_not_opened_while_the_one_is_away(li
     assert set(opened) == {"/dev/ttyACM0"}
 
 
-def test_another_device_that_has_got_the_name_is_not_opened(listed: Listed) -> None:
+def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_not_on_usb_is_its_name(
+    listed: Listed
+) -> None:
     listed(usb("/dev/ttyACM0"))
     board = usb_ports()["/dev/ttyACM0"]
     listed(usb("/dev/ttyACM0", "M-1", product=2))
     with pytest.raises(InputError, match="ttyACM0: another device has this name now"):
         find_port("/dev/ttyACM0", board)
-
-
-def test_a_port_that_is_not_on_usb_is_its_name(listed: Listed) -> None:
-    listed(usb("/dev/ttyACM0"))
-    board = usb_ports()["/dev/ttyACM0"]._replace(serial="gone")
-    assert find_port("/dev/ttyS0") == find_port("/dev/ttyS0", board) == "/dev/ttyS0"
+    assert find_port("/dev/ttyS0") == find_port("/dev/ttyS0", board._replace(serial="gone")) == "/dev/ttyS0"
