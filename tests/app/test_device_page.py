@@ -140,15 +140,16 @@ def test_faults_are_reset_as_the_brakes_are_allowed(page: DevicePage) -> None:
     assert page.sent == [m.AllowBrakes()]
 
 
-def test_steps_are_for_the_time_between_two_trials_of_a_session_and_a_fault_on_the_board_is_reset_before_one(
-    page: DevicePage
-) -> None:
+def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage) -> None:
     for session, snapshot, says in (
         ("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
         ("01", running(3), "between two trials"), ("01", ready(60), "All trials"),
     ):  # fmt: skip
         page.show_session(opened(session, **ON_BENCH), snapshot)
         assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
+
+
+def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
     page.show_status(status(fault="no command for 50 ms"))
     home, zero, reconnect = page.steps.values()
     assert not home.isEnabled() and not zero.isEnabled() and reconnect.isEnabled()
