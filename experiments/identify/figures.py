@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.analysis.sheet import LINE, QUIET, SMALL, STYLE, TEXT, figure_bytes, new_figure
-from experiments.identify.fit import gain_row, surface_row, torque_change
-from experiments.identify.identification import Identification
+from experiments.identify.fit import Identification, gain_row, surface_row, torque_change
 from experiments.identify.step_response import Measured
 from experiments.recording.atomic_files import refuse_existing_files
 
