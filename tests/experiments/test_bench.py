@@ -12,10 +12,9 @@ from app.cli import main
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.error_bars import STEP
-from experiments.benchmark.bench import Row, creep, simulated, with_order
+from experiments.benchmark.bench import Row, creep, simulated, table, with_order, work_precision
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import brakes_of, reference_tips, time_constant, torque_gain
-from experiments.benchmark.report import table, work_precision
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
 BRIEF_S = 0.6
