@@ -14,8 +14,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
-from experiments.session.blind import new_key, read_key
-from experiments.session.files import cell, read_stored, write_pooled_table
+from experiments.session.files import cell, new_key, read_key, read_stored, write_pooled_table
 from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
