@@ -183,19 +183,12 @@ def read_stored(session: Path) -> StoredSession:
         return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
 
 
-def _stored_protocol(session: Path) -> dict[str, Any]:
-    """The protocol as a session stores it; empty where it cannot be read."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        return dict(json.loads((session / STORED).read_text(encoding="utf-8"))["protocol"])
-    return {}
-
-
 def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
     others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parents[1].name != f"sub-{participant}"]
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
-        if about := _stored_protocol(path.parent):
-            same = about == protocol_to_json(protocol)
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # one that cannot be read does not count
+            same = json.loads(path.read_text(encoding="utf-8"))["protocol"] == protocol_to_json(protocol)
             return "" if same else path.parents[1].name.removeprefix("sub-")
     return ""
 
@@ -331,19 +324,14 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
             )
 
 
-def _content(thing: object) -> object:
-    """What is compared of a thing: the texts of its files, or the plain value."""
+def _content(name: str, thing: Any) -> tuple[object, str]:
+    """What is compared of a thing (the texts of its files, or the plain value), and how a refusal names it."""
     if isinstance(thing, Protocol | Population):
-        return thing.text
-    return [(device.name, device.text, device.brake_texts) for device in thing] if isinstance(thing, tuple) else thing
-
-
-def _words(name: str, thing: object) -> str:
-    if isinstance(thing, Protocol | Population):
-        return f"another {name} ({thing.name})"
+        return thing.text, f"another {name} ({thing.name})"
     if isinstance(thing, tuple):
-        return f"other devices: {', '.join(device.name for device in thing)}"
-    return "none" if thing is None else f"{thing:g}" if isinstance(thing, float) else f"{thing}"
+        texts = [(device.name, device.text, device.brake_texts) for device in thing]
+        return texts, f"other devices: {', '.join(device.name for device in thing)}"
+    return thing, "none" if thing is None else f"{thing:g}" if isinstance(thing, float) else f"{thing}"
 
 
 # -------------------------------------------------------------------------------------------- a data folder at a glance
