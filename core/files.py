@@ -73,13 +73,17 @@ def shipped_or_file(reference: str | Path, shipped: Path, folder: Path, unknown:
     return path
 
 
+def plain_toml(text: str, where: str) -> dict[str, Any]:
+    """What stands in TOML text, as plain dicts, lists and numbers; `where` names the file in refusals."""
+    try:
+        return tomllib.loads(text)
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
+
+
 def parse_toml(text: str, kind: type[T], where: str) -> T:
     """`text` as a table of the given kind; `where` names the file in refusals."""
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
-    return from_plain(content, kind, where)
+    return from_plain(plain_toml(text, where), kind, where)
 
 
 def from_plain(content: Any, kind: Any, where: str) -> Any:

@@ -18,9 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from core.device import Device
-from core.device_file import BrakeFile, DeviceFile, parse_brake
-from core.files import parse_toml
+from core.device_file import BrakeFile
 from core.mechanism import JOINTS
 from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, Solution, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
@@ -40,13 +38,6 @@ LEAVE_S = 1e-9
 FIRST_S = 1e-6
 
 RATES, YIELDS = slice(10, 20), slice(20, 24)  # of z
-
-
-def brakes_of(device: Device) -> list[BrakeFile | None]:
-    """The brake of each joint A, E, B, C."""
-    names = parse_toml(device.text, DeviceFile, device.name).brakes
-    texts = [device.brake_texts.get(getattr(names, joint) or "") for joint in JOINTS]
-    return [parse_brake(text, device.name) if text else None for text in texts]
 
 
 def torque_gain(brake: BrakeFile, current: float) -> float:
@@ -76,7 +67,8 @@ class _Reference:
 
     def __init__(self, scene: BenchScene, fidelity: str):
         self.scene, self.bodies = scene, bodies_of(scene.device)
-        self.brakes = brakes_of(scene.device) if fidelity == "mr" else [None] * 4
+        files = scene.device.brake_files if fidelity == "mr" else {}
+        self.brakes = [files.get(joint) for joint in JOINTS]
         self.commands = scene.commands(fidelity)  # yields, or currents
         self.command = self.commands[0]
         q = coordinates(scene.device, np.array(START))

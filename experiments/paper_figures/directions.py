@@ -25,7 +25,6 @@ from matplotlib.patheffects import withStroke
 
 from core import tick_log
 from core.device import Device, build_device, load_device, shipped_devices
-from core.device_file import parse_brake
 from core.mechanism import JOINTS, Mechanism
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
@@ -35,7 +34,7 @@ from experiments.analysis.sheet import BLUE, CM, QUIET, SHADED, SMALL, TEXT, arr
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, draw_outline, in_cm, workspace_of
 from experiments.plan import PlannedTrial
-from experiments.protocol import PAPER, Protocol, load_protocol
+from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
 from experiments.recording.schema import recording_of
 from experiments.trial.population import load_population
 from experiments.trial.tick import TICK_S
@@ -198,7 +197,7 @@ def measure_display(device: Device, protocol: Protocol) -> Display:
     paths = [build_path(path, "path") for path in protocol.paths.values()]
     places = np.array([point_at(path, s)[:2] for path in paths for s in np.arange(0.0, path.length, SPACING_M)])
     rows = brake_rows(device.mechanism, *places.T)[device.brakes.present > 0.0]
-    brake = parse_brake(next(iter(device.brake_texts.values())), BRAKE)
+    brake = next(iter(device.brake_files.values()))
     torque = np.full(len(rows), brake.torque_gain(brake.current_max_A))
     lines = force_lines(device.mechanism, device.braked, *places.T)
     found = [trial for number in range(PEOPLE) for trial in sdof_trials(device, protocol, number)]
@@ -209,9 +208,8 @@ def sdof_trials(device: Device, protocol: Protocol, number: int) -> Iterator[tup
     """Path error (m) and unreachable share of each trial of a simulated operator under SDOF control."""
     preset = next(preset for preset in protocol.controllers.values() if preset.kind == "sdof")
     person = load_population().draw(np.random.default_rng(np.random.SeedSequence([protocol.seed, number])))
-    first = build_path(next(iter(protocol.paths.values())), "path")
     rows = np.empty((round(LONGEST_TRIAL_S / TICK_S), tick_log.WIDTH))
-    simulation = SimulatedDevice(device, point_at(first, 0.5 * first.length)[:2])
+    simulation = SimulatedDevice(device, middle_of_first(protocol.paths))
     for repetition in range(REPETITIONS):
         for segment, path in protocol.paths.items():
             key = [protocol.seed, number, segment, repetition]  # the same noise on every display

@@ -18,7 +18,6 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.device import Device
 from core.files import InputError
-from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
@@ -32,7 +31,7 @@ from experiments.plan import (
     plan_to_json,
     practice_trial,
 )
-from experiments.protocol import Protocol, protocol_to_json
+from experiments.protocol import Protocol, middle_of_first, protocol_to_json
 from experiments.recording.atomic_files import reading_stored, refusing, write_new_file
 from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
@@ -230,14 +229,12 @@ class Session:
     def simulation(self, configuration: str) -> SimulatedDevice:
         """The simulated device of a configuration; it stays as the last trial left it."""
         if configuration not in self._simulations:
-            number, path_file = next(iter(self.protocol.paths.items()))
-            path = build_path(path_file, f"path {number}")
-            x, y, _, _ = point_at(path, 0.5 * path.length)
+            tip = middle_of_first(self.protocol.paths)
             hand = None if self.person else self.protocol.mouse.hand()
             assumed = self.protocol.assumptions
             device = assumed.applied_to(self.protocol.device(configuration))
-            self._simulations[configuration] = SimulatedDevice(device, (x, y), hand, assumed.simulated_fidelity)
-            self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
+            self._simulations[configuration] = SimulatedDevice(device, tip, hand, assumed.simulated_fidelity)
+            self._simulations[configuration].hand.grips["target"][0, :2] = tip
         return self._simulations[configuration]
 
     def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:

@@ -15,7 +15,6 @@ from core.device_file import ForceSensor
 from core.files import InputError
 from core.kernel import kernel
 from core.linkage import joint_angles
-from core.mechanism import JOINTS
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_mechanism
@@ -38,12 +37,11 @@ TURN = 2.0 * math.pi
 def hello_of(device: Device, serial: str = "") -> Hello:
     """The Hello of a board that is wired to this device, at its start."""
     encoders, force = sensing_of(device)
-    steps = [getattr(encoders, joint) or 0 for joint in JOINTS]
     return FULL_BOARD._replace(
-        encoders=sum(1 << i for i, step in enumerate(steps) if step),
+        encoders=sum(1 << i for i, step in enumerate(encoders.counts) if step),
         brakes=sum(1 << i for i, present in enumerate(device.brakes.present) if present),
         force_channels=6 if force else 0,
-        counts_per_rev=tuple(steps),
+        counts_per_rev=encoders.counts,
         current_max_mA=tuple(round(1000.0 * current) for current in device.brakes.current_max),
         force_unit=FORCE_UNIT,
         force_full_scale=FORCE_FULL_SCALE,
@@ -94,10 +92,9 @@ class HeldHand:
 
 def pair(value: object, name: str, most: float) -> tuple[float, float]:
     """Two numbers of at most `most`, from an order. InputError where they are not."""
-    if isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
-        x, y = float(value[0]), float(value[1])
-        if abs(x) <= most and abs(y) <= most:  # false for NaN
-            return x, y
+    if isinstance(value, list) and len(value) == 2:
+        if all(isinstance(number, int | float) and abs(number) <= most for number in value):  # false for NaN
+            return float(value[0]), float(value[1])
     raise InputError(f"{name} must be two numbers of at most {most:g}, not {value!r}")
 
 
