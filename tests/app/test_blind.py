@@ -29,7 +29,8 @@ def coded(tmp_path_factory):
     """A blind session, six trials done of which one was skipped and one redone; its key is no chance."""
     data = tmp_path_factory.mktemp("blind") / "data"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sessions, "new_key", lambda controllers: dict(zip(sorted(CODES), (3, 1, 5, 2, 4), strict=True)))
+        key = dict(zip(sorted(CODES), (3, 1, 5, 2, 4), strict=True))
+        patch.setattr("experiments.session.files.new_key", lambda controllers: key)
         session = new_session(data, protocol=short(), blind=True)
     run_trials(session, 3)
     session.skip("late")
