@@ -191,9 +191,21 @@ class _Reference:
             acceleration = self.answer(time, z, self.sign, self.stuck).acceleration
             return np.concatenate([z[RATES], acceleration, self.yield_rates(z)])
 
+        def stop_left(_: float, z: np.ndarray) -> float:
+            """How far the sines that have hard stops are above their margin."""
+            return float(np.min(self.side * sines(z))) - self.scene.device.mechanism.margin
+
+        def slip_left(i: int, _: float, z: np.ndarray) -> float:
+            """The rate of slipping joint i in its sense; zero: it stops."""
+            return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
+
+        def hold_left(i: int, time: float, z: np.ndarray) -> float:
+            """What stuck joint i could hold besides; zero: it breaks loose."""
+            return z[20 + i] - abs(self.answer(time, z, self.sign, self.stuck).torque[i])
+
         slipping = [i for i in self.braked if self.sign[i] != 0.0]
-        events: list[Any] = [partial(self.stop_left), *(partial(self.slip_left, i) for i in slipping)]
-        events += [partial(self.hold_left, i) for i in self.stuck]
+        events: list[Any] = [stop_left, *(partial(slip_left, i) for i in slipping)]
+        events += [partial(hold_left, i) for i in self.stuck]
         for event in events:
             event.terminal, event.direction = True, -1.0
         run = solve_ivp(
@@ -211,18 +223,6 @@ class _Reference:
             if len(times):
                 self.stop(i)
         return until
-
-    def stop_left(self, _: float, z: np.ndarray) -> float:
-        """How far the sines that have hard stops are above their margin."""
-        return float(np.min(self.side * sines(z))) - self.scene.device.mechanism.margin
-
-    def slip_left(self, i: int, t: float, z: np.ndarray) -> float:
-        """The rate of slipping joint i in its sense; zero: it stops."""
-        return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
-
-    def hold_left(self, i: int, t: float, z: np.ndarray) -> float:
-        """What stuck joint i could hold besides; zero: it breaks loose."""
-        return z[20 + i] - abs(self.answer(t, z, self.sign, self.stuck).torque[i])
 
     def keep(self, t: float, until: float, solution: Callable[[float], np.ndarray]) -> None:
         """The tips at the times of comparison in (t, until]."""

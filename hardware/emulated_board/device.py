@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 
 from core.device import Device
-from core.device_file import ForceSensor
 from core.files import InputError
 from core.kernel import kernel
 from core.linkage import joint_angles
@@ -133,12 +132,6 @@ class EmulatedDevice:
         self._ticks += 1
 
 
-def mounting_of(sensor: ForceSensor) -> np.ndarray:
-    """Of a sensor (6,): the mass beyond it (kg), its angle (rad), and that angle's change with each joint's."""
-    changes = [sensor_angle(sensor, tuple(joint)) - sensor.rotation_rad for joint in np.eye(4)]
-    return np.array([sensor.inertia_beyond_kg, sensor.rotation_rad, *changes])
-
-
 class EmulatedSensors:
     """Reads the simulated device at each tick."""
 
@@ -149,7 +142,10 @@ class EmulatedSensors:
         self._gauges = 1e6 / FORCE_UNIT * gauges  # counts per N and N m
         self.noise = NOISE.copy()
         self._counts, self._channels = np.zeros(4, dtype=np.int64), np.zeros(6, dtype=np.int64)
-        self._mounting = np.zeros(6) if self._force is None else mounting_of(self._force)
+        self._mounting = np.zeros(6)  # of the force sensor, as `read_off` takes it
+        if sensor := self._force:
+            changes = [sensor_angle(sensor, tuple(joint)) - sensor.rotation_rad for joint in np.eye(4)]
+            self._mounting[:] = sensor.inertia_beyond_kg, sensor.rotation_rad, *changes
         self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
         self._brakes = hello.brakes
         self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]  # what a faulty amplifier measures
