@@ -142,7 +142,7 @@ def parse_brake(text: str, where: str) -> BrakeFile:
 
 #: Elbow sides of arm 1 and arm 2, +1: the elbow lies to the left of base -> tip.
 ELBOWS = {"out": (1.0, -1.0), "in": (-1.0, 1.0), "left": (1.0, 1.0), "right": (-1.0, -1.0)}
-Counts = Annotated[int, msgspec.Meta(gt=0, lt=1 << 31)]
+Counts = Annotated[int, msgspec.Meta(gt=0, le=10**9)]  # of a counter of 32 bits, with a sign
 
 
 class Geometry(Table, frozen=True):
