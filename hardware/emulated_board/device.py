@@ -71,8 +71,7 @@ class HeldHand:
         if holds:
             self.hand = spring_hand((400.0, 0.0, 400.0), (20.0, 0.0, 20.0), 40.0, 1.0, tip)
         else:
-            self.hand = new_hand()
-            self.hand.grips["spring"][0] = 1  # without stiffness: only the force that is ordered
+            self.hand = new_hand(spring=1)  # without stiffness: only the force that is ordered
 
     def tick(self, x: float, y: float) -> None:
         """It does nothing by itself."""
