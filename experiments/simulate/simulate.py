@@ -15,11 +15,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from core.files import InputError
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
+from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
 
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
@@ -96,13 +96,9 @@ def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
 
     InputError if it exists or cannot be created.
     """
-    try:
+    refuse_existing_files([path])
+    with refusing(path, "cannot be created"):
         file = open(path, "xb")
-    except FileExistsError:
-        raise InputError(f"{path}: exists already and is never overwritten") from None
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or "the path is not valid"
-        raise InputError(f"{path}: cannot be created ({reason.lower()})") from None
     try:
         with file:
             file.write((",".join(header) + "\n").encode())
