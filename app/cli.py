@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from errno import EINVAL
 from importlib import import_module
 from typing import NoReturn
 
@@ -45,10 +46,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error), WRONG_INPUT)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # no reader is left: end quietly
-        return PIPE_CLOSED
     except OSError as error:
+        if isinstance(error, BrokenPipeError) or (os.name == "nt" and (error.errno, error.filename) == (EINVAL, None)):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # no reader is left: end quietly
+            return PIPE_CLOSED
         place = f"{error.filename}: " if error.filename else ""
         reason = error.strerror or str(error)
         return _fail(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)

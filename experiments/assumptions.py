@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from core.control.controllers import GAP_M, Preset
+from core.control.controllers import Preset
 from core.device import Device, with_brakes
 from core.device_interface import VELOCITY_WINDOW
 from core.files import InputError, NotNegative, Positive, Table, choice, text_of_form
@@ -63,8 +63,8 @@ class Assumptions(Table, frozen=True):
 
     def controller(self, preset: Preset) -> Preset:
         """A controller with its gap as it is read."""
-        gap = preset.value(GAP_M.name)
-        return preset.replaced(GAP_M.name, 0.5 * gap) if gap and self.gap_reading == "full" else preset
+        gap = preset.value("gap_m")
+        return preset.replaced(gap_m=0.5 * gap) if gap and self.gap_reading == "full" else preset
 
     def words(self) -> str:
         """The assumptions that are not the defaults, for a figure's note, which names the low gain by itself."""

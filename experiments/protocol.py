@@ -512,7 +512,7 @@ def _assumed(
     if least is None:
         raise InputError(f"{where}: controller: none is proportional, there is no low gain to set")
     number = found if gain == NO_VIBRATION else float(gain)
-    return controllers if number is None else {**controllers, least: controllers[least].replaced(GAIN, number)}
+    return controllers if number is None else {**controllers, least: controllers[least].replaced(gain_N_s_m=number)}
 
 
 def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:

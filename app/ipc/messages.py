@@ -145,20 +145,22 @@ class SandboxSettings(NamedTuple):
 
     device: str
     path: int  # its number in the protocol
-    controller: int  # its number in the protocol; its own gap and gain stand below
+    controller: int  # its number in the protocol
+    values: dict[str, float]  # of each parameter that a controller of the protocol has, SI units
     rules: str
-    gap_m: float
-    gain_N_s_m: float
     blend_width_m: float
     spring_N_m: float  # between pointer and handle
     brake_strength: float  # share of K(I), Eq. (2)
     backlash_deg: float
     sensing: str  # what the controller sees of a simulated device: IDEAL, or ENCODERS with their filter and delay
 
+    def with_parameters(self, **others: float) -> "SandboxSettings":
+        """The same with other values of these parameters."""
+        return self._replace(values={**self.values, **others})
+
     def same_conditions(self, other: "SandboxSettings") -> bool:
-        """Whether everything but the controller and its gap and gain is the same: two passes then compare."""
-        own = self._replace(controller=other.controller, gap_m=other.gap_m, gain_N_s_m=other.gain_N_s_m)
-        return own == other
+        """Whether everything but the controller and its parameters is the same: two passes then compare."""
+        return self._replace(controller=other.controller, values=other.values) == other
 
 
 class Sandbox(NamedTuple):

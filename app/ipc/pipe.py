@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from app.ipc.scheduling import program_cores
 
@@ -20,7 +20,7 @@ _END = object()
 class Pipe:
     """Sends and receives messages on two threads of its own; `closed` once the other end is gone."""
 
-    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO) -> None:
+    def __init__(self, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
         """Takes over both files."""
         self.closed = False
         self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()  # messages; last, _END
@@ -64,7 +64,7 @@ class Pipe:
         """Send what waits, then tell the other end that nothing more will come."""
         self._outbox.put(None)
 
-    def _read(self, incoming: BinaryIO) -> None:
+    def _read(self, incoming: IO[bytes]) -> None:
         with incoming:
             while True:
                 try:
@@ -73,7 +73,7 @@ class Pipe:
                     break
         self._inbox.put(_END)
 
-    def _write(self, outgoing: BinaryIO) -> None:
+    def _write(self, outgoing: IO[bytes]) -> None:
         try:
             with outgoing:
                 while (message := self._outbox.get()) is not None:
@@ -90,6 +90,7 @@ class Child(Pipe):
     def __init__(self, module: str, *arguments: str, **options: Any) -> None:
         """Run `main` of a module. options: as for Popen."""
         self._process = start_python(module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **options)
+        assert self._process.stdout is not None and self._process.stdin is not None
         super().__init__(self._process.stdout, self._process.stdin)
 
     @property

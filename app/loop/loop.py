@@ -115,8 +115,11 @@ class Loop:
             self.jobs.put(None)
 
     def _answer(self, answer: Any) -> None:
-        pickle.dump(answer, self._answers)
-        self._answers.flush()
+        try:
+            pickle.dump(answer, self._answers)
+            self._answers.flush()
+        except OSError as error:  # the server is gone; Windows calls that an invalid argument
+            raise BrokenPipeError from error
 
     def do(self, job: Any) -> None:
         """One job, and the answer to it."""

@@ -97,10 +97,12 @@ def _leave(state: State, _: m.Leave) -> None:
 def _start(state: State, _: m.Start) -> None:
     if state.sandbox.on:
         state.sandbox.go(state.broken or state.snapshot().why_not)
-    elif state.progress is not None:
-        _run(state, state.progress.session, state.progress.coming)
-    else:
+    elif state.progress is None:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
+    elif (coming := state.progress.coming) is None:
+        raise InputError(m.NOT_NOW[m.FINISHED])
+    else:
+        _run(state, state.progress.session, coming)
 
 
 def _try(state: State, command: m.Sandbox) -> None:
@@ -124,22 +126,22 @@ def _abort(state: State, command: m.Abort) -> None:
 
 
 def _redo(state: State, command: m.Redo) -> None:
-    row = state.session.redo(command.run, command.reason)
+    row = state.open_progress.session.redo(command.run, command.reason)
     state.storage.changed(f"The trial of run {row.run} is repeated next; its recording is kept.")
 
 
 def _exclude(state: State, command: m.Exclude) -> None:
-    row = state.session.exclude(command.run, command.reason)
+    row = state.open_progress.session.exclude(command.run, command.reason)
     state.storage.changed(f"Run {row.run} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: State, command: m.Skip) -> None:
-    row = state.session.skip(command.reason)
+    row = state.open_progress.session.skip(command.reason)
     state.storage.changed(f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped.")
 
 
 def _pause(state: State, command: m.Pause) -> None:
-    since_s = state.progress.paused_s
+    since_s = state.open_progress.paused_s
     if command.on and since_s is None:
         state.storage.write(PAUSED)
     elif not command.on and since_s is not None:
@@ -160,21 +162,22 @@ def _allow(state: State, _: m.AllowBrakes) -> None:
 
 
 def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
-    step, _ = due_step(state.progress, state.device)
-    step.end(state.progress, state.device, state.storage.write, command)
-    state.progress.last_end_s = None
+    progress = state.open_progress
+    if (due := due_step(progress, state.device)) is not None:
+        due[0].end(progress, state.device, state.storage.write, command)
+        progress.last_end_s = None
 
 
 def _rig(state: State, command: m.Rig) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
-    if state.progress.coming is None:
+    if state.open_progress.coming is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(state.progress, command.step)
+    state.device.do(state.open_progress, command.step)
 
 
 def _unblind(state: State, command: m.Unblind) -> None:
-    state.session.unblind(command.who)
+    state.open_progress.session.unblind(command.who)
     state.storage.changed("The key is open: controllers are shown from now on.")
 
 

@@ -57,12 +57,13 @@ class SimulatedSetup:
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:
         """The experimenter has done it."""
+        assert progress.coming is not None
         write(RERIGGED, configuration=progress.coming.configuration)
         progress.rigged = progress.coming.configuration
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""
-        return check_device(True, why_off), check_hand(self.hand, self._hid and self._hid.read())
+        return check_device(True, why_off), check_hand(self.hand, self._hid.read() if self._hid else None)
 
     def allow(self, presses: int) -> None:
         """Currents may flow again, if the brakes-off was not pressed again after those presses."""
@@ -164,6 +165,7 @@ class RealSetup:
 
     def _device(self, progress: "SessionProgress") -> Device:
         """That of the coming trial."""
+        assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
 
     def take_answers(self, answers: list[object], write: Write, notify: Callable[..., None]) -> None:
@@ -199,6 +201,7 @@ class RealSetup:
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
         """Open a trial of the session. InputError: a step is being done on the device."""
         self._refuse_while_busy()
+        assert self.status is not None
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
     def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:

@@ -24,7 +24,7 @@ from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
 from core.control.guard import make_around
-from core.control.proportional import GAIN_N_S_M, least_gain_felt
+from core.control.proportional import least_gain_felt
 from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
 from core.device import Device
@@ -47,7 +47,6 @@ MOST_PASSES = 500  # in the table; the oldest go
 PIECES_BEFORE = 100  # looks into the ring, 2 s: of the approach no more is kept, longer than the measures' filter
 SPACING_M = 0.005  # between places of the path where the drag is looked at
 ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sensing")
-NO_GAIN_N_S_M = 1000.0  # where the protocol has no guide
 
 
 def keep(pieces: list[np.ndarray], rows: np.ndarray) -> None:
@@ -113,9 +112,12 @@ class Sandbox:
         ):  # fmt: skip
             if value not in among:
                 raise InputError(f"Try: {what} {value!r} is none of {', '.join(map(str, among))}.")
-        for what in ("spring_N_m", "brake_strength", "backlash_deg"):
-            if not 0.0 <= getattr(settings, what) < math.inf:
-                raise InputError(f"Try: {what} {getattr(settings, what)!r} must be finite and not negative.")
+        if wrong := settings.values.keys() ^ before.values.keys():
+            raise InputError(f"Try: {min(wrong)} is no parameter of this protocol's controllers, or is missing.")
+        numbers = {what: getattr(settings, what) for what in ("spring_N_m", "brake_strength", "backlash_deg")}
+        for what, number in (numbers | settings.values).items():
+            if not 0.0 <= number < math.inf:
+                raise InputError(f"Try: {what} {number!r} must be finite and not negative.")
         for what in self.fixed:
             if getattr(settings, what) != getattr(before, what):
                 raise InputError(f"Try: {what} cannot be changed with this device and hand.")
@@ -177,11 +179,13 @@ class Sandbox:
         """As protocol and device have them, with the first controller that brakes."""
         p = self._protocol
         number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
-        gains = [preset.value(GAIN_N_S_M.name) for preset in p.controllers.values()]
+        values: dict[str, float] = {}  # each as the chosen controller has it, else the largest
+        for preset in sorted(p.controllers.values(), key=lambda preset: preset.values):
+            values |= preset.named
         play = float(np.degrees(self._file(device).brakes.play.max()))
         return SandboxSettings(
-            device, path, number, p.rules, p.controllers[number].value("gap_m"), max(gains) or NO_GAIN_N_S_M,
-            BLEND_WIDTH, p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
+            device, path, number, {**values, **p.controllers[number].named}, p.rules, BLEND_WIDTH,
+            p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
         )  # fmt: skip
 
     # ------------------------------------------------------------------------------------------- the passes
@@ -285,8 +289,7 @@ class Sandbox:
         return replace(self._protocol.assumptions, sensing=s.sensing)
 
     def _preset(self, s: SandboxSettings) -> Preset:
-        chosen = self._protocol.controllers[s.controller]
-        return chosen.replaced("gap_m", s.gap_m).replaced(GAIN_N_S_M.name, s.gain_N_s_m)
+        return self._protocol.controllers[s.controller].replaced(**s.values)
 
     def _tune(self, trial: Trial) -> None:
         """Controller, brakes and spring of the settings, while everything that moves stays as it is."""

@@ -129,7 +129,7 @@ def main() -> None:
     with contextlib.ExitStack() as left:
         left.callback(window.flush, CLOSE_S)
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
-        left.callback(lambda: loop.ended or loop.kill())
+        left.callback(lambda: None if loop.ended else loop.kill())
         from app.session_server.lsl import Outlets
 
         try:

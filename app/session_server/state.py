@@ -66,6 +66,12 @@ class State:
         return self.storage.progress
 
     @property
+    def open_progress(self) -> SessionProgress:
+        """The same, for commands that need an open session: they are refused where there is none."""
+        assert self.progress is not None
+        return self.progress
+
+    @property
     def session(self) -> Session | None:
         """The open one."""
         return self.progress.session if self.progress else None

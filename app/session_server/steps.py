@@ -39,6 +39,7 @@ def _questions(progress: "SessionProgress", _: "DeviceSetup") -> Card | None:
 
 
 def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command: m.Answers) -> None:
+    assert progress.asked is not None
     configuration, block, controller = progress.asked
     values = dict(command.values)
     if controller:

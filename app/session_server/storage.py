@@ -93,6 +93,7 @@ class Storage:
         """Lines of the journal that the disk has not taken, with their own times. OSError."""
         while self._late:
             event, at, about = self._late[0]
+            assert self.progress is not None
             self.progress.session.journal(event, time=at, **about)
             self._late.pop(0)
 
@@ -143,6 +144,7 @@ class Storage:
 
     def changed(self, notice: str, bad: bool = False) -> None:
         """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
+        assert self.progress is not None
         self.progress.look_ahead()
         self._notify(" ".join(filter(None, (notice, self.progress.without_valid_trial()))), bad=bad)
         try:

@@ -81,6 +81,7 @@ class TrialRun:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
         if self.recorder.error:
             raise OSError(self.recorder.error)
+        assert self.recorder.writer is not None
         decided = self._decided and int(self._ring.control.cause) == STOPPED
         return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
 
@@ -124,6 +125,11 @@ class TrialRunner:
         self._device_answers: list[object] = []  # what the loop has answered besides
 
     @property
+    def _words(self) -> str:
+        """What scheduling the loop got."""
+        return self.scheduling.words if self.scheduling else ""
+
+    @property
     def ready(self) -> bool:
         """Whether a trial may start."""
         return self._tried is not None and self.run is None
@@ -164,11 +170,12 @@ class TrialRunner:
                     leave_core(scheduling.core)
                     self._loop.send(Try(TRY_TICKS))
                 case Tried(lateness_us):
-                    self._tried = timing_of(lateness_us, self.scheduling.words)
+                    self._tried = timing_of(lateness_us, self._words)
                 case Done():
+                    assert self.run is not None
                     ended, self.run = self.run, None
-                    ended.returned(answer, self.scheduling.words)
-                    self._last = ended.recorder.timing(self.scheduling.words)
+                    ended.returned(answer, self._words)
+                    self._last = ended.recorder.timing(self._words)
                 case _:
                     self._device_answers.append(answer)
         if ended is None and (self._loop.closed or self._loop.hung):
@@ -189,7 +196,7 @@ class TrialRunner:
     @property
     def timing(self) -> Timing | None:
         """The loop's lateness over the running trial, or the last, or the time without one."""
-        now = self.run.recorder.timing(self.scheduling.words) if self.run else None
+        now = self.run.recorder.timing(self._words) if self.run else None
         return now or self._last or self._tried
 
     @property

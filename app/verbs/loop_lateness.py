@@ -74,9 +74,12 @@ def measure(
                 wait(ring, runner, over)
                 pieces.append(run.recorder.lateness_us)
                 ticks += len(pieces[-1])
-                tick_us += (runner.timing.tick_us - tick_us) * len(pieces[-1]) / ticks
-                tick_max_us = max(tick_max_us, runner.timing.tick_max_us)
+                of_trial = runner.timing
+                assert of_trial is not None and of_trial.tick_us is not None and of_trial.tick_max_us is not None
+                tick_us += (of_trial.tick_us - tick_us) * len(pieces[-1]) / ticks
+                tick_max_us = max(tick_max_us, of_trial.tick_max_us)
             lost = lost_time(*loop).since(before)
+        assert runner.scheduling is not None
         timing = timing_of(np.concatenate(pieces), runner.scheduling.words)
         timing = timing._replace(**lost._asdict(), tick_us=tick_us, tick_max_us=tick_max_us)
         return {**timing._asdict(), "ticks": ticks, "busy": busy, "real_time": runner.scheduling.real_time}

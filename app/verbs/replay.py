@@ -44,6 +44,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
     asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
     summary = with_progress("replaying", replay, *asked, compiles=True)
     answer(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
+    return None
 
 
 def play(recording: Path) -> int:

@@ -62,7 +62,8 @@ def label(text: str) -> str:
 
 def run(args: argparse.Namespace) -> int | None:
     if args.print_plan:
-        return print_plan(args)
+        print_plan(args)
+        return None
     link = link_of(args)
     display = Display("open a window on")
     for device in protocol_of(args).devices if link else ():

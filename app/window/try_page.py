@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QMarginsF, QModelIndex, QPointF, QRectF, Qt, QTimer
 from PySide6.QtGui import QKeyEvent, QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QPushButton,
     QSizePolicy,
-    QSlider,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTableWidget,
@@ -24,6 +23,7 @@ from PySide6.QtWidgets import (
 
 from app.ipc import messages as m
 from app.window import words
+from app.window.dials import DialRow, dials_of
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
@@ -35,7 +35,7 @@ from app.window.painting.plane import Sizes
 from app.window.painting.theme import font, pen, shade, write
 from app.window.words import Shown
 from core import tick_log
-from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
+from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.path import PathFile
@@ -44,11 +44,11 @@ from experiments.assumptions import SENSINGS
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 MARGIN_M = 0.045  # around the path, at least
-SLACK = "slack"
+GAP = "gap"
 LAYERS = {
     TRAIL: ("T", "The way of the handle in this pass"),
     FORCES: ("F", "The forces of your hand and of the brakes"),
-    SLACK: ("G", "The band along the path in which nothing guides"),
+    GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
 INSET_PX = 180  # wide, at most
@@ -66,7 +66,7 @@ REAL = "Real brakes: what you change acts in the next pass, and each pass waits 
 
 
 class Canvas(ForceView):
-    """The path, the slack around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
+    """The path, the gap around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
@@ -87,7 +87,7 @@ class Canvas(ForceView):
         self.set_extent(extent_of_paths([path], MARGIN_M))
         super().show_trial(device, path, tip)
 
-    def show_slack(self, gap_m: float) -> None:
+    def show_gap(self, gap_m: float) -> None:
         """The half-width of the band without control."""
         if gap_m != self.gap_m:
             self.gap_m = gap_m
@@ -125,13 +125,13 @@ class Canvas(ForceView):
 
     @property
     def path_px(self) -> float:
-        return max(super().path_px, self.gap_m * self.scale if SLACK in self.shown else 0.0)
+        return max(super().path_px, self.gap_m * self.scale if GAP in self.shown else 0.0)
 
     def room(self) -> QRectF:
         return QRectF(self.rect()).adjusted(4.0, HEAD_PX, -4.0, -4.0)
 
     def paint_under_path(self, painter: QPainter) -> None:
-        if SLACK in self.shown and self.gap_m > 0.0 and len(self.outline):
+        if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
             way, stroker = QPainterPath(), QPainterPathStroker()
             way.addPolygon(QPolygonF([self.to_screen(place) for place in self.outline]))
             stroker.setWidth(2.0 * self.gap_m * self.scale)
@@ -189,64 +189,6 @@ class GuideButton(QPushButton):
         self.setLayout(row(*parts, margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-
-
-class Dial(NamedTuple):
-    """A number that can be set; shown = scale times the setting."""
-
-    name: str  # of the field of SandboxSettings
-    label: str
-    unit: str
-    scale: float
-    least: float  # shown
-    most: float
-    step: float  # of the slider; of a logarithmic one: decades
-    log: bool = False
-
-    def place(self, shown: float) -> int:
-        """Of the slider."""
-        scaled = math.log10(max(shown, self.least) / self.least) if self.log else shown - self.least
-        return round(scaled / self.step)
-
-    def at(self, place: int) -> float:
-        """What is shown there."""
-        if self.log:
-            return float(f"{self.least * 10.0 ** (place * self.step):.2g}")
-        return round(self.least + place * self.step, 6)
-
-
-DIALS = (
-    Dial("gap_m", "Slack (gap)", "mm", 1e3, 0.0, 20.0, 0.5),
-    Dial(GAIN, "Gain of guides", "N s/m", 1.0, 1.0, 20_000.0, 0.02, log=True),
-    Dial("blend_width_m", "Blend width", "mm", 1e3, 5.0, 100.0, 1.0),
-    Dial("spring_N_m", "Hand spring", "N/m", 1.0, 50.0, 1000.0, 10.0),
-    Dial("brake_strength", "Brake strength", "%", 1e2, 5.0, 100.0, 1.0),
-    Dial("backlash_deg", "Backlash", "°", 1.0, 0.0, 3.0, 0.05),
-)
-
-
-class DialRow(QWidget):
-    """Name, slider and value of a dial."""
-
-    moved = Signal(str, float)  # name, value of the setting
-
-    def __init__(self, dial: Dial) -> None:
-        super().__init__(objectName="clear")
-        self.dial, self.name, self.value = dial, word(dial.label), word("")
-        self.slider = QSlider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
-        self.slider.setRange(0, dial.place(dial.most))
-        self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
-        self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.value.setMinimumWidth(92)
-        self.setLayout(row(self.name, self.slider, self.value))
-
-    def show_setting(self, setting: float) -> None:
-        """The value that is set; a slider in hand stays where it is."""
-        shown = setting * self.dial.scale
-        self.value.setText(f"{words.grouped(round(shown)) if shown >= 1000 else f'{shown:.4g}'} {self.dial.unit}")
-        if not self.slider.isSliderDown():
-            with QSignalBlocker(self.slider):
-                self.slider.setValue(self.dial.place(shown))
 
 
 class Bars(QStyledItemDelegate):
@@ -307,13 +249,14 @@ class PassTable(QTableWidget):
         """The newest last."""
         whole = [one for one in passes if one.status == "done" and not one.changed]
         alike = [one for one in whole if one.settings.same_conditions(passes[-1].settings)]
+        dials = dials_of(opened)
         self.setRowCount(len(passes))
         for at, one in enumerate(reversed(passes)):
             s, preset = one.settings, preset_of(one.settings, opened)
             colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
             noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
-            dials = (f"{dial.label.lower()} {getattr(s, dial.name) * dial.scale:.4g} {dial.unit}" for dial in DIALS)
-            about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(dials)}"
+            set_to = (f"{dial.label.lower()} {dial.setting(s) * dial.scale:.4g} {dial.unit}" for dial in dials)
+            about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
             for across, text in enumerate(texts):
                 item = QTableWidgetItem(text)
@@ -330,8 +273,8 @@ class PassTable(QTableWidget):
 
 
 def preset_of(s: m.SandboxSettings, opened: m.Opened) -> Preset:
-    """The controller with the gap and the gain that are set."""
-    return opened.protocol.controllers[s.controller].replaced("gap_m", s.gap_m).replaced("gain_N_s_m", s.gain_N_s_m)
+    """The controller with its parameters as they are set."""
+    return opened.protocol.controllers[s.controller].replaced(**s.values)
 
 
 def gains_of(opened: m.Opened) -> list[float]:
@@ -412,10 +355,10 @@ class TryPage(Page):
             parts.append(row(name := word(field.capitalize()), segments))
             self._names.append(name)
         self.segments["sensing"].setToolTip(SENSING)
-        for dial in DIALS:
+        for dial in dials_of(opened):
             made = self.dials[dial.name] = DialRow(dial)
             self._names.append(made.name)
-            made.moved.connect(lambda name, value: self._set(**{name: value}))
+            made.moved.connect(self._turn)
             parts.append(made)
         self.changed = OneLine("", "quiet", theme.NORMAL)
         self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
@@ -462,11 +405,18 @@ class TryPage(Page):
             self.send(m.Start())
 
     def _choose(self, number: int) -> None:
-        """A controller, with the gap and the gain that the protocol gives it."""
-        assert self.opened is not None
-        preset = self.opened.protocol.controllers[number]
-        gain = {GAIN: preset.value(GAIN)} if preset.kind == "proportional" else {}
-        self._set(controller=number, gap_m=preset.value("gap_m"), **gain)
+        """A controller, with the parameters that the protocol gives it."""
+        now = self.snapshot.sandbox
+        if self.opened is not None and now is not None:
+            own = self.opened.protocol.controllers[number].named
+            self._set(controller=number, values={**now.initial.values, **own})
+
+    def _turn(self, name: str, value: float) -> None:
+        """A dial, of a parameter or of another setting."""
+        if self.settings is not None and name in self.settings.values:
+            self._set(values={**self.settings.values, name: value})
+        else:
+            self._set(**{name: value})
 
     def _set(self, **what: Any) -> None:
         if self.settings is None:
@@ -495,6 +445,7 @@ class TryPage(Page):
         had = before.protocol if before is not None else None
         if had is None or any(getattr(had, it) != getattr(protocol, it) for it in ("controllers", "paths", "obstacle")):
             self.guides.clear()
+            self.dials.clear()
             self._names.clear()
             self.settings = self._theirs = self._place = None
             self._fill(opened)
@@ -570,7 +521,7 @@ class TryPage(Page):
         s, now, opened = self.settings, self.snapshot.sandbox, self.opened
         if s is None or now is None or opened is None:
             return
-        gains, chosen = gains_of(opened), opened.protocol.controllers[s.controller]
+        gains = gains_of(opened)
         for number, guide in self.guides.items():
             guide.setChecked(number == s.controller)
             preset = preset_of(s, opened) if number == s.controller else opened.protocol.controllers[number]
@@ -578,16 +529,16 @@ class TryPage(Page):
         for field, segments in self.segments.items():
             segments.choose(getattr(s, field))
             segments.setEnabled(field not in now.fixed)
-        own = {parameter.name for parameter in ALGORITHMS[chosen.kind].parameters}
+        own = preset_of(s, opened).named
         for name, dial in self.dials.items():
-            dial.show_setting(getattr(s, name))
-            dial.setEnabled(name not in now.fixed and (name in own or name not in PARAMETERS))
-        weak = GAIN in own and s.gain_N_s_m < now.least_gain_N_s_m
-        drag = f"At {s.gain_N_s_m:g} N s/m the brakes' own drag is larger: you will feel nothing."
+            dial.show_setting(dial.dial.setting(s))
+            dial.setEnabled(name not in now.fixed and (name in own or name not in s.values))
+        weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
+        drag = f"At {own.get(GAIN, 0.0):g} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
-        self.canvas.show_slack(s.gap_m if "gap_m" in own else 0.0)
-        changed = [dial.label.lower() for dial in DIALS if getattr(s, dial.name) != getattr(now.initial, dial.name)]
-        changed = [name for name in changed if name.split()[0] not in ("slack", "gain")]
+        self.canvas.show_gap(own.get("gap_m", 0.0))
+        protocols = now.initial.with_parameters(**opened.protocol.controllers[s.controller].named)
+        changed = [dial.label.lower() for dial in dials_of(opened) if dial.setting(s) != dial.setting(protocols)]
         changed += ["sensing"] if s.sensing != now.initial.sensing else []
         self.changed.setText(f"Changed: {', '.join(changed)}" if changed else "")
 

@@ -24,6 +24,8 @@ class Parameter(NamedTuple):
     unit: str  # shown
     scale: float  # value in `unit` / value in SI
     default: float | None  # None: it must be given, and be positive
+    #: least and most that a slider offers, in `unit`; a logarithmic one where the least is not 0
+    slider: tuple[float, float]
 
 
 class Algorithm(NamedTuple):
@@ -55,7 +57,7 @@ class Controller(NamedTuple):
     around: np.ndarray  # one record: the obstacles of the trial, their guide and guard (`core.control.guard.AROUND`)
 
 
-GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0)
+GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0, (0.0, 20.0))
 
 # Decisions that are open to every algorithm: one code a tick.
 NONE = 0  # no control

@@ -4,8 +4,8 @@ Algorithms, one a file; a protocol's controllers are presets of them (Table I: e
 decide only: no device, no screen. All decide the same way: where is the tip in the velocity field, which brake, which
 torque, which current.
 
-To add one: a file beside sdof.py, and its line in `ALGORITHMS`. Protocols, sweeps, the printed plan, recordings and
-exports read the table.
+To add one: a file beside sdof.py, and its line in `ALGORITHMS`. Protocols, sweeps, the printed plan, the dials of Try,
+recordings and exports read the table.
 """
 
 import math
@@ -25,6 +25,7 @@ from core.control.algorithm import (
     SHARED,
     Algorithm,
     Controller,
+    Parameter,
     limit,
     release,
 )
@@ -58,7 +59,9 @@ NO_CONTROL = 0
 NO_OBSTACLE = make_around(NOTHING, no_brakes())
 
 #: Every parameter that any algorithm has, each once.
-PARAMETERS = {parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters}
+PARAMETERS: dict[str, Parameter] = {
+    parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters
+}
 
 #: Code -> words. Those that all algorithms share come first, then each algorithm's own.
 DECISIONS: tuple[str, ...] = (
@@ -78,14 +81,17 @@ class Preset(NamedTuple):
 
     def value(self, parameter: str) -> float:
         """A parameter in SI units; 0 where the algorithm has none of that name."""
-        own = [one.name for one in ALGORITHMS[self.kind].parameters]
-        return self.values[own.index(parameter)] if parameter in own else 0.0
+        return self.named.get(parameter, 0.0)
 
-    def replaced(self, parameter: str, value: float) -> "Preset":
-        """The same with another value of a parameter that its algorithm has."""
-        own = [one.name for one in ALGORITHMS[self.kind].parameters]
-        values = [value if name == parameter else before for name, before in zip(own, self.values, strict=True)]
-        return self._replace(values=tuple(values))
+    @property
+    def named(self) -> dict[str, float]:
+        """Each parameter of its algorithm, SI units."""
+        own = (one.name for one in ALGORITHMS[self.kind].parameters)
+        return dict(zip(own, self.values, strict=True))
+
+    def replaced(self, **others: float) -> "Preset":
+        """The same with other values; those of parameters that its algorithm has not are left out."""
+        return self._replace(values=tuple({**self.named, **others}[name] for name in self.named))
 
 
 def make_preset(name: str, kind: str, given: Mapping[str, float | None]) -> Preset:

@@ -27,7 +27,7 @@ from core.workspace import arm_pose
 if TYPE_CHECKING:
     from core.device import Device
 
-GAIN_N_S_M = Parameter("gain_N_s_m", "gain", "N s/m", 1.0, None)  # K_y
+GAIN_N_S_M = Parameter("gain_N_s_m", "gain", "N s/m", 1.0, None, (1.0, 20_000.0))  # K_y
 GAIN = 1  # its place among the values
 USE, CAPPED, BELOW_DRAG = OWN, OWN + 4, OWN + 8
 

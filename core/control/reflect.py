@@ -23,7 +23,7 @@ from core.control.proportional import impending_direction, joint_sense
 from core.control.velocity_field import NEAREST, WANTED
 from core.kernel import kernel
 
-WALL_N_M = Parameter("wall_N_m", "wall stiffness", "N/m", 1.0, 0.0)
+WALL_N_M = Parameter("wall_N_m", "wall stiffness", "N/m", 1.0, 0.0, (0.0, 2000.0))
 WALL = 1  # its place among the values
 WHOLE, IN_PART = OWN, OWN + 4
 #: N. A wanted force that is missed by less counts as shown whole: far below what a hand feels

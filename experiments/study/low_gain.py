@@ -16,7 +16,7 @@ from core.control.controllers import Preset, make_preset
 from core.files import InputError
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial
-from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.study.unrecorded import person_of, run_trial, switched_on
 from experiments.trial.normals import normals
 from experiments.trial.operator import TICK_S
@@ -50,7 +50,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
     without = squares(make_preset("without", "none", {}))
 
     def vibrates(gain: float) -> bool:
-        added = squares(protocol.controllers[number].replaced(GAIN, gain)) - without
+        added = squares(protocol.controllers[number].replaced(gain_N_s_m=gain)) - without
         return bool((added > DETECTED_M_S2**2).any())
 
     if vibrates(GAINS[0]):

@@ -236,3 +236,10 @@ def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
         process.kill()  # one that does not hear writes until the disk is full
     assert process.returncode == code and "Traceback" not in said
     assert not (folder / "out.csv").exists()
+
+
+def test_a_verb_whose_reader_is_gone_ends_quietly():
+    process = phd("run", "--print-plan", stdin=subprocess.DEVNULL)
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(200) == 141

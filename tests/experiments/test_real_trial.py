@@ -126,7 +126,7 @@ def test_every_decision_on_the_bench_follows_from_the_recording_alone(bench: Rea
     assert 100 < decided < np.count_nonzero(found.in_phase("move"))
     preset, rules = PAPER.controllers[4], PAPER.rules
     assert check_decisions(found, trial.path, bench.device, preset, rules) == (decided, 0)
-    other = preset.replaced("gain_N_s_m", 0.9 * preset.value("gain_N_s_m"))
+    other = preset.replaced(gain_N_s_m=0.9 * preset.value("gain_N_s_m"))
     assert check_decisions(found, trial.path, bench.device, other, rules).different > 10
 
 
