@@ -220,6 +220,8 @@ def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
             "creep_m_s": creeps}  # fmt: skip
 
 
+# -------------------------------------------------------------------------------------- what is timed beside the scenes
+
 def tick_cost(quick: bool) -> dict:
     """One whole control tick (operator, decide, four MR brakes, step, log row), and the 180-trial study's simulation.
 
@@ -292,6 +294,8 @@ def fallback_costs(repeats: int) -> list[dict]:
                       "us_per_step": wall / 2000 * 1e6})  # fmt: skip
     return found
 
+
+# --------------------------------------------------------------------------------------------- as a table and as a plot
 
 #: step of the rows that the table shows
 TABLE_STEP_S = 1e-3

@@ -1,4 +1,4 @@
-"""The numbers of a brake from its measured steps: torque gain, Eq. (2), and time constants, Eq. (4).
+"""A brake as its measured steps show it: Eqs. (2), (3) and (4) fitted, with intervals, residuals and warnings.
 
 Refused where the steps do not determine a number: the sentence names it, and what was measured instead.
 """
@@ -293,6 +293,8 @@ def listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
+# --------------------------------------------------------------------------------------- the brake as its steps show it
+
 IDENTIFIED, GIVEN = "identified", "given"
 NOT_SEEN_FLAT = "the highest measured speed, no faster step shows where the time constants level off"
 
@@ -327,11 +329,8 @@ class Identification:
     @property
     def omega_0_by(self) -> str:
         """Where omega_0 comes from."""
-        if not self.scatter:
-            return "given"
-        if self.flat_part_seen:
-            return "least squares over the measured speeds"
-        return f"assumed: {NOT_SEEN_FLAT}"
+        source = self.sources["omega_0_rpm"]
+        return {GIVEN: GIVEN, IDENTIFIED: "least squares over the measured speeds"}.get(source, f"assumed: {source}")
 
     @property
     def doubtful(self) -> dict[str, str]:
@@ -354,8 +353,8 @@ class Identification:
     @property
     def warnings(self) -> list[str]:
         """What a reader of the numbers must know."""
-        assumed = self.scatter and not self.flat_part_seen
-        return [*self.doubtful.values()] + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * bool(assumed)
+        assumed = "omega_0_rpm" in self.assumed
+        return [*self.doubtful.values()] + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
 
     @property
     def sources(self) -> dict[str, str]:

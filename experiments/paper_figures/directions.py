@@ -168,6 +168,8 @@ def _label_levels(axes: Axes, workspace: Workspace, degrees: Array) -> None:
                 )  # fmt: skip
 
 
+# ------------------------------------------------------------------------------------------------ the displays compared
+
 BRAKE = "mrb-2107-3"  # the paper's, on every display
 PEOPLE, REPETITIONS = 3, 3  # as in the paper
 SPACING_M = 0.002  # between the places of a segment

@@ -42,6 +42,16 @@ from experiments.protocol import TrialRules
 from experiments.slave import TICK_S, Slave
 from experiments.trial.trial import Trial
 
+
+def _heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
+    """What the figure shows, and under it the legend of all its panels."""
+    width, height = figure.get_size_inches()
+    figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=10.5, parse_math=False)
+    legend_at(figure, handles, 0.65, 0.36, columnspacing=1.5, **legend)
+
+
+# ---------------------------------------------------------------------------------------------- spring release, Fig. 11
+
 FORCE_N = 8.0
 HOLD_S, RELEASE_S, STEP_S = 2.0, 0.45, 1e-3
 #: m from the workspace's home, for arms of 0.6 m (others in proportion): where the handle is released, and the anchor.
@@ -54,13 +64,6 @@ LOOKS: tuple[dict[str, Any], ...] = (
     {"color": "#2f7fc4", "linestyle": (0, (6, 1.5))},
     {"color": "#d98200", "linestyle": (0, (1.5, 1.2))},
 )
-
-
-def _heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
-    """What the figure shows, and under it the legend of all its panels."""
-    width, height = figure.get_size_inches()
-    figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=10.5, parse_math=False)
-    legend_at(figure, handles, 0.65, 0.36, columnspacing=1.5, **legend)
 
 
 class Release(NamedTuple):
@@ -173,6 +176,8 @@ def _draw_paths(axes: Axes, workspace: Workspace, releases: list[Release]) -> No
         axes.plot(*(CM * motion.tip[0]), "o", color=TEXT, markerfacecolor="white", markersize=5, zorder=5)
 
 
+# ---------------------------------------------------------------------------------------------------- stopping distance
+
 PUSHES_N = {2.0: BLUE, 10.0: GREEN, 18.0: ORANGE}  # the least is not 0: without a push a play is never turned through
 SPEEDS_M_S = np.linspace(0.0, 0.6, 13)
 SIMULATED_M_S = (0.0, 0.2, 0.4, 0.6)
@@ -251,6 +256,8 @@ def draw_stopping(device: Device) -> Figure:
     _heading(figure, f"Stopping distance, {device.name}", axes[0].get_legend_handles_labels()[0])
     return figure
 
+
+# ------------------------------------------------------------------------------------------------------- passive master
 
 DELAYS_S = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2)
 SHOWN_DELAY_S = 0.05
