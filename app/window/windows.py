@@ -1,6 +1,7 @@
 """The app: both windows on their screens, and 60 times a second what the session server has sent since."""
 
 import gc
+import os
 import signal
 import sys
 import threading
@@ -9,7 +10,7 @@ from importlib import import_module
 
 from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
-from PySide6.QtWidgets import QApplication, QProgressBar, QProgressDialog
+from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgressDialog
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -251,6 +252,13 @@ def compile_kernels() -> None:
     bar.close()
 
 
+def show_refusal(refused: str) -> None:
+    """In a box for those who started the program without a terminal; that of a double click on Windows closes."""
+    in_terminal = sys.stderr is not None and sys.stderr.isatty() and os.name != "nt"
+    if not in_terminal and QGuiApplication.platformName() != "offscreen":
+        QMessageBox.critical(None, "PHD cannot start", refused)
+
+
 def run(client: Client) -> int:
     """Open the app, which has been made ready, on a session server and stay until it closes; the exit code.
 
@@ -276,6 +284,7 @@ def run(client: Client) -> int:
         refused = client.refused(meanwhile=application.processEvents)
         if refused and not windows.over:
             windows.close()
+            show_refusal(refused)
             raise InputError(refused)
         if not windows.over:  # somebody may have closed them meanwhile
             application.exec()

@@ -13,8 +13,9 @@ from live import LONG_S
 from processes import children, gone
 from protocols import PAPER, changed
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMessageBox
 from screens import point
 from synthetic_hand import SyntheticHand
 
@@ -24,7 +25,7 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.page import RUN
 from app.window.trial_card import NO_FLAGS
-from app.window.windows import Windows
+from app.window.windows import Windows, show_refusal
 from core import tick_log
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
@@ -118,7 +119,7 @@ APP = """
 import sys
 from PySide6.QtCore import QTimer
 from app.cli import main
-from app.window.windows import Windows
+from app.window.windows import Windows, show_refusal
 show = Windows.show
 Windows.show = lambda self: (show(self), QTimer.singleShot(0, lambda: print("open", flush=True)))
 sys.exit(main(["run", *sys.argv[1:]]))
@@ -165,6 +166,18 @@ def test_what_cannot_be_recorded_is_refused_and_no_window_stays(
     assert says in said and said.startswith("phd: ") and said.count("\n") == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
     assert not any(window.isVisible() for window in qapp.topLevelWidgets())
+
+
+@pytest.mark.parametrize(("terminal", "system", "boxes"), [(False, "posix", 1), (True, "posix", 0), (True, "nt", 1)])
+def test_a_refusal_is_shown_in_a_box_where_no_terminal_shows_it(monkeypatch, capsys, terminal, system, boxes) -> None:
+    shown = []
+    monkeypatch.setattr(QMessageBox, "critical", lambda *text: shown.append(text))
+    monkeypatch.setattr(QGuiApplication, "platformName", lambda: "xcb")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    monkeypatch.setattr(os, "name", system)
+    show_refusal("data: cannot be written to")
+    monkeypatch.undo()
+    assert shown == boxes * [(None, "PHD cannot start", "data: cannot be written to")]
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):
