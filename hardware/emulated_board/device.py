@@ -6,6 +6,7 @@ beyond it, turned as the device file says, with noise, and ends at its full scal
 
 import math
 from collections.abc import Iterable
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -159,9 +160,9 @@ class EmulatedSensors:
         self._at_power_up = self.theta.copy()
 
     def draw_anew(self, seed: int) -> None:
-        """The noise begins again."""
-        self._random = np.random.default_rng([seed, 2])
-        self._noise, self._drawn = np.zeros((0, 10)), 0
+        """The noise begins again: of each tick six loads (N, N m) and four currents (mA)."""
+        random = np.random.default_rng([seed, 2])
+        self._noise = (tick for _ in count() for tick in self.noise * random.standard_normal((1024, 10)))
 
     def home_counts(self) -> Four:
         """What the counters should stand at now: angle times counts per radian, whole."""
@@ -173,7 +174,7 @@ class EmulatedSensors:
     ) -> Readings:  # fmt: skip
         """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each."""
         wrong = {(fault.kind, fault.value) for fault in faults}
-        noise = self._draw()
+        noise = next(self._noise)
         read_off(
             self._mechanisms, *tip, self._steps, self._at_power_up, self.theta, self._counts,
             hand, acceleration, self._mounting, self._gauges, noise, self._channels,
@@ -190,13 +191,6 @@ class EmulatedSensors:
         good = tuple(("bad-encoder", i) not in wrong for i in range(4))
         self._last = Readings(tuple(counts), tuple(channels), tuple(measured), good)
         return self._last
-
-    def _draw(self) -> np.ndarray:
-        """The noise of one tick: six loads (N, N m), four currents (mA)."""
-        if self._drawn >= len(self._noise):
-            self._noise, self._drawn = self.noise * self._random.standard_normal((1024, 10)), 0
-        self._drawn += 1
-        return self._noise[self._drawn - 1]
 
 
 @kernel
