@@ -17,7 +17,7 @@ from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
-SILENT = "The protocol has tones, and this computer has no program to play them (paplay, aplay)."
+SILENT = "No tones: this computer has no program to play them (paplay, aplay). tones = false in the protocol: none wanted."
 
 
 class SessionPanel(QFrame):

@@ -232,7 +232,7 @@ def verdicts(found: Sequence[Finding]) -> str:
     """How many of the paper's statements the data support, in words."""
     counted = Counter(finding.verdict for finding in found)
     counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
-    return f"{counts} (of the paper's {len(found)}; why: {REPORT}/report.md)"
+    return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"
 
 
 def share_done(rows: Sequence[TrialRow], controller: int) -> float:

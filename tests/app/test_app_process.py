@@ -149,7 +149,7 @@ def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> N
     ("make", "arguments", "says"),
     [
         ("data/sub-07/ses-01/session.json", ["--participant", "07"], "session.json"),
-        ("data", [], "data: cannot be written to"),
+        ("data", [], "data: is a file"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused_and_no_window_stays(

@@ -7,14 +7,17 @@ from dataclasses import replace
 import pytest
 from protocols import PAPER, short
 from sessions import Killed, crash_in_trial, files, new_session, of, run_trials
+from simulated_loop import local_window
 
 from app.cli import main
+from app.ipc.messages import Setup
 from core.control.controllers import ALGORITHMS
 from core.files import InputError
 from experiments.analysis.trials_table import read_table
+from experiments.inputs import OPERATOR
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
-from experiments.session.files import cell, new_key, read_key, read_stored, write_pooled_table
+from experiments.session.files import KEY, cell, new_key, read_key, read_stored, write_pooled_table
 from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
@@ -203,3 +206,11 @@ def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
 
     run_study(tmp_path / "study", 1, short(paths=1, blind="true"), PEOPLE)
     assert all(isinstance(row.controller, int) for row in read_table(tmp_path / "study" / "trials.csv"))
+
+
+def test_a_simulated_operators_session_is_blind_for_nobody(tmp_path):
+    (tmp_path / "own.toml").write_text(short(blind="true").text)
+    with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), hand=OPERATOR, sync=False)) as window:
+        window.open(blind=True)
+        assert not window.snapshot.blind and not window.opened.blind
+        assert not list(tmp_path.rglob(KEY))

@@ -117,6 +117,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
     assert page.summary.text().startswith("1 device × ")
+    assert not page.blind.isEnabled() and not page.blind.isChecked()  # there is nobody to be blind
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
