@@ -5,6 +5,7 @@ A file format is a tree of `Table`s. Every refusal is an `InputError` that names
 
 import json
 import math
+import os.path
 import re
 import tomllib
 from collections.abc import Mapping
@@ -68,7 +69,7 @@ def shipped_or_file(reference: str | Path, shipped: Path, folder: Path, unknown:
     """
     names = shipped_names(shipped)
     path = shipped / f"{reference}.toml" if str(reference) in names else folder / reference
-    if not str(reference) or not path.is_file():
+    if not str(reference) or not os.path.isfile(path):
         raise InputError(f"{unknown} {str(reference)!r}: neither a shipped one ({', '.join(names)}) nor a file")
     return path
 
@@ -154,7 +155,7 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
         for i, inner in enumerate(value):
             _refuse_not_finite(inner, f"{key}[{i}]", where)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{where}: {key} must be finite, not {value}")
+        raise InputError(f"{where}: {key}{' ' if key else ''}must be finite, not {value}")
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:

@@ -6,6 +6,7 @@ N s/m. The keys of `Settings` mean the same in a file (`ProtocolFile`) and in an
 session can be resumed when the files are lost. The paper's protocol is shipped and the default.
 """
 
+import os.path
 import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
@@ -391,7 +392,7 @@ def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[s
         return f"device {reference.name}", reference
     device = load_device(reference, folder, f"{where}: unknown device")
     path = folder / reference
-    return str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}", device
+    return str(path) if os.path.isfile(path) and device.name != str(reference) else f"device {device.name}", device
 
 
 def _checked(

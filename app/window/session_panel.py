@@ -17,7 +17,10 @@ from experiments.analysis.trials_table import SETTLED, TrialRow
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
-SILENT = "No tones: this computer has no program to play them (paplay, aplay). tones = false in the protocol: none wanted."
+SILENT = (
+    "No tones: this computer has no program to play them (paplay, aplay). "
+    "tones = false in the protocol: none wanted."
+)
 
 
 class SessionPanel(QFrame):

@@ -1,6 +1,5 @@
 """The examples in docs run as they stand, and show what their first line says."""
 
-import csv
 import re
 import tomllib
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from exports import rows
 
 from app.cli import main
 from core.device import load_device
@@ -25,9 +25,8 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
     out = folder / "motion.csv"
     assert main(["simulate", str(EXAMPLES / f"{scene}.toml"), "--out", str(out)]) == 0
-    with out.open() as file:
-        rows = list(csv.DictReader(file))
-    return {name: [row[name] for row in rows] for name in rows[0]}
+    found = rows(out)
+    return {name: [row[name] for row in found] for name in found[0]}
 
 
 @pytest.mark.parametrize("scene", sorted(path.stem for path in EXAMPLES.glob("*.toml")))

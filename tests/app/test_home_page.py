@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
-from sessions import new_session, run_trials
+from sessions import closed_session
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
@@ -177,9 +177,6 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
         QApplication.setOrganizationName("")
 
 
-# the board
-
-
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
@@ -202,9 +199,6 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.link.choose(SIMULATED)
     page._link_chosen(SIMULATED)
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
-
-
-# the data
 
 
 def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
@@ -275,9 +269,7 @@ def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_pa
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
     data, folder = shown.page.data, shown.setup.data_dir
-    kept = new_session(folder)
-    run_trials(kept, 2)
-    kept.close()
+    closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
     shares: list[float] = []
     data._export.progressed.connect(shares.append)

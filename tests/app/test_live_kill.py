@@ -15,11 +15,12 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
 
 import pytest
-from live import Window, kill, live_window, wait_until
+from live import Window, kill, live_window
 from live_kills import VICTIMS, Killing
 from processes import children, gone, suspend
 from protocols import PAPER, changed
 from sessions import unfinished
+from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup

@@ -17,7 +17,7 @@ from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
-BRIEF_S = 0.6
+BRIEF_S = 0.4
 
 
 def brief_scenes(device):
