@@ -190,8 +190,10 @@ def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path)
 
 
 def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emulated) -> None:
-    for order in ({"fault": "nonsense"}, {"target": [1]}, {"target": [0, 1e9]}, {"force": "hard"}, {"dance": True}):
+    far, most = {"target": [0, 1e9]}, {"force": [10**400, 0]}
+    for order in ({"fault": "nonsense"}, {"target": [1]}, far, most, {"force": "hard"}, {"dance": True}):
         assert "error" in emulated.order(**order)
+    assert "error" in emulated.send("[" * 2000 + "]" * 2000)
     assert emulated.order()["state"] in ("IDLE", "FAULT")
 
 
