@@ -35,8 +35,7 @@ from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import TEXT_COLUMNS
-from experiments.session.blind import HIDDEN
-from experiments.session.files import STORED, TABLE, recordings_in, rows_of
+from experiments.session.files import HIDDEN, STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.

@@ -15,14 +15,13 @@ from core import tick_log
 from core.control.controllers import Preset, make_preset
 from core.device import Device
 from core.files import InputError
-from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice, start_again
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
-from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.schema import recording_of
 from experiments.session.files import STORED, read_stored
@@ -49,10 +48,8 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
 
 def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
     """A device under the protocol's assumptions as a session begins: at rest in the middle of the first path."""
-    first = build_path(next(iter(protocol.paths.values())), "path")
-    x, y, _, _ = point_at(first, 0.5 * first.length)
-    assumed = protocol.assumptions
-    return SimulatedDevice(assumed.applied_to(device), (x, y), fidelity=assumed.simulated_fidelity)
+    assumed, middle = protocol.assumptions, middle_of_first(protocol.paths)
+    return SimulatedDevice(assumed.applied_to(device), middle, fidelity=assumed.simulated_fidelity)
 
 
 def trial_of(
