@@ -190,7 +190,7 @@ def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
 @given(st.floats(-0.7, 0.7), st.floats(0.001, 0.7), st.sampled_from(["three-brake", "four-brake"]))
 def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
     dev = {"three-brake": THREE, "four-brake": FOUR}[name]
-    nearest = stops_of(dev, x, y).min()
+    nearest = stops_of(dev, (x, y)).min()
     if abs(nearest) > 1e-9:
         assert bool(tip_is_free(dev.mechanism, x, y)) == (nearest > 0.0)
 
@@ -298,9 +298,9 @@ def test_a_theta_stop_means_the_same_in_every_turn():
     allowed = tip_is_free(across.mechanism, x, y)
     np.testing.assert_array_equal(allowed, tip_is_free(lower.mechanism, x, y))
     assert 0 < tip_is_free(short.mechanism, x, y).sum() < allowed.sum()
-    for px, py in list(zip(x[allowed], y[allowed], strict=True))[::25]:
-        np.testing.assert_allclose(stops_of(across, px, py), stops_of(lower, px, py), atol=1e-12)
-        assert stops_of(across, px, py).min() >= -1e-12
+    tips = np.column_stack((x[allowed], y[allowed]))[::25]
+    np.testing.assert_allclose(stops_of(across, *tips), stops_of(lower, *tips), atol=1e-12)
+    assert stops_of(across, *tips).min() >= -1e-12
 
 
 
