@@ -17,6 +17,7 @@ from experiments.plan import PlannedTrial, counted
 from experiments.session.files import other_protocol
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
+from experiments.session.study_file import refuse_study
 from experiments.trial.population import load_population
 
 
@@ -52,6 +53,7 @@ def _open(state: State, command: m.Open) -> None:
     if command.resume:
         session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
+        refuse_study(setup.data_dir)
         person, blind = person_at(setup, state.protocol, name), command.blind or None
         operators = load_population().operators if person else None
         session = Session(

@@ -16,7 +16,7 @@ import contextlib
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -25,7 +25,7 @@ from typing import Any
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.atomic_files import reading_stored
@@ -193,11 +193,18 @@ def cell(trial: PlannedTrial | TrialRow) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
+def settled_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
+    """The cells of the plan that trials have settled, and those of them that are without a result."""
+    rows = list(rows)
+    settled = {cell(row) for row in rows if row.status in SETTLED}
+    return settled, settled - {cell(row) for row in rows if row.status in COUNTED}
+
+
 def open_trials(
     plan: tuple[PlannedTrial, ...], rows: list[TrialRow], postponed: Sequence[int] = ()
 ) -> list[PlannedTrial]:
     """The planned trials, in order, that no trial has settled yet; those of postponed runs end their configuration."""
-    settled = {cell(row) for row in rows if row.status in SETTLED}
+    settled, _ = settled_cells(rows)
     waiting = [trial for trial in plan if cell(trial) not in settled]
     if postponed:
         cells = [cell(row) for run in postponed for row in rows if row.run == run]

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from core.files import InputError
-from experiments.analysis.trials_table import SETTLED
 from experiments.recording.atomic_files import reading_stored
-from experiments.session.files import STORED, TABLE, cell, rows_of, sessions_in
+from experiments.session.files import STORED, TABLE, rows_of, sessions_in, settled_cells
 from experiments.session.study_file import STUDY
 
 
@@ -22,6 +21,7 @@ class SessionOverview(NamedTuple):
     done: int  # trials of the plan that are settled
     planned: int
     changed_s: float  # s since 1970, of the newest trial
+    lacking: int = 0  # settled trials without a result: aborted, skipped, excluded
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -83,7 +83,7 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         with reading_stored(folder / STORED):
             about = json.loads((folder / STORED).read_text(encoding="utf-8"))
             planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
-            done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
-            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s)
+            done, lacking = map(len, settled_cells(rows_of(folder)))
+            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
     except InputError as error:
         return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))

@@ -26,6 +26,12 @@ class StudyPlan:
     population: Population
 
 
+def refuse_study(folder: Path) -> None:
+    """InputError if the folder is a study's: its tables and statistics are of its simulated operators alone."""
+    if (folder / STUDY).exists():
+        raise InputError(f"{folder}: holds a study, which takes no other session; choose another data folder")
+
+
 def write_study(folder: Path, study: StudyPlan) -> None:
     """Store it in a folder that has none yet. OSError if it cannot be written."""
     about = {
