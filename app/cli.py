@@ -80,7 +80,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The verbs and their arguments."""
     parser = _Parser(
         prog="phd",
-        description="A passive haptic display you can run an experiment on: with or without the five-bar.",
+        description="A passive haptic display you can run an experiment on: a real one or a simulated one.",
         epilog="phd alone opens the app. Every verb explains itself: phd simulate --help",
         allow_abbrev=False,
     )

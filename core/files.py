@@ -9,7 +9,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 
@@ -88,7 +88,7 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {_sentence(str(error), content).lstrip()}") from None
+        raise InputError(f"{where}: {_sentence(str(error), content, kind).lstrip()}") from None
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
@@ -153,7 +153,7 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
         raise InputError(f"{where}: {key} must be finite, not {value}")
 
 
-def _sentence(message: str, content: dict[str, Any]) -> str:
+def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
     """msgspec's message in our words; `content` is the file, to show the value at fault."""
     match = _AT.match(message)
     assert match is not None  # the pattern matches any text
@@ -162,7 +162,8 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
     if found := _MISSING.match(reason):
         return f"the required key {inside}{found[1]} is missing"
     if found := _UNKNOWN.match(reason):
-        return f"unknown key {inside}{found[1]}"
+        known = ", ".join(_keys(kind, key))
+        return f"unknown key {inside}{found[1]}" + (f" (there are: {known})" if known else "")
     if found := _TYPE.match(reason):
         wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
         return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
@@ -175,6 +176,22 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
     if found := _LENGTH.match(reason):
         return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
     return f"{key}: {reason}" if key else reason
+
+
+def _keys(kind: Any, key: str) -> list[str]:
+    """The keys of the table that stands at a key in a file of this kind; none where no table stands."""
+    table = table_in(kind)
+    for name in re.sub(r"\[[^\]]*\]", "", key).split(".") if key else ():
+        fields = msgspec.structs.fields(table) if table else ()
+        table = next((table_in(one.type) for one in fields if one.name == name), None)
+    return [one.name for one in msgspec.structs.fields(table)] if table else []
+
+
+def table_in(kind: Any) -> type[msgspec.Struct] | None:
+    """The table in a type such as `tuple[Table, ...]` or `Table | None`."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return kind
+    return next(filter(None, map(table_in, get_args(kind))), None)
 
 
 def _value(content: Any, key: str) -> Any:

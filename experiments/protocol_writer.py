@@ -20,7 +20,7 @@ from experiments.recording.atomic_files import reason_of, replace_file, write_ne
 
 #: kind of path -> how many points draw it; a polyline takes any number from two on
 POINTS = {"segment": 2, "polyline": 2, "arc": 3}
-ABOUT = "# A protocol of phd. The shipped experiments/protocols/paper.toml says what each key is.\n"
+ABOUT = "# A protocol of phd. docs/examples/protocols/every-key.toml says what each key is.\n"
 
 
 def protocol_text(content: Mapping[str, Any]) -> str:

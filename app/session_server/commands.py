@@ -54,7 +54,8 @@ def _open(state: State, command: m.Open) -> None:
         session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
         refuse_study(setup.data_dir)
-        person, blind = person_at(setup, state.protocol, name), command.blind or None
+        person = person_at(setup, state.protocol, name)
+        blind = (command.blind or None) if person is None else False
         operators = load_population().operators if person else None
         session = Session(
             setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form, on_event

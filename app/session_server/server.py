@@ -26,6 +26,8 @@ from core.files import InputError
 from experiments.inputs import is_person
 
 if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
     from app.session_server.lsl import Outlets
     from experiments.protocol import Protocol
 
@@ -33,6 +35,7 @@ BEAT_S = 0.02  # longest time between two looks at everything, and between two b
 PULSE_S = 0.1
 CLOSE_S = 1.0  # longest wait for a window to take the last messages
 LOCK_S = 1.5  # longest wait for a server whose window is gone, and which is about to end
+FINISHING = ".finishing"  # in the data folder: a server whose window is gone is still at its last trial
 LOG = ".session_server.log"  # in the data folder; only where something failed that should not
 TERMINATED = "the session server was told to end"
 WINDOW_GONE = "the window was lost"
@@ -89,6 +92,9 @@ class SessionServer:
         if self._window.closed and not self._alone and not self.end:
             self._alone = True
             self._state.window_lost()
+            if self._state.runner.run is not None:
+                with contextlib.suppress(OSError):  # a full disk: the next start is refused until this has ended
+                    (self._state.setup.data_dir / FINISHING).touch()
 
     def _finish(self) -> None:
         """The window is gone: end after the running trial."""
@@ -150,18 +156,34 @@ def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
 
     InputError or OSError if it cannot be served.
     """
-    from experiments.session.files import LOCK, hold_lock
+    from experiments.session.files import LOCK
 
     data_dir = setup.data_dir
     new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
     left.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
     data_dir.mkdir(parents=True, exist_ok=True)
-    left.callback(hold_lock(data_dir, LOCK_S).release)
+    left.callback(_hold_lock(data_dir).release)
+    (data_dir / FINISHING).unlink(missing_ok=True)
+    left.callback((data_dir / FINISHING).unlink, missing_ok=True)
     return read_protocol(setup)
+
+
+def _hold_lock(data_dir: Path) -> "BaseFileLock":
+    """The folder's lock. A server whose window is gone finishes its trial first: that is waited for."""
+    from experiments.session.files import hold_lock
+
+    while True:
+        try:
+            return hold_lock(data_dir, LOCK_S)
+        except InputError:
+            if not (data_dir / FINISHING).exists():
+                raise
 
 
 def in_words(error: Exception, data_dir: Path) -> str:
     """Why the session server cannot serve, one sentence."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        return f"{data_dir}: is a file, or lies in one, and not a folder"
     if isinstance(error, OSError):
         return f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"
     return str(error)

@@ -12,7 +12,7 @@ from app.window.keys import Key
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
 from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
-from app.window.words import clock
+from app.window.words import LEAVE, clock
 from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
@@ -223,6 +223,10 @@ class Cards:
             grid.setColumnStretch(2 * across + 1, 1)
         card.inside.addLayout(grid)
         self.put(card)
+
+    def ask_to_leave(self, close: Callable[[], None]) -> None:
+        buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
+        self.put(Card("Close the session?", LEAVE, buttons, self._parent), "leave")
 
     def ask_to_close(self, close: Callable[[], None]) -> None:
         card = Card(*CLOSE, [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)], self._parent)

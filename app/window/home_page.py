@@ -51,7 +51,7 @@ from app.window.work import Work
 from core.device import shipped_devices
 from core.files import InputError
 from core.path import outline
-from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR
+from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant
@@ -293,7 +293,7 @@ class HomePage(Page):
             if not self._typed and loaded.participant != self.participant.text():
                 self.participant.setText(loaded.participant)
                 self._asked = {}  # of another participant
-            self.blind.setChecked(loaded.protocol.blind)
+            self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             if loaded.protocol.form != self._asked:
                 self._show_form(loaded.protocol.form)
             self._show_device(loaded.protocol)
@@ -462,7 +462,7 @@ class HomePage(Page):
             choice.setEnabled(not is_open)
         for new in (self.blind, *self.fields.values()):  # of a session that is there this was settled when it began
             new.setEnabled(there is None and not is_open)
-        if isinstance(self.loaded, Loaded) and self.loaded.protocol.blind:
+        if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
             self.blind.setEnabled(False)
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)

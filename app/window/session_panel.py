@@ -12,13 +12,16 @@ from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, c
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
-from app.window.words import LACKING, LEAVE, cell, done_of, minutes, place
+from app.window.words import LACKING, cell, done_of, minutes, place
 from experiments.analysis.trials_table import TrialRow
 from experiments.session.files import settled_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
-SILENT = "The protocol has tones, and this computer has no program to play them (paplay, aplay)."
+SILENT = (
+    "No tones: this computer has no program to play them (paplay, aplay). "
+    "tones = false in the protocol: none wanted."
+)
 
 
 class SessionPanel(QFrame):
@@ -39,8 +42,7 @@ class SessionPanel(QFrame):
         self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
-        self.leave = KeyButton("Close session", "recordings stay")
-        self.leave.setToolTip(LEAVE)
+        self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
         self.note = NoteLine()
         self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
         self.notes.setFont(theme.font(theme.SMALL))
@@ -53,8 +55,8 @@ class SessionPanel(QFrame):
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
-            self.notice, self.start, self.pause, self.abort, self.redo, self.skip, self.note, (self.notes, 20), 1,
-            self.leave, spacing=5, margins=(14, 10, 14, 12),
+            self.notice, self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note,
+            (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self.follow_text()
 
@@ -117,6 +119,8 @@ class SessionPanel(QFrame):
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
         self.abort.setEnabled(runs)
+        self.abort.setVisible(runs)
+        self.leave.setVisible(not runs)
         self.leave.setEnabled(snapshot.can_leave)
         self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 

@@ -118,13 +118,14 @@ class Run:
         return {
             "out": str(self.out),
             "trials": len(table),
+            "trials_run_now": self.done.trials,
             **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
             "recovered": sum(row.status == "recovered" for row in table),
             "in_doubt": self.done.doubted,
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": population.name,
-            "operators_changed_after_findings": list(population.changed_after_findings) or "nothing",
+            "operator_numbers_changed_after_findings": list(population.changed_after_findings) or "none",
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
             "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
@@ -222,7 +223,7 @@ def verdicts(found: Sequence[Finding]) -> str:
     """How many of the paper's statements the data support, in words."""
     counted = Counter(finding.verdict for finding in found)
     counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
-    return f"{counts} (of the paper's {len(found)}; why: {REPORT}/report.md)"
+    return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"
 
 
 def share_done(rows: Sequence[TrialRow], controller: int) -> float:

@@ -13,14 +13,14 @@ from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QPushButton
-from sessions import new_session, run_trials
+from PySide6.QtWidgets import QApplication, QPushButton
+from screens import cut_texts, settle
+from sessions import closed_session
 
 from app.ipc import messages as m
 from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
-from app.window.painting.parts import OneLine
 from app.window.trial_card import REASONS
 from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
 from experiments.analysis.findings import FAILS
@@ -80,9 +80,6 @@ def click(plot: ChartPlot, x: float, y: float) -> None:
 
 def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
     return [(mark.pos().x(), mark.pos().y()) for mark in plot.ring.points()]
-
-
-# ------------------------------------------------------------------------------------------------------ what is shown
 
 
 def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
@@ -213,9 +210,6 @@ def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> N
     assert not page.export_button.isEnabled()
 
 
-# -------------------------------------------------------------------------------------------------------- one trial
-
-
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     row = replace(page.rows[100], recording="")
@@ -242,31 +236,24 @@ def test_what_is_under_the_pointer_is_named_by_participant_run_and_value(qtbot, 
     assert tip == f"Participant 02 · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
 
 
-def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder(qtbot, tmp_path: Path) -> None:
-    session = new_session(tmp_path / "data", protocol=short())
-    run_trials(session, 2)
-    session.close()
+@pytest.fixture
+def recorded(qtbot, tmp_path: Path) -> AnalysePage:
+    """The page on a session of two trials that is not open, with the second beside the charts."""
+    session = closed_session(tmp_path / "data", 2, protocol=short())
     page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
-    qtbot.waitUntil(lambda: page.chosen is not None, timeout=60_000)
+    qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
+    return page
+
+
+def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder(qtbot, tmp_path, recorded) -> None:
+    page = recorded
     assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "P01 run 2"
     qtbot.waitUntil(lambda: len(page.plots[0].points.points()) == 2, timeout=60_000)
-    assert all(len(ringed(plot)) == 1 for plot in page.plots)
-    assert not page.side.playing
+    assert all(len(ringed(plot)) == 1 for plot in page.plots) and not page.side.playing
     page.keys()["start"]()
     assert page.side.playing
     page.end()
     assert not page.side.playing  # another page is at the front
-
-
-@pytest.fixture
-def recorded(qtbot, tmp_path: Path) -> AnalysePage:
-    """The page on a session of two trials that is not open, with the second beside the charts."""
-    session = new_session(tmp_path / "data", protocol=short())
-    run_trials(session, 2)
-    session.close()
-    page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
-    qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
-    return page
 
 
 def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
@@ -308,9 +295,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
 
 
 def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, tmp_path, monkeypatch) -> None:
-    session = new_session(tmp_path / "data", protocol=short())
-    run_trials(session, 1)
-    session.close()
+    session = closed_session(tmp_path / "data", 1, protocol=short())
     page = page_on(qtbot, session.folder)
     begun: list[bytes] = []
     monkeypatch.setattr(page._export, "begin", lambda module, given: begun.append(given))
@@ -328,9 +313,6 @@ def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data:
     assert (page.chosen.participant, page.chosen.run) == ("03", 1)
     page.step(-1)
     assert page.chosen == last
-
-
-# ------------------------------------------------------------------------------------------------------------- export
 
 
 def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
@@ -369,9 +351,6 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypat
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)
 
 
-# --------------------------------------------------------------------------------------------------------------- look
-
-
 @pytest.mark.parametrize("name", [POOLED, FINDINGS])
 def test_no_text_is_cut(qtbot, data: Path, name: str) -> None:
     page = page_on(qtbot, data)
@@ -380,19 +359,9 @@ def test_no_text_is_cut(qtbot, data: Path, name: str) -> None:
         qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     for size in ((1000, 490), (1256, 610), (1896, 970)):
         page.resize(*size)
-        QTest.qWait(50)
+        settle(page)
         assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
-        check_that_no_text_is_cut(page)
-
-
-def check_that_no_text_is_cut(page: AnalysePage) -> None:
-    for label in page.findChildren(QLabel):
-        if label.isVisible() and not isinstance(label, OneLine) and not label.wordWrap():
-            assert label.width() >= label.sizeHint().width(), label.text()
-    for button in page.findChildren(QPushButton):
-        if button.isVisible():
-            assert button.width() >= button.sizeHint().width(), button.text()
-            assert page.rect().contains(button.mapTo(page, button.rect().bottomRight())), button.text()
+        assert [text for text in cut_texts(page) if not text.startswith("<p>")] == []  # the verdicts scroll
 
 
 class Painted(QObject):

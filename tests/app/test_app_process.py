@@ -5,21 +5,22 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live import LONG_S
+import waiting
 from processes import children, gone
 from protocols import PAPER, changed
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMessageBox
+from refusals import refusal
 from screens import point
 from synthetic_hand import SyntheticHand
 
-from app.cli import main
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
@@ -30,14 +31,9 @@ from core import tick_log
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 
+wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))
+
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def wait_until(what, seconds: float = LONG_S) -> None:
-    end = time.perf_counter() + seconds
-    while not what():
-        assert time.perf_counter() < end, "waited in vain"
-        QTest.qWait(10)
 
 
 @pytest.fixture
@@ -75,7 +71,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     hand = SyntheticHand(planned.segment, view.tip)
     point(view, view.to_screen(view.tip))
     QTest.keyClick(windows.participant, Qt.Key.Key_Space)
-    last, end = time.perf_counter(), time.perf_counter() + LONG_S
+    last, end = time.perf_counter(), time.perf_counter() + waiting.LONG_S
     while not main.snapshot.rows:
         QTest.qWait(15)
         now, dt = time.perf_counter(), time.perf_counter() - last
@@ -140,7 +136,7 @@ def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> N
         below = children(window.pid)
         below += [child for pid in below for child in children(pid)]
         window.send_signal(signal.SIGINT)
-        assert window.wait(LONG_S) == 130, window.stderr.read()
+        assert window.wait(waiting.LONG_S) == 130, window.stderr.read()
     wait_until(lambda: all(map(gone, below)))
     assert below and not list(tmp_path.iterdir())
 
@@ -149,7 +145,7 @@ def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> N
     ("make", "arguments", "says"),
     [
         ("data/sub-07/ses-01/session.json", ["--participant", "07"], "session.json"),
-        ("data", [], "data: cannot be written to"),
+        ("data", [], "data: is a file"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused_and_no_window_stays(
@@ -161,9 +157,7 @@ def test_what_cannot_be_recorded_is_refused_and_no_window_stays(
     place = tmp_path / make
     place.parent.mkdir(parents=True, exist_ok=True)
     place.touch()
-    assert main(["run", "--data-dir", str(tmp_path / "data"), *arguments]) == 2
-    said = capsys.readouterr().err
-    assert says in said and said.startswith("phd: ") and said.count("\n") == 1
+    assert says in refusal(capsys, "run", "--data-dir", tmp_path / "data", *arguments)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [place]
     assert not any(window.isVisible() for window in qapp.topLevelWidgets())
 
@@ -183,6 +177,6 @@ def test_a_refusal_is_shown_in_a_box_where_no_terminal_shows_it(monkeypatch, cap
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):
     environment = {**os.environ, "DISPLAY": ":7763", "QT_QPA_PLATFORM": "xcb"}
     command = [sys.executable, "-m", "app.cli", "run", "--data-dir", str(tmp_path / "data")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG_S)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=waiting.LONG_S)
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
     assert "no usable screen (DISPLAY=:7763" in done.stderr and not (tmp_path / "data").exists()

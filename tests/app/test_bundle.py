@@ -46,14 +46,11 @@ def test_its_python_sees_only_its_folder_wherever_that_stands(tmp_path) -> None:
     assert not [path for path in paths if path and not path.startswith(str(moved))]
 
 
-def test_a_folder_that_holds_something_is_refused_and_left_as_it_is(tmp_path, capsys) -> None:
+def test_a_folder_that_holds_something_or_lies_in_what_is_copied_is_refused_and_left_as_it_is(tmp_path, capsys) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     assert main(["bundle", str(tmp_path)]) == 2
     assert "is not empty" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
-
-
-def test_a_folder_in_what_is_copied_is_refused(capsys) -> None:
     folder = bundle.ROOT / "docs" / "bundle"
     assert main(["bundle", str(folder)]) == 2
     assert "lies in docs" in capsys.readouterr().err and not folder.exists()

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from refusals import refusal
 
 from app import __version__
 from app.cli import main
@@ -68,9 +69,7 @@ def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
 ):  # fmt: skip
     change(folder / file, pattern, replacement)
     before = files(folder)
-    assert main(["simulate", "scene.toml", "--out", "out.csv"]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and re.fullmatch(rf"phd: .*{says}.*\n", said.err)
+    assert re.search(says, refusal(capsys, "simulate", "scene.toml", "--out", "out.csv"))
     assert files(folder) == before
 
 
@@ -106,9 +105,7 @@ WRONG_ARGUMENTS = {
 @pytest.mark.parametrize("arguments, says", WRONG_ARGUMENTS.values(), ids=WRONG_ARGUMENTS)
 def test_wrong_arguments_give_one_sentence_exit_2_and_nothing_written(folder, capsys, arguments, says):
     before = files(folder)
-    assert main(arguments) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and re.fullmatch(rf"phd: .*{says}.*\n", said.err)
+    assert re.search(says, refusal(capsys, *arguments))
     assert files(folder) == before
 
 

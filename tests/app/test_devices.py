@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from refusals import refusal
 
 from app import doctor
 from app.cli import main
@@ -54,6 +55,11 @@ def said(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, str]:
     return code, capsys.readouterr().out
 
 
+def at_ports(_folder: Path, ports: list[str]) -> list:
+    """What the doctor says of boards alone."""
+    return [doctor.board_check(discovery.ask_board(port)) for port in ports]
+
+
 def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest.CaptureFixture) -> None:
     assert said(capsys) == (0, "nothing attached\n")
     code, out = said(capsys, "--json")
@@ -86,21 +92,12 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
     assert line.state == CAUTION and "no library" in line.text
 
 
-def test_a_dead_port_says_that_no_board_answers(nothing, dead_port: str, capsys: pytest.CaptureFixture) -> None:
-    nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
-    code, out = said(capsys, "--port", dead_port)
-    assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
-
-
-def at_ports(_folder: Path, ports: list[str]) -> list:
-    """What the doctor says of boards alone."""
-    return [doctor.board_check(discovery.ask_board(port)) for port in ports]
-
-
-def test_the_doctor_says_what_to_do_about_a_port_at_which_nobody_is(
+def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(
     nothing, dead_port: str, capsys: pytest.CaptureFixture
 ) -> None:
     nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
+    code, out = said(capsys, "--port", dead_port)
+    assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
     nothing.setattr(doctor, "examine", at_ports)
     assert main(["doctor", "--port", dead_port]) == 1
     out = capsys.readouterr().out
@@ -120,9 +117,7 @@ def test_a_port_that_is_not_there_is_one_sentence(
     verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "examine", at_ports)
-    assert main([verb, "--port", "/dev/none"]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", "phd: serial port /dev/none: no such file or directory\n")
+    assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: no such file or directory\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="only POSIX systems have pseudo-terminals")
@@ -131,8 +126,8 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
     name = os.ttyname(theirs)
     os.close(ours)
     try:
-        assert main(["devices", "--port", name]) == 2
-        assert capsys.readouterr().err == f"phd: serial port {name}: no such file or directory\n"
+        told = refusal(capsys, "devices", "--port", name)
+        assert told == f"phd: serial port {name}: no such file or directory\n"
     finally:
         os.close(theirs)
 
@@ -176,9 +171,8 @@ WRONG_LINKS = [
 
 @pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS)
 def test_a_link_that_cannot_be_is_one_sentence(arguments: list[str], says: str, tmp_path: Path, capsys) -> None:
-    assert main(["run", *arguments, "--data-dir", str(tmp_path / "data")]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and says in err and err.count("\n") == 1 and not (tmp_path / "data").exists()
+    assert says in refusal(capsys, "run", *arguments, "--data-dir", tmp_path / "data")
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded() -> None:

@@ -1,16 +1,15 @@
 """A disk that takes no more: the study stops with one sentence, what was recorded before is as it was."""
 
-import errno
 import os
 import subprocess
 
 import pytest
+from disks import fill_up
 from protocols import short
 from sessions import files
 
 from app.cli import main
 from experiments.analysis.trials_table import read_table
-from experiments.recording import writer as recording_writer
 from experiments.session.verify import verify
 
 
@@ -35,17 +34,9 @@ def assert_stopped_cleanly(folder, error):
 def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(
     begin, tmp_path, monkeypatch, capsys, room
 ):
-    out, write, left = tmp_path / "study", os.write, [room]
-
-    def write_until_full(handle, data):
-        taken = min(len(data), left[0])
-        left[0] -= taken
-        if not taken:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return write(handle, data[:taken])
-
+    out = tmp_path / "study"
     with monkeypatch.context() as patch:
-        patch.setattr(recording_writer.os, "write", write_until_full)
+        fill_up(patch, room)
         assert main([*begin, "--out", str(out)]) == 1
     done = assert_stopped_cleanly(out, capsys.readouterr().err)
     assert done >= 1

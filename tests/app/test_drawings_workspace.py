@@ -103,9 +103,6 @@ def is_seen(image: QImage, place: QPointF, name: str, near: int = 2) -> bool:
     )
 
 
-# ------------------------------------------------------------------------------------------------------------- plane
-
-
 def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plane) -> None:
     for place in ((-0.1, 0.4), (0.03, 0.42), (0.0, 0.39)):
         assert plane.to_plane(plane.to_screen(place)) == pytest.approx(place, abs=1e-12)
@@ -187,9 +184,6 @@ def test_every_joint_stays_in_sight_on_every_path() -> None:
                     assert extent.contains(QPointF(x, y))
 
 
-# ------------------------------------------------------------------------------------------------------------ layers
-
-
 @BOTH
 def test_whatever_the_brakes_do_against_a_motion_lies_in_the_wedge(device: Device) -> None:
     """Fig. 1: forces of yields of any size, each against its own joint's rate, never leave the wedge."""
@@ -248,9 +242,6 @@ def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_travel_sens
         elif abs(off) < 1e-9:
             assert beta == pytest.approx((1.0, 0.0))
     assert back[:, :3] == pytest.approx(found[:, :3] * (1.0, 1.0, -1.0))
-
-
-# --------------------------------------------------------------------------------------------------------- workspace
 
 
 def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None:

@@ -1,6 +1,7 @@
 """`phd emulate`: a board on a pseudo-terminal or a TCP port, a program of its own, and the host's link to it in real
 time. What the plug has no part in is tried on one of them."""
 
+import contextlib
 import gc
 import math
 import os
@@ -14,7 +15,9 @@ from pathlib import Path
 import pytest
 from emulated import Emulated, when
 from real_bench import RealBench
+from refusals import refusal
 from simulated_bench import nothing_looks_for_the_board
+from waiting import LONG_S, wait_until
 
 from core.device import load_device
 from core.device_interface import DeviceError
@@ -29,7 +32,6 @@ from hardware.serial_device import SerialDevice
 DEVICE = load_device("four-brake")
 NO = (0.0,) * 4
 SOME = (0.3,) * 4
-PATIENT_S = 200.0
 LATE = "no command for 50 ms"  # what a board rightly says where this machine held its host up
 HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
 
@@ -59,14 +61,14 @@ def link(emulated: Emulated) -> Iterator[SerialDevice]:
 
 def patiently(ask: Callable[[], object]) -> None:
     """Until the board's answer is there in time, which a machine with much else to do may keep from us."""
-    end = time.perf_counter() + PATIENT_S
-    while True:
-        try:
+
+    def answered() -> bool:
+        with contextlib.suppress(DeviceError, InputError):
             ask()
-            return
-        except (DeviceError, InputError):
-            if time.perf_counter() > end:
-                raise
+            return True
+        return False
+
+    wait_until(answered)
 
 
 def forget(link: SerialDevice) -> None:
@@ -77,21 +79,14 @@ def forget(link: SerialDevice) -> None:
 
 def run(link: SerialDevice, n: int, currents=NO) -> list:
     """Exchange until n samples came."""
-    samples, end = [], time.perf_counter() + PATIENT_S
-    while len(samples) < n:
-        assert time.perf_counter() < end, link.problem
-        if (sample := link.exchange(currents)) is not None:
-            samples.append(sample)
+    samples: list = []
+    wait_until(lambda: len(samples) == n or samples.extend(filter(None, [link.exchange(currents)])), pause=lambda: None)
     return samples
 
 
-def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> float:
-    """Exchange until something is so; how long that took, s."""
-    start = time.perf_counter()
-    while not done():
-        assert time.perf_counter() - start < PATIENT_S, link.problem
-        link.exchange(currents)
-    return time.perf_counter() - start
+def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> None:
+    """Exchange until something is so."""
+    wait_until(done, pause=lambda: link.exchange(currents))
 
 
 @pytest.mark.skipif(not HAS_TERMINALS, reason="no pseudo-terminals here")
@@ -101,7 +96,7 @@ def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None
 
 @on_both
 def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialDevice) -> None:
-    listened, end = False, time.perf_counter() + PATIENT_S
+    listened, end = False, time.perf_counter() + LONG_S
     while not listened and time.perf_counter() < end:
         came, held_up_s, health = run(link, 20), 0.0, link.health
         before = health.lost, health.frames.bad, health.repeated
@@ -126,7 +121,7 @@ def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, l
     until(link, lambda: math.dist(emulated.order()["tip_m"], (-0.05, 0.40)) < 0.02)
     free = emulated.order()["tip_m"]
     assert math.dist(free, start) > 0.02
-    end = time.perf_counter() + PATIENT_S
+    end = time.perf_counter() + LONG_S
     while True:
         assert time.perf_counter() < end, "the board never had its currents for long enough"
         emulated.order(target=free)
@@ -158,61 +153,10 @@ def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: S
     assert link.health.lost_links >= 1
 
 
-def test_a_brown_out_makes_currents_zero_at_once_and_is_told(emulated: Emulated, link: SerialDevice) -> None:
-    run(link, 50, SOME)
-    emulated.order(fault="brown-out+0.1")
-    until(link, lambda: bool(link.problem), SOME)
-    until(link, lambda: not link.problem)
-    sample = run(link, 3)[-1]
-    assert "supply voltage" in sample.fault and not sample.homed
-    truth = emulated.order()
-    assert when(truth, "currents zero") <= when(truth, "brown-out begins")  # sooner: the host had been late for once
-    forget(link)
-    patiently(lambda: link.home(tuple(truth["tip_m"])))
-    assert math.dist(run(link, 3)[-1].tip, truth["tip_m"]) < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("fault", "says"),
-    [
-        ("bad-encoder=A+0.3", "an encoder's signal is bad"),
-        ("saturated-force+0.3", "the force sensor is at the end of its range"),
-        ("stall+0.1", "no command for 50 ms"),
-    ],
-)
-def test_a_fault_on_the_board_is_told_with_its_cause(
-    emulated: Emulated, link: SerialDevice, fault: str, says: str
-) -> None:
-    kind, told = fault.split("=")[0].split("+")[0], LATE
-    end = time.perf_counter() + PATIENT_S
-    while told == LATE and time.perf_counter() < end:  # once, if the host is not held up
-        forget(link)
-        run(link, 50, SOME)
-        emulated.order(fault=fault)
-        until(link, lambda: (sample := link.exchange(SOME)) is not None and sample.fault != "")
-        truth, told = emulated.order(), run(link, 1)[-1].fault
-        assert truth["currents_mA"] == [0] * 4 and truth["state"] == "FAULT"
-        until(link, lambda: over(emulated.order(), kind))
-        if says == LATE:
-            break
-    assert told == says
-    assert when(truth, "currents zero") - when(truth, f"{kind} begins") <= 0.0515
-    forget(link)
-
-
-def over(truth: dict, kind: str) -> bool:
-    """Whether the last fault of this kind is past."""
-    events = [event for _, event in truth["events"] if event.startswith(kind)]
-    return bool(events) and events[-1] == f"{kind} is over"
-
-
 def at_rest(emulated: Emulated) -> list[float]:
     """Where the handle is, m, once it has come to rest."""
-    end = time.monotonic() + PATIENT_S
-    while max(map(abs, (truth := emulated.order())["velocity_m_s"])) > 1e-3:
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    return truth["tip_m"]
+    wait_until(lambda: max(map(abs, emulated.order()["velocity_m_s"])) <= 1e-3)
+    return emulated.order()["tip_m"]
 
 
 @on_both
@@ -234,33 +178,15 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
 
 def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:
     emulated = Emulated(tmp_path, "--device", "three-brake")
-    with pytest.raises(InputError, match="is wired to the device 'three-brake', not to 'four-brake'"):
-        patiently_refused(SerialDevice(DEVICE, emulated.port))
+
+    def refusal() -> str:
+        with pytest.raises(InputError) as error:
+            SerialDevice(DEVICE, emulated.port).open()
+        return str(error.value)
+
+    wait_until(lambda: "is wired to the device 'three-brake', not to 'four-brake'" in refusal())
     assert "only three-brake can be emulated here" in emulated.order(device="four-brake")["error"]
     assert emulated.end() == 0
-
-
-def patiently_refused(host: SerialDevice) -> None:
-    """Open it; again where this machine held the board up for too long to answer."""
-    end = time.perf_counter() + PATIENT_S
-    while True:
-        try:
-            host.open()
-        except InputError as error:
-            if "wired to" in str(error) or time.perf_counter() > end:
-                raise
-
-
-def test_a_stuck_encoder_stands_still_while_the_handle_moves(emulated: Emulated, link: SerialDevice) -> None:
-    emulated.order(fault="stuck-encoder=A")
-    before = run(link, 50)[-1]
-    emulated.order(target=[-0.06, 0.42])
-    until(link, lambda: abs(run(link, 1)[-1].counts[1] - before.counts[1]) > 20)
-    stuck = run(link, 1)[-1]
-    assert stuck.counts[0] == before.counts[0]
-    emulated.order(clear=True)
-    until(link, lambda: run(link, 1)[-1].counts[0] != stuck.counts[0])
-    emulated.order(target=[-0.10, 0.40])
 
 
 def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emulated) -> None:
@@ -272,19 +198,18 @@ def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emul
 def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> None:
     emulated = Emulated(tmp_path, "--hand", "operator", "--device", "three-brake", "--seed", "2")
     try:
-        truth, away_s = emulated.order(wait=True), 0.0
-        end = time.perf_counter() + PATIENT_S
-        while truth["t_s"] < away_s + 1.5:  # longer than it rests at the start by itself
-            assert time.perf_counter() < end
-            time.sleep(0.05)
+        emulated.order(wait=True)
+        away_s = [0.0]
+
+        def has_rested() -> bool:
             truth = emulated.order()
             if math.dist(truth["tip_m"], (-0.10, 0.40)) > 0.01:  # it had gone before the order came
-                away_s = truth["t_s"]
+                away_s[0] = truth["t_s"]
+            return truth["t_s"] >= away_s[0] + 1.5  # longer than it rests at the start by itself
+
+        wait_until(has_rested)
         emulated.order(go=True)
-        end = time.perf_counter() + PATIENT_S
-        while emulated.order()["tip_m"][0] < -0.05:
-            assert time.perf_counter() < end
-            time.sleep(0.05)
+        wait_until(lambda: emulated.order()["tip_m"][0] >= -0.05)
     finally:
         assert emulated.end(signal.SIGINT) == 0
     assert emulated.port not in emulated_ports()
@@ -310,11 +235,7 @@ def test_a_tcp_port_that_another_program_has_is_one_sentence(capfd: pytest.Captu
 
 @pytest.mark.parametrize("arguments", WRONG)
 def test_wrong_input_is_one_sentence_and_no_port(arguments: list[str], capfd: pytest.CaptureFixture) -> None:
-    from app.cli import main
-
-    assert main(["emulate", *arguments]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and err.count("\n") == 1 and err.startswith("phd: ")
+    refusal(capfd, "emulate", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -333,11 +254,6 @@ def test_every_kind_of_fault_can_be_asked_for() -> None:
         fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
         assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
         assert math.isinf(read_fault(kind + value).end_s)
-
-
-def test_a_port_that_is_not_there_is_one_sentence() -> None:
-    with pytest.raises(InputError, match=r"^serial port /dev/none: no such file or directory$"):
-        SerialDevice(DEVICE, "/dev/none").open()
 
 
 def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:

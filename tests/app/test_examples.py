@@ -1,15 +1,20 @@
 """The examples in docs run as they stand, and show what their first line says."""
 
-import csv
+import re
+import tomllib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+from exports import rows
 
 from app.cli import main
 from core.device import load_device
+from core.files import table_in
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
+from experiments.protocol import ProtocolFile, load_protocol
 from experiments.study.sweep import load_sweep
 from experiments.worlds.ranges import load_ranges
 from experiments.worlds.worlds import worlds_of
@@ -20,9 +25,8 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
     out = folder / "motion.csv"
     assert main(["simulate", str(EXAMPLES / f"{scene}.toml"), "--out", str(out)]) == 0
-    with out.open() as file:
-        rows = list(csv.DictReader(file))
-    return {name: [row[name] for row in rows] for name in rows[0]}
+    found = rows(out)
+    return {name: [row[name] for row in found] for name in found[0]}
 
 
 @pytest.mark.parametrize("scene", sorted(path.stem for path in EXAMPLES.glob("*.toml")))
@@ -71,3 +75,33 @@ def test_every_ranges_file_gives_worlds_of_three_people(file):
     fixed = {name.partition(".")[2]: one.value for name, one in ranges.fixed.items() if name.startswith("assumptions.")}
     assert ranges.operators == 3
     assert {name: getattr(protocol.assumptions, name) for name in fixed} == fixed
+
+
+def keys_of(kind) -> dict[str, object]:
+    """Every key of a file of this kind with its declaration, by its full name."""
+    found = {}
+    for one in msgspec.structs.fields(kind):
+        found[one.name] = one
+        if (table := table_in(one.type)) is not None:
+            found |= {f"{one.name}.{name}": inner for name, inner in keys_of(table).items()}
+    return found
+
+
+def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_that_it_names():
+    text = (EXAMPLES / "protocols/every-key.toml").read_text()
+    load_protocol(EXAMPLES / "protocols/every-key.toml")
+    content, declared = tomllib.loads(text), keys_of(ProtocolFile)
+    for name in declared.keys() - {"device", "brake"}:  # files of their own
+        top, _, key = name.partition(".")
+        tables = content[top] if isinstance(content[top], list) else [content[top]]
+        assert not key or any(key in table for table in tables), name
+    section, named = "", 0
+    for line in text.splitlines():
+        if header := re.match(r"\[+(\w+)\]", line):
+            section = f"{header[1]}."
+        elif said := re.match(r'(\w+) = .*# ("[^"]*"|[\d.]+|true|false)(?:[;:.,]|$)', line):
+            one = declared.get(section + said[1])
+            if one is not None and one.default is not msgspec.NODEFAULT and section != "controller.":
+                named += 1
+                assert one.default == tomllib.loads(f"x = {said[2]}")["x"], line
+    assert named > 40

@@ -151,8 +151,6 @@ def test_no_fault_is_left_out() -> None:
     assert asked == set(KINDS)
 
 
-# ------------------------------------------------------------------------------------------------------- the table
-
 HEAD = """# Faults, phase by phase
 
 Written by `python tests/app/test_fault_matrix.py docs/fault-matrix.md` from a run in simulated time: the real loop,

@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
-from sessions import new_session, run_trials
+from sessions import closed_session, new_session, run_trials
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
@@ -117,6 +117,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
     assert page.summary.text().startswith("1 device × ")
+    assert not page.blind.isEnabled() and not page.blind.isChecked()  # there is nobody to be blind
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
@@ -176,9 +177,6 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
         QApplication.setOrganizationName("")
 
 
-# the board
-
-
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
@@ -202,9 +200,6 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.link.choose(SIMULATED)
     page._link_chosen(SIMULATED)
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
-
-
-# the data
 
 
 def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
@@ -302,9 +297,7 @@ def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_pa
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
     data, folder = shown.page.data, shown.setup.data_dir
-    kept = new_session(folder)
-    run_trials(kept, 2)
-    kept.close()
+    closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
     shares: list[float] = []
     data._export.progressed.connect(shares.append)

@@ -252,9 +252,6 @@ def test_both_launchers_take_the_same_pythons() -> None:
     assert f'"%errorlevel%"=="{set_up.NOT_READY}"' in windows
 
 
-# ---------------------------------------------------------------------------------------------------- system packages
-
-
 class Debian:
     """What the set-up finds of the system, and what it runs there."""
 
@@ -314,19 +311,13 @@ def test_tests_go_on_without_a_screen_or_a_compiler(debian: Debian, capsys) -> N
     assert capsys.readouterr().err == "" and debian.ran == []
 
 
-@pytest.mark.parametrize("words", ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"])
-def test_a_verb_with_a_window_needs_the_libraries(words: str) -> None:
-    assert set_up.opens_window(words.split())
+WITH_A_WINDOW = ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"]
+WITHOUT = ["study --out d", "replay a --out b", "replay a --json", "run --print-plan", "run --help", "--help"]
 
 
-@pytest.mark.parametrize(
-    "words", ["study --out d", "replay a --out b", "replay a --json", "run --print-plan", "run --help", "--help"]
-)
-def test_a_verb_without_a_window_needs_none(words: str) -> None:
-    assert not set_up.opens_window(words.split())
-
-
-# ----------------------------------------------------------------------------------------------------------- phd test
+@pytest.mark.parametrize("words", WITH_A_WINDOW + WITHOUT)
+def test_a_verb_with_a_window_needs_the_libraries_and_no_other(words: str) -> None:
+    assert set_up.opens_window(words.split()) == (words in WITH_A_WINDOW)
 
 
 @shell
@@ -351,9 +342,6 @@ def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
 @shell
 def test_a_failure_without_the_jit_fails_the_suite(tree: Tree) -> None:
     assert "failed: pytest, pytest without the jit\n" in tree.run("test", INTERPRETED_CODE="1").stdout
-
-
-# --------------------------------------------------------------------------------------------------------------- pins
 
 
 def pins() -> dict[str, str]:

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emulated import to_zero_s
-from live import kill, wait_until
+from live import kill
 from live_board import DEVICE, BoardSession, board_session, lets_go
 from played_net_ft import HOST, PlayedSensor
+from waiting import wait_until
 
 from app.ipc import messages as m
 from core import tick_log

@@ -3,11 +3,11 @@ translation, and the report at the end.
 """
 
 import re
-import time
+from functools import partial
 from pathlib import Path
 
 import pytest
-from live import LONG_S
+import waiting
 from processes import children, gone
 from protocols import PAPER
 from PySide6.QtCore import Qt
@@ -23,14 +23,9 @@ from experiments.analysis.trials_table import read_table
 from experiments.inputs import OPERATOR
 from experiments.session.verify import verify
 
+wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))
+
 LEFT = Qt.MouseButton.LeftButton
-
-
-def wait_until(what, seconds: float = LONG_S) -> None:
-    end = time.perf_counter() + seconds
-    while not what():
-        assert time.perf_counter() < end, "waited in vain"
-        QTest.qWait(10)
 
 
 def protocol_file(folder: Path) -> Path:

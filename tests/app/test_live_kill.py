@@ -9,18 +9,18 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
 
 import pytest
-from live import Window, kill, live_window, wait_until
+from live import Window, kill, live_window
 from live_kills import VICTIMS, Killing
 from processes import children, gone, suspend
 from protocols import PAPER, changed
 from sessions import unfinished
+from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
@@ -145,16 +145,13 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
         server, run = map(int, other.stdout.readline().split())
         pids = [server, *children(server)]
         other.kill()
-    wait_until(lambda: all(map(gone, pids)))
+    with live_window(setup) as opened:  # waits until the trial of the window before is kept
+        opened.until_stage(m.NO_SESSION)
+        assert all(map(gone, pids)) and unfinished(setup.data_dir) == ("01",)
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
     entries = read_events(setup.data_dir / "sub-01" / "ses-01")
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
-    with live_window(setup) as opened:
-        began = time.perf_counter()
-        opened.until_stage(m.NO_SESSION)
-        print("the next window offers to go on after", time.perf_counter() - began, "s")
-        assert unfinished(setup.data_dir) == ("01",)
 
 
 def test_a_trial_that_waits_for_its_start_ends_with_the_window_of_its_person(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live import LONG_S
 from msgspec.structs import replace
 from numba import typeof
+from waiting import LONG_S
 
 from app.ipc.messages import Run, Tried, Try
 from app.ipc.ring import Ring

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live import Window, live_window, wait_until
+from live import Window, live_window
 from processes import gone
 from protocols import PAPER, changed
 from sessions import unfinished
 from synthetic_hand import SyntheticHand
+from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.client import Client

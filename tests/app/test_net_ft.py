@@ -3,16 +3,16 @@
 import contextlib
 import math
 import os
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 from played_net_ft import HOST, PlayedSensor
 from real_bench import RealBench
+from refusals import refusal
 from simulated_bench import BenchWire
+from waiting import wait_until
 
-from app.cli import main
 from core import tick_log
 from core.device_file import ForceSensor
 from core.device_interface import DeviceError, DeviceSample
@@ -70,14 +70,6 @@ def connected(bench: RealBench, sensor: PlayedSensor, **mounting) -> SerialDevic
     return link
 
 
-def once(told: Callable[[], bool], within_s: float = PATIENT_S) -> None:
-    """Wait until something is so."""
-    end = time.perf_counter() + within_s
-    while not told():
-        assert time.perf_counter() < end
-        time.sleep(0.002)
-
-
 def sample_of(link: SerialDevice, counts: int) -> DeviceSample:
     """A sample, once the sensor says so many counts of force along x."""
     found: list[DeviceSample | None] = [None]
@@ -86,15 +78,15 @@ def sample_of(link: SerialDevice, counts: int) -> DeviceSample:
         found[0] = link.exchange((0.0,) * 4)
         return found[0] is not None and found[0].force_counts[0] == counts
 
-    once(come)
+    wait_until(come)
     assert found[0] is not None
     return found[0]
 
 
 def test_the_load_is_counts_by_the_sensors_own_calibration(sensor: PlayedSensor, reader: NetFT) -> None:
     sensor.counts = (12_500, -3000, 700, 80, -90, 10)
-    once(lambda: reader.read() == (125_000, -30_000, 7000, 800, -900, 100))
-    once(lambda: reader.trouble() == "")
+    wait_until(lambda: reader.read() == (125_000, -30_000, 7000, 800, -900, 100))
+    wait_until(lambda: reader.trouble() == "")
     assert reader.report()["name"] == "Mini45"
 
 
@@ -108,7 +100,7 @@ def test_other_units_become_newtons(unit: str, newtons: float, torque_unit: str,
     sensor.counts = (2000, 0, 0, 50_000, 0, 0)
     reader = NetFT(sensor.where)
     try:
-        once(lambda: reader.read()[0] != 0)
+        wait_until(lambda: reader.read()[0] != 0)
         assert reader.read() == (round(2e4 * newtons), 0, 0, round(5e5 * newton_metres), 0, 0)
     finally:
         reader.close()
@@ -147,7 +139,7 @@ def test_a_sensor_that_falls_silent_ends_the_trial_with_brakes_off_and_serves_ag
         bench.run(trial, lambda trial: trial.finished or trial.phase == "move" and any(trial.currents))
         if trial.finished:  # the machine held up who plays the sensor: rightly it counted as silent
             assert "sends nothing" in trial.outcome()["reason"]
-            once(lambda: link.exchange((0.0,) * 4) is not None)
+            wait_until(lambda: link.exchange((0.0,) * 4) is not None)
             trial = bench.trial(2)
     sensor.plugged = False
     monkeypatch.setattr("hardware.sensing.net_ft.SILENT_S", 0.5)
@@ -160,23 +152,23 @@ def test_a_sensor_that_falls_silent_ends_the_trial_with_brakes_off_and_serves_ag
     assert link.exchange((0.5,) * 4) is None and "sends nothing" in link.problem
     assert not any(bench.board.board.currents), "currents need a hand that is felt"
     sensor.plugged = True
-    once(lambda: link.exchange((0.0,) * 4) is not None)
+    wait_until(lambda: link.exchange((0.0,) * 4) is not None)
     assert link.problem == ""
 
 
 def test_records_that_the_sensor_calls_wrong_are_no_force(sensor: PlayedSensor, reader: NetFT) -> None:
     sensor.counts = (1000, 0, 0, 0, 0, 0)
-    once(lambda: reader.read()[0] == 10_000)
+    wait_until(lambda: reader.read()[0] == 10_000)
     sensor.status = 0x80020000  # a gauge is saturated or broken
     sensor.counts = (60_000, 0, 0, 0, 0, 0)
-    once(lambda: reader.report()["doubtful"] > 0)
-    once(lambda: reader.trouble() != "")
+    wait_until(lambda: reader.report()["doubtful"] > 0)
+    wait_until(lambda: reader.trouble() != "")
     assert reader.read()[0] == 10_000
 
 
 def test_lost_records_are_counted(sensor: PlayedSensor, reader: NetFT) -> None:
     sensor.skip = 7
-    once(lambda: reader.report()["lost"] == 7)
+    wait_until(lambda: reader.report()["lost"] == 7)
 
 
 @pytest.mark.parametrize("dead", [True, False], ids=["nobody answers", "no records come"])
@@ -186,9 +178,8 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
     monkeypatch.setattr("hardware.sensing.net_ft.START_S", 0.3)
     sensor.plugged = False
     where = f"{HOST}:{sensor.rdt_port}:1" if dead else sensor.where
-    assert main(["run", "--link", NO_BOARD, "--force", f"netft:{where}", "--data-dir", str(tmp_path)]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.startswith(f"phd: the force sensor at {where} sends no records: ") and err.count("\n") == 1
+    told = refusal(capsys, "run", "--link", NO_BOARD, "--force", f"netft:{where}", "--data-dir", tmp_path)
+    assert told.startswith(f"phd: the force sensor at {where} sends no records: ")
 
 
 @pytest.mark.parametrize(
@@ -199,13 +190,7 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
 def test_a_force_that_cannot_be_is_refused(
     link: str, force: str, says: str, capsys: pytest.CaptureFixture, tmp_path
 ) -> None:
-    assert main(["run", "--link", link, "--force", force, "--data-dir", str(tmp_path)]) == 2
-    assert says in capsys.readouterr().err
-
-
-def test_a_host_without_a_name_is_refused() -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        NetFT("")
+    assert says in refusal(capsys, "run", "--link", link, "--force", force, "--data-dir", tmp_path)
 
 
 def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
@@ -219,5 +204,5 @@ def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:
     reader = NetFT(sensor.where)
     reader.close()
-    once(lambda: sensor.commands[-1] == 0)
+    wait_until(lambda: sensor.commands[-1] == 0)
     assert sensor.commands[0] in (0, 2) and SILENT_S <= 0.05

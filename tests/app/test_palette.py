@@ -34,24 +34,19 @@ def test_contrast_is_that_of_the_standard() -> None:
 
 
 @pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
-def test_every_text_stands_out_from_what_is_behind_it(palette: Palette) -> None:
+def test_every_text_and_every_mark_stands_out_from_what_is_behind_it(palette: Palette) -> None:
     p = palette
     grounds = (p.ground, p.panel, p.canvas)
-    pairs = [(text, ground) for text in (p.text, p.quiet, p.good, p.caution, p.bad) for ground in grounds]
-    pairs += [(text, p.field) for text in (p.text, p.quiet)]
-    pairs += [(p.text, p.accent_ground), (p.bad_text, p.bad_ground), (p.quiet, p.bad_ground), (p.on_bad, p.bad)]
-    pairs += [(p.brake_slipping, p.canvas), (p.brake_stuck, p.canvas)]  # beside their brakes
-    pairs += [(p.brake_slipping, p.panel), (p.trace, p.panel)]  # in the ledger of energy
-    assert {pair for pair in pairs if contrast(*pair) < OF_TEXT} == set()
-
-
-@pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
-def test_every_mark_stands_out_from_what_is_behind_it(palette: Palette) -> None:
-    p = palette
+    texts = [(text, ground) for text in (p.text, p.quiet, p.good, p.caution, p.bad) for ground in grounds]
+    texts += [(text, p.field) for text in (p.text, p.quiet)]
+    texts += [(p.text, p.accent_ground), (p.bad_text, p.bad_ground), (p.quiet, p.bad_ground), (p.on_bad, p.bad)]
+    texts += [(p.brake_slipping, p.canvas), (p.brake_stuck, p.canvas)]  # beside their brakes
+    texts += [(p.brake_slipping, p.panel), (p.trace, p.panel)]  # in the ledger of energy
+    assert {pair for pair in texts if contrast(*pair) < OF_TEXT} == set()
     on_canvas = (p.handle, p.pointer, p.end_ring, p.good, p.trace, p.brake_off, p.brake_slipping, p.brake_stuck)
-    pairs = [(mark, p.canvas) for mark in on_canvas]
-    pairs += [(mark, p.panel) for mark in (*p.joints, *p.controllers, p.accent)]
-    assert {pair for pair in pairs if contrast(*pair) < OF_MARKS} == set()
+    marks = [(mark, p.canvas) for mark in on_canvas]
+    marks += [(mark, p.panel) for mark in (*p.joints, *p.controllers, p.accent)]
+    assert {pair for pair in marks if contrast(*pair) < OF_MARKS} == set()
 
 
 def test_light_is_the_other_way_round() -> None:

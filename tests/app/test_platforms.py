@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numba
 import pytest
-from sessions import session_of
+from refusals import refusal
+from sessions import closed_session
 
 from app import progress
-from app.cli import main
 from app.loop import clock
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,14 +104,11 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("verb", ["run", "replay"])
 def test_a_verb_that_needs_a_screen_says_so_where_there_is_none(no_screen, tmp_path: Path, capsys, verb: str) -> None:
-    with session_of(tmp_path / "recorded", 1):
-        pass
+    closed_session(tmp_path / "recorded", 1)
     before = sorted(tmp_path.rglob("*"))
     recording = next(tmp_path.glob("recorded/*/*/trials/*.parquet"))
     arguments = {"run": ["--data-dir", str(tmp_path / "data")], "replay": [str(recording)]}
-    assert main([verb, *arguments[verb]]) == 2
-    said = capsys.readouterr()
-    assert "there is no screen to" in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert "there is no screen to" in refusal(capsys, verb, *arguments[verb])
     assert sorted(tmp_path.rglob("*")) == before
 
 

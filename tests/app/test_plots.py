@@ -43,9 +43,6 @@ def drawn(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     return trace.curves[0].curve.getData()
 
 
-# ------------------------------------------------------------------------------------------------------------ a curve
-
-
 def test_a_spike_of_one_tick_is_drawn_and_scrolls_out(trace: Trace) -> None:
     t = 1e-3 * np.arange(3000)
     values = np.full((1, 3000), 0.1)
@@ -111,9 +108,6 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
     assert traces.force.end == 10.0
 
 
-# ------------------------------------------------------------------------------------------------------------ traces
-
-
 def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
     traces.word()
@@ -131,44 +125,22 @@ def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
     assert traces.error.value == "10.0 mm"
 
 
-def test_another_device_has_other_brakes(traces: Traces) -> None:
-    traces.show_trial(THREE)
-    assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} A"
-    traces.add(quiet(CURRENT_B=0.5))
+@pytest.mark.parametrize(
+    ("device", "tick", "value"),
+    [
+        ("three-brake", {"CURRENT_B": 0.5}, "A 0.00 E 0.00 B 0.50 A"),
+        ("er-two-brake", {"CURRENT_B": 2.5}, "A 0.00 B 2.50 kV/mm"),
+        ("pter", {"CURRENT_E": 0.5}, "A 0.00 A-B 0.50 B 0.00 A+B 0.00 A"),
+    ],
+)
+def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_what_they_couple(
+    traces, device, tick, value
+) -> None:
+    traces.show_trial(load_device(device))
+    assert traces.currents.value.count(NOTHING) == value.count("0.") + value.count("2.")
+    traces.add(quiet(**tick))
     traces.word()
-    assert traces.currents.value.endswith("B 0.50 A")
-
-
-def test_what_is_commanded_to_a_brake_is_shown_in_the_unit_of_its_file(traces: Traces) -> None:
-    traces.show_trial(load_device("er-two-brake"))
-    traces.add(quiet(CURRENT_B=2.5))
-    traces.word()
-    assert traces.currents.value.endswith("B 2.50 kV/mm")
-
-
-def test_a_coupling_is_named_by_what_it_couples(traces: Traces) -> None:
-    traces.show_trial(load_device("pter"))
-    traces.add(quiet(CURRENT_E=0.5))
-    traces.word()
-    assert "A-B 0.50" in traces.currents.value and "A+B 0.00" in traces.currents.value
-
-
-def test_a_blind_console_hides_the_currents_and_nothing_else(traces: Traces) -> None:
-    one, other = quiet(2000, CURRENT_E=0.8, HAND_FX=2.0), quiet(2000, CURRENT_B=0.3, HAND_FX=2.0)
-    pictures = []
-    for rows in (one, other):
-        traces.show_trial(FOUR)
-        traces.set_blind(True)
-        traces.add(rows)
-        traces.word()
-        pictures.append(traces.grab().toImage())
-    assert pictures[0] == pictures[1] and traces.force.value == "2.0 N"
-    assert traces.currents.value == f"A {NOTHING} E {NOTHING} B {NOTHING} C {NOTHING} A"
-    traces.set_blind(False)
-    assert "B 0.30" in traces.currents.value and traces.grab().toImage() != pictures[0]
-
-
-# ------------------------------------------------------------------------------------------------------------ timing
+    assert traces.currents.value == value
 
 
 def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
@@ -195,9 +167,6 @@ def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> N
     assert strip.words.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
 
 
-# ------------------------------------------------------------------------------------------------------------ energy
-
-
 def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
     panel = shown(qtbot, EnergyPanel(), 300, 110)
     rows = trial(FOUR)
@@ -211,7 +180,7 @@ def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
     assert panel.ledger.hand == 0.0 and "hand 0.00 J" in panel.words
 
 
-def test_heat_that_falls_is_said_in_red() -> None:
+def test_heat_that_falls_is_said_in_red(qtbot) -> None:
     ledger = Ledger()
     rows = quiet(20)
     rows[:, tick_log.ENERGY_BRAKES] = np.linspace(0.0, 0.1, 20)
@@ -220,9 +189,6 @@ def test_heat_that_falls_is_said_in_red() -> None:
     assert ledger.added <= 0.0
     ledger.add(rows[10:])  # the fall is between two messages
     assert ledger.added == pytest.approx(0.02 - 0.1 / 19)
-
-
-def test_a_fall_of_heat_is_shown(qtbot) -> None:
     panel = shown(qtbot, EnergyPanel(), 300, 110)
     rows = quiet(200)
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003

@@ -218,13 +218,10 @@ def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks()
     assert "assumed: 15 s a trial" in said
 
 
-def test_the_plan_of_a_blind_protocol_shows_codes():
+def test_the_plan_of_a_blind_protocol_shows_codes_and_that_of_a_single_controller_says_that_it_repeats():
     said = print_plan(replace(PAPER, blind=True), "01")
     plan = said[said.index("\nthree-brake\n") :]
     assert re.findall(r"K[1-5]", plan) and not any(preset.name in plan for preset in PAPER.controllers.values())
-
-
-def test_a_single_controller_is_allowed_and_the_printed_plan_says_that_it_repeats():
     text = re.sub(r"\[\[controller\]\].*\s*number = [1345]\n(.+\n)+", "", PAPER.text)
     assert "only one controller" in print_plan(protocol_of(text), "01")
     assert "only one controller" not in print_plan(PAPER, "01")

@@ -12,10 +12,11 @@ from fault_cases import Case, Place
 from fault_kinds import START, Fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live import kill, wait_until
+from live import kill
 from live_board import board_session
 from processes import gone
 from real_bench import RealBench
+from waiting import wait_until
 
 from app.ipc.messages import NotDone, Reset, Run
 from app.ipc.ring import Ring

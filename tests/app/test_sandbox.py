@@ -68,6 +68,7 @@ def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
         found = first.measures[measure]
         assert math.isfinite(found) and found > 0.0
     assert not list(Path(window.opened.folder).glob("sub-*"))  # nothing is written
+    assert window.rows[-100:, tick_log.ARM_FORCE_MAX].min() > 0.0, "the pointer keeps the handle from pass to pass"
 
 
 CHANGES = {
@@ -159,12 +160,6 @@ def test_another_device_or_path_begins_another_pass_where_the_handle_is(window: 
     tips = rows[again - 1 : again + 1, tick_log.TIP_X : tick_log.TIP_Y + 1]
     assert np.hypot(*np.diff(tips, axis=0)[0]) < 1e-3
     assert not window.snapshot.sandbox.passes
-
-
-def test_the_pointer_keeps_the_handle_from_pass_to_pass(window: LocalWindow) -> None:
-    drive(window, lambda s, _: len(s.sandbox.passes) == 1)
-    held = window.rows[-100:, tick_log.ARM_FORCE_MAX]
-    assert held.min() > 0.0
 
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:

@@ -21,9 +21,6 @@ def focus(screens: Screens) -> QWidget | None:
     return screens.main.focusWidget()
 
 
-# ------------------------------------------------------------------------------------------------- cards
-
-
 def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)
@@ -91,9 +88,6 @@ def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_ans
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
 
 
-# ------------------------------------------------------------------------------------------------- questions
-
-
 @pytest.mark.parametrize("own_window", [False, True])
 def test_the_questions_can_be_answered_by_keyboard_alone(screens: Screens, own_window: bool) -> None:
     window: QWidget = screens.participant if own_window else screens.main
@@ -111,9 +105,6 @@ def test_the_questions_can_be_answered_by_keyboard_alone(screens: Screens, own_w
             screens.press(KEY.Key_Tab, window.focusWidget())
         assert window.focusWidget() is questions.done and questions.lacking.text() == ""
         assert screens.press(key, questions.done) == [m.Answers({item: 50.0 for item, *_ in ITEMS})], key
-
-
-# ------------------------------------------------------------------------------------------------- one screen
 
 
 def view_of_participant(screens: Screens) -> list[str]:
@@ -145,9 +136,6 @@ def test_over_the_console_the_view_says_how_to_get_back_to_it_and_beside_it_does
         screens.participant.own_start = False
         screens.hear(snapshot)
         assert screens.participant.view.shown.large == large and "F11" not in screens.participant.view.shown.small
-
-
-# ------------------------------------------------------------------------------------------------- windows
 
 
 def comes_to_have_the_keyboard(qtbot, window: QWidget) -> None:
@@ -190,9 +178,6 @@ def test_a_window_opens_whole_with_its_frame_or_over_all_of_its_screen(qtbot) ->
         window.showNormal()
         assert window.width() < room.width() and window.height() < room.height()
         window.hide()
-
-
-# ------------------------------------------------------------------------------------------------- the command
 
 
 @pytest.mark.parametrize("command", ["--bogus", "run --bogus", "devices --bogus", "doctor --json --bogus"])

@@ -140,7 +140,9 @@ def test_a_place_on_the_screen_is_a_place_in_the_workspace_at_any_size(screens: 
             assert view.rect().contains(view.to_screen(end).toPoint())
 
 
-def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
+def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves_the_picture_or_a_finger_is_lifted(
+    screens: Screens
+) -> None:
     screens.hear(opened(), running())
     view = screens.participant.view
     point(view, view.to_screen((0.03, 0.35)))
@@ -149,9 +151,6 @@ def test_the_pointer_is_the_hand_in_metres(screens: Screens) -> None:
     count = len(screens.client.aimed)
     point(view, view.to_screen((0.0, 0.3)))
     assert len(screens.client.aimed) == count
-
-
-def test_a_pointer_that_leaves_the_picture_or_a_finger_that_is_lifted_lets_the_handle_go(screens: Screens) -> None:
     screens.hear(opened(), running())
     view, aimed = screens.participant.view, screens.client.aimed
     point(view, view.to_screen((0.03, 0.35)))

@@ -37,11 +37,6 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
         assert screens.run.small.text() in promises and screens.participant.view.shown.small in promises
 
 
-def test_feedback_stays_while_the_start_is_blocked(screens: Screens) -> None:
-    screens.hear(opened(protocol=paper(feedback="time")), ready(3, checks=RED))
-    assert screens.participant.view.shown == words.Shown("Well done", "2.4 seconds")
-
-
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
     screens.hear(opened(), ready(12, checks=RED))
     assert screens.main.preflight.advice.isVisible() and not screens.run.panel.notice.isVisible()
@@ -107,18 +102,6 @@ def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens) ->
         assert small.text() in visible_texts(console)
 
 
-def test_a_hidden_trace_has_neither_curve_nor_scale(screens: Screens) -> None:
-    console = screens.hear(opened(), running(blind=True))
-    screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
-    settle(console)
-    currents = screens.run.traces.currents
-    before = currents.grab().toImage()
-    rows = movement(PLAN[0].segment, "AEB", 1.2)[1000:]
-    rows[:, tick_log.CURRENT : tick_log.CURRENT + 4] = np.array([3.0, 2.0, 1.0, 0.0])
-    screens.tick(rows)
-    assert currents.grab().toImage() == before
-
-
 @pytest.mark.parametrize("moment", [False, True])
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
@@ -162,21 +145,15 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
             assert (doing.state == OFF) == (current in ("0.00", "–"))
 
 
-def two_controllers() -> tuple[np.ndarray, np.ndarray]:
-    """The same movement of the same hand through two controllers."""
-    one = movement(PLAN[0].segment, "AEB", 0.6)
+def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
+    """Console with every layer on and participant's window after one movement of a hand through two controllers."""
+    one, found = movement(PLAN[0].segment, "AEB", 0.6), []
     other = one.copy()
     other[:, tick_log.CURRENT : tick_log.CURRENT + 4] = 0.0
     other[:, tick_log.TORQUE : tick_log.TORQUE + 4] *= -0.3
     other[:, tick_log.STUCK] = 0.0
     other[:, tick_log.ENERGY_BRAKES] += 0.2 * other[:, tick_log.T]
-    return one, other
-
-
-def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
-    """Console with every layer on and participant's window after the movement through each controller."""
-    found = []
-    for rows in two_controllers():
+    for rows in (one, other):
         console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
         for button in screens.run.workspace.buttons.values():
             button.setChecked(True)
@@ -189,16 +166,12 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     return found
 
 
-def test_blind_windows_look_the_same_whatever_the_controller_does(screens: Screens) -> None:
-    (console, participant), (other_console, other_participant) = pictures(screens, blind=True)
-    assert console == other_console and participant == other_participant
-
-
-def test_with_the_key_the_console_shows_what_the_controller_does_and_the_participant_does_not_see_it(
-    screens: Screens,
+@pytest.mark.parametrize("blind", [True, False])
+def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(
+    screens: Screens, blind: bool
 ) -> None:
-    (console, participant), (other_console, other_participant) = pictures(screens, blind=False)
-    assert console != other_console and participant == other_participant
+    (console, participant), (other_console, other_participant) = pictures(screens, blind)
+    assert (console == other_console) == blind and participant == other_participant
 
 
 def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
@@ -271,15 +244,18 @@ def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) ->
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
 
-def test_feedback_and_cue_are_said_whatever_comes_after_the_trial(screens: Screens) -> None:
+def test_feedback_and_cue_are_said_whatever_comes_after_the_trial_or_keeps_the_next_from_starting(screens) -> None:
     for following in (
-        {}, {"paused": True}, {"stage": m.BREAK, "card": LONG_BREAK}, {"stage": m.RERIG}, {"stage": m.FINISHED}
+        {}, {"paused": True}, {"checks": RED}, {"stage": m.BREAK, "card": LONG_BREAK}, {"stage": m.RERIG},
+        {"stage": m.FINISHED},
     ):  # fmt: skip
         screens.hear(GIVEN, running(2), ready(3, **following))
         for said in (screens.participant.view.shown.small, screens.run.small.text()):
             assert ERROR in said and CUE in said, following
         screens.hear(opened(), ready(3, **following))
         assert ERROR not in screens.participant.view.shown.small, following
+    said = words.between(ready(3), GIVEN, own_start=True).small  # who has the space bar is told of it beside them
+    assert ERROR in said and CUE in said and ENGLISH_WORDS["next_space"] in said
 
 
 def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
@@ -295,11 +271,6 @@ def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screen
     assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
     screens.hear(opened(), ready(3, stage=m.QUESTIONS))
     assert not any(ERROR in text for text in visible_texts(console))
-
-
-def test_who_has_the_space_bar_is_told_of_it_beside_the_feedback(screens: Screens) -> None:
-    said = words.between(ready(3), GIVEN, own_start=True).small
-    assert ERROR in said and CUE in said and ENGLISH_WORDS["next_space"] in said
 
 
 @pytest.mark.parametrize("frequency", [GO_HZ, END_HZ])

@@ -100,17 +100,6 @@ def test_a_pause_lets_the_running_trial_end_and_no_other_begin(window: Window) -
     assert [event["text"] for event in window.events("note")] == ["asked to move slower"]
 
 
-def test_the_handle_stays_when_the_pointer_is_elsewhere(window: Window) -> None:
-    window.client.aim(0.3, 0.1)
-    tip = window.start().tip
-    window.until_tick(lambda rows: len(rows) > 100)
-    assert not window.client.taken
-    assert np.all(window.rows[:, tick_log.TIP_X] == tip[0]) and np.all(window.rows[:, tick_log.TIP_Y] == tip[1])
-    window.client.aim(*tip)
-    window.until_tick(lambda rows: window.client.taken)
-    window.abort("enough")
-
-
 def test_a_pointer_that_leaves_in_mid_movement_lets_go_and_the_trial_says_so(window: Window) -> None:
     snapshot = window.start()
     hand, rows = SyntheticHand(snapshot.running.segment, snapshot.tip), window.rows

@@ -9,6 +9,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from disks import full
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
@@ -76,10 +77,6 @@ def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
     storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
     storage.take(SessionProgress(session))
     return storage
-
-
-def full(*_args, **_more):
-    raise OSError(28, "No space left on device")
 
 
 def in_order(session: Session) -> None:
@@ -230,9 +227,6 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     assert f"1 of its {last} trials have no result: {last} (skipped)" in said[-1][0]
 
 
-# ------------------------------------------------------------------------------------------------- breaks
-
-
 @pytest.fixture
 def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Opens a session with a break of ten minutes after each trial, again and again; `later` lets the clock go on."""
@@ -280,18 +274,14 @@ def test_a_break_is_gone_on_with_when_the_bench_had_to_be_started_again(rested):
     assert 400.0 < rested.open().break_left_s() <= 600.0
 
 
-def test_a_break_that_passed_while_the_session_was_closed_is_not_asked_for(rested):
+def test_a_break_that_passed_while_the_session_was_closed_or_was_ended_is_not_asked_for_again(rested):
     rested.open()
     run_trials(rested.session, 1)
     rested.later(3600.0)
     assert stage_of(rested.open(), MOUSE_HELD) == READY
-
-
-def test_a_break_that_was_ended_is_not_asked_for_again(rested):
-    rested.open()
     run_trials(rested.session, 1)
-    progress = rested.open()
-    assert stage_of(progress, MOUSE_HELD) == BREAK
+    rested.later(0.0)
+    assert stage_of(rested.open(), MOUSE_HELD) == BREAK
     rested.session.journal(BREAK_ENDED, settled=rested.session.settled)
     assert stage_of(rested.open(), MOUSE_HELD) == READY
     run_trials(rested.session, 1)

@@ -10,7 +10,7 @@ from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from sessions import new_session, run_trials
+from sessions import closed_session
 
 from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
 from core import tick_log
@@ -102,7 +102,9 @@ def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
     view.play_or_pause()
 
 
-def test_any_moment_looks_as_if_it_had_been_played(view: TrialView, rows: np.ndarray) -> None:
+def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_at_that_moment(
+    view: TrialView, rows: np.ndarray
+) -> None:
     for _ in range(125):
         view.go_on(0.016)
     played, at = view.workspace.view, view.at
@@ -112,9 +114,6 @@ def test_any_moment_looks_as_if_it_had_been_played(view: TrialView, rows: np.nda
     view.go_to(view.trial.t[at])
     assert view.at == at and played.tip == tip == tuple(rows[at, 2:4])
     assert played.sense == sense and len(played.trail) > np.count_nonzero(moves) / STRIDE / 10 > 5
-
-
-def test_what_brakes_do_is_that_of_the_moment_and_not_of_all_that_was_before(view: TrialView, rows: np.ndarray) -> None:
     rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
     rows[-150:, tick_log.CURRENT] = 1.0
     view.trial.ticks[:] = rows
@@ -161,9 +160,7 @@ def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> No
 
 
 def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path: Path) -> None:
-    session = new_session(tmp_path / "data", protocol=short())
-    run_trials(session, 1)
-    session.close()
+    session = closed_session(tmp_path / "data", 1, protocol=short())
     window = TrialWindow(session.folder / session.rows[0].recording)
     qtbot.addWidget(window)
     window.show()
@@ -184,13 +181,12 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     assert not view.beside_measures.isVisible() and not len(view.traces.error.curve_beside.getData()[1] or [])
 
 
-def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name(tmp_path: Path, rows: np.ndarray) -> None:
+def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name_and_nothing_to_play_is_one_sentence(
+    tmp_path: Path, rows: np.ndarray, qtbot
+) -> None:
     assert read_playback(recorded(tmp_path / "a.arrows", rows)).device.name == "three-brake"
     with pytest.raises(InputError, match="unknown device"):
         read_playback(recorded(tmp_path / "b.arrows", rows, configuration="nobody-knows"))
-
-
-def test_nothing_to_play_is_one_sentence(qtbot, tmp_path: Path, rows: np.ndarray) -> None:
     with pytest.raises(InputError, match="no ticks"):
         TrialWindow(recorded(tmp_path / "empty.arrows", rows[:0]))
     with pytest.raises(InputError):

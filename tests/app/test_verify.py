@@ -2,10 +2,13 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
+from disks import flip_a_bit
 from recorded import batch_ends
-from sessions import crash_in_trial, files, new_session, run, session_of
+from refusals import refusal
+from sessions import closed_session, crash_in_trial, files, new_session, run
 
 from app.cli import main
 from experiments.session.files import write_pooled_table
@@ -16,8 +19,7 @@ from experiments.session.verify import verify
 def whole(tmp_path_factory):
     """A study folder with one session, three trials done and the plan unfinished."""
     data = tmp_path_factory.mktemp("verify") / "data"
-    with session_of(data, 3):
-        pass
+    closed_session(data, 3)
     write_pooled_table(data)
     return data
 
@@ -58,8 +60,7 @@ def test_a_folder_of_other_files_or_none_at_all_is_wrong_input(tmp_path, capsys)
     (tmp_path / "photos" / "a.png").touch()
     for folder in (tmp_path / "photos", tmp_path / "none", tmp_path / "photos" / "a.png"):
         for verb in ("verify", "recover"):
-            assert main([verb, str(folder)]) == 2
-            assert capsys.readouterr().err.count("\n") == 1
+            refusal(capsys, verb, folder)
     assert files(tmp_path) == {"photos/a.png": b""}
 
 
@@ -67,83 +68,58 @@ def test_every_damaged_batch_of_a_stream_is_named(tmp_path):
     session = new_session(tmp_path)
     stream = crash_in_trial(session, ticks=3000)  # a batch each 500 ticks
     ends = batch_ends(stream)
-    content = bytearray(stream.read_bytes())
     for batch in (1, 4):
-        content[(ends[batch][0] + ends[batch + 1][0]) // 2] ^= 16
-    stream.write_bytes(content)
+        flip_a_bit(stream, (ends[batch][0] + ends[batch + 1][0]) // 2, 4)
     name = stream.relative_to(tmp_path).as_posix()
     said = faults(tmp_path)[name]
     assert said[0] == "batch 1 (rows 500 to 999): damaged" and said[1] == "batch 4 (rows 2000 to 2499): damaged"
     assert "cut off" in said[2]
 
 
-def change_a_bit(path):
-    content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 1
-    path.write_bytes(content)
+SESSION, TABLE = "sub-01/ses-01", "sub-01/ses-01/trials.csv"
+ONE, TWO, THREE = (f"{SESSION}/trials/run-00{run}.parquet" for run in (1, 2, 3))
 
 
-def drop_last_row(session):
-    table = session / "trials.csv"
-    table.write_text("".join(table.read_text().splitlines(True)[:-1]))
+def edited(data: Path, name: str, old: str, new: str) -> None:
+    (data / name).write_text((data / name).read_text().replace(old, new, 1))
+
+
+def without_last_row(data: Path) -> None:
+    (data / TABLE).write_text("".join((data / TABLE).read_text().splitlines(True)[:-1]))
+
+
+def exchanged(data: Path) -> None:
+    for old, new in ((ONE, "x"), (TWO, ONE), ("x", TWO)):
+        (data / old).rename(data / new)
 
 
 SPOILT = {
-    "a changed bit": (
-        lambda s: change_a_bit(s / "trials" / "run-003.parquet"),
-        "sub-01/ses-01/trials/run-003.parquet",
-        "file: ",
-    ),
-    "recording gone": (
-        lambda s: (s / "trials" / "run-002.parquet").unlink(),
-        "sub-01/ses-01/trials/run-002.parquet",
-        "missing: trials.csv names it",
-    ),
+    "a changed bit": (lambda d: flip_a_bit(d / THREE), THREE, "file: "),
+    "recording gone": (lambda d: (d / TWO).unlink(), TWO, "missing: trials.csv names it"),
     "recording and row gone": (
-        lambda s: ((s / "trials" / "run-003.parquet").unlink(), drop_last_row(s)),
-        "sub-01/ses-01/trials/run-003",
-        "missing: the journal",
+        lambda d: ((d / THREE).unlink(), without_last_row(d)), THREE.removesuffix(".parquet"), "missing: the journal",
     ),
-    "row gone": (drop_last_row, "sub-01/ses-01/trials.csv", "has no row for run 3"),
-    "number changed": (
-        lambda s: (s / "trials.csv").write_text((s / "trials.csv").read_text().replace(",1,done,0.0", ",1,done,0.1")),
-        "sub-01/ses-01/trials.csv",
-        "path_error_m is 0.1",
-    ),
+    "row gone": (without_last_row, TABLE, "has no row for run 3"),
+    "number changed": (lambda d: edited(d, TABLE, ",1,done,0.0", ",1,done,0.1"), TABLE, "path_error_m is 0.1"),
     "status changed": (
-        lambda s: (s / "trials.csv").write_text((s / "trials.csv").read_text().replace(",done,", ",timeout,", 1)),
-        "sub-01/ses-01/trials.csv",
-        "run 1: status is timeout, its recording gives done",
+        lambda d: edited(d, TABLE, ",done,", ",timeout,"), TABLE, "run 1: status is timeout, its recording gives done",
     ),
-    "recordings exchanged": (
-        lambda s: (
-            (s / "trials" / "run-001.parquet").rename(s / "x"),
-            (s / "trials" / "run-002.parquet").rename(s / "trials" / "run-001.parquet"),
-            (s / "x").rename(s / "trials" / "run-002.parquet"),
-        ),
-        "sub-01/ses-01/trials/run-001.parquet",
-        "says that it is run 2",
-    ),
-    "table unreadable": (
-        lambda s: (s / "trials.csv").write_bytes(b"\x00\xff"),
-        "sub-01/ses-01/trials.csv",
-        "cannot be read",
-    ),
+    "recordings exchanged": (exchanged, ONE, "says that it is run 2"),
+    "table unreadable": (lambda d: (d / TABLE).write_bytes(b"\x00\xff"), TABLE, "cannot be read"),
     "plan changed": (
-        lambda s: (s / "session.json").write_text(
-            (s / "session.json").read_text().replace('"controller": 1', '"controller": 2', 1)
-        ),
-        "sub-01/ses-01/session.json",
-        "plan_sha256",
+        lambda d: edited(d, f"{SESSION}/session.json", '"controller": 1', '"controller": 2'),
+        f"{SESSION}/session.json", "plan_sha256",
     ),
-    "session.json gone": (lambda s: (s / "session.json").unlink(), "sub-01/ses-01/session.json", "cannot be read"),
-    "session gone": (lambda s: shutil.rmtree(s.parent), "trials.csv", "run 1 of participant 01: no session's"),
-}
+    "session.json gone": (
+        lambda d: (d / SESSION / "session.json").unlink(), f"{SESSION}/session.json", "cannot be read",
+    ),
+    "session gone": (lambda d: shutil.rmtree(d / "sub-01"), "trials.csv", "run 1 of participant 01: no session's"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("spoil, file, says", SPOILT.values(), ids=SPOILT)
 def test_what_is_missing_or_contradicted_is_named(data, capsys, spoil, file, says):
-    spoil(data / "sub-01" / "ses-01")
+    spoil(data)
     assert main(["verify", str(data)]) == 1
     assert any(line.startswith(f"{file}: ") and says in line for line in capsys.readouterr().out.splitlines())
 

@@ -10,10 +10,11 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from live import Window, wait_until
+from live import Window
 from protocols import PAPER, changed
 from sessions import unfinished
 from simulated_loop import local_window
+from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup

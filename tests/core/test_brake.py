@@ -41,14 +41,9 @@ def test_gain_is_the_off_torque_at_no_current_and_passes_the_assumed_points():
 
 
 @pytest.mark.nojit
-def test_inverse_of_the_gain_gives_back_every_current():
+def test_inverse_of_the_gain_gives_back_every_current_is_clipped_and_monotone():
     for current in np.linspace(0, 1, 501):
         assert current_for_torque(BRAKES, 0, torque_gain(BRAKES, 0, current)) == pytest.approx(current, abs=1e-12)
-
-
-@pytest.mark.nojit
-def test_inverse_of_the_gain_is_clipped_and_monotone():
-    """Zero below k_2, the largest current above K(current_max), and nothing for a joint without a brake."""
     torques = np.linspace(-1, 8, 2001)
     currents = np.array([current_for_torque(BRAKES, 0, t) for t in torques])
     assert np.all(np.diff(currents) >= 0.0)
@@ -57,7 +52,7 @@ def test_inverse_of_the_gain_is_clipped_and_monotone():
 
 
 @pytest.mark.nojit
-def test_time_constant_has_its_form_below_omega_0_and_is_constant_above():
+def test_time_constant_has_its_form_below_omega_0_is_constant_above_and_at_rest_that_at_the_floor():
     """Eq. (4), assumed: 0.030 + 0.004 (w - 3)^2 (1 + I) rising, 0.020 + 0.002 (w - 3)^2 (1 + I) falling."""
     for rpm in (0.125, 0.5, 1.0, 4.0, 7.99):
         for current in (0.0, 0.3, 1.0):
@@ -69,11 +64,6 @@ def test_time_constant_has_its_form_below_omega_0_and_is_constant_above():
     for rpm in (8.0, 8.001, 64.0, 1e4):
         assert time_constant(BRAKES, 0, 1.0, rpm * RPM * (1 + 1e-12), True) == 0.030
         assert time_constant(BRAKES, 0, 1.0, rpm * RPM * (1 + 1e-12), False) == 0.020
-
-
-@pytest.mark.nojit
-def test_time_constant_at_rest_is_that_at_the_floor():
-    """omega = 0: finite, held at its value at 0.125 rpm, and the same just below the floor."""
     for rising, least in ((True, 0.318), (False, 0.164)):
         at_rest = time_constant(BRAKES, 0, 1.0, 0.0, rising)
         assert at_rest == time_constant(BRAKES, 0, 1.0, 0.1249 * RPM, rising)
@@ -208,7 +198,10 @@ def with_model(signed: float = 0.0, ripple: float = 0.0, backlash: bool = True, 
     return simulation, simulation.run(1.5, step, CURRENTS)
 
 
-def test_a_lag_on_the_signed_torque_adds_energy_and_says_so():
+def test_a_lag_on_the_signed_torque_adds_energy_and_says_so_and_ripple_adds_none():
+    simulation, rippled = with_model(ripple=0.5)
+    assert simulation.ledger().added_by_brakes == 0.0 and not simulation.ledger().warnings()
+    assert np.abs(rippled - with_model()[1]).max() > 1e-3
     simulation, _ = with_model(signed=1.0)
     ledger = simulation.ledger()
     assert ledger.added_by_brakes > 1e-5
@@ -265,9 +258,3 @@ def test_ripple_leaves_the_mean_and_never_makes_a_brake_drive(current, fidelity)
     assert yields.mean() == pytest.approx(steady, rel=1e-9)
     assert yields.min() > 0.0
     assert np.ptp(yields) == pytest.approx(2.0 * min(0.5, steady - mean), abs=1e-4)
-
-
-def test_a_device_whose_torque_ripples_stays_passive():
-    ledger = with_model(ripple=0.5)[0].ledger()
-    assert ledger.added_by_brakes == 0.0 and not ledger.warnings()
-    assert np.abs(with_model(ripple=0.5)[1] - with_model()[1]).max() > 1e-3

@@ -130,20 +130,6 @@ def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
             assert one[k] in near
 
 
-@pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-3, 5e-3, 2e-2])
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
-def test_steps_from_ten_microseconds_to_twenty_milliseconds_stay_near_the_motion(bench, integrator, step):
-    reference, _ = run(bench, "S4", 1e-4, 0.5)
-    simulation = Simulation(bench.device, START, integrator=integrator, hand=wave_hand(S4))
-    times, values = switching(bench, 0.5)
-    per_row = max(1, round(2e-2 / step))
-    rows = simulation.rows(26, step, per_row, times, values, 0, 25)
-    assert np.all(np.isfinite(rows))
-    away = np.linalg.norm(rows[:, 1:3] - reference[::4, 1:3], axis=1).max()
-    assert away < (max(1e-8, 5e-3 * (step / 2e-2) ** 3) if integrator == "event" else 20.0 * step**0.9)
-    assert simulation.ledger().added_by_brakes == 0.0
-
-
 def test_forces_at_the_row_are_the_forces_of_the_motion(bench):
     """M a + b = F + sum of g_i tau_i with the torques of the rows, a by differences of the velocity."""
     simulation = Simulation(bench.device, START, hand=wave_hand(S1))
@@ -157,5 +143,3 @@ def test_forces_at_the_row_are_the_forces_of_the_motion(bench):
             bodies, q = bodies_of(bench.device), coordinates(bench.device, p)
             found = solve(bodies, q, rates(bodies, q, v), force, torque).acceleration[HANDLE:]
             assert found == pytest.approx(measured, abs=1e-4)
-
-

@@ -4,16 +4,14 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from devices import FIXED, PTER, S1, UNEQUAL, FiveBar, slope, yields
-from scipy.integrate import solve_ivp
+from devices import FiveBar, slope
 
 from core.dynamics import motion
 from core.mechanism import JOINTS
-from core.simulator.hand import wave_hand
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_mechanism
 from core.simulator.stick_slip import FREE, STILL
-from core.simulator.stick_slip_mode import enter_line, finish, look, set_costs
+from core.simulator.stick_slip_mode import finish, look, set_costs
 from core.ten_coordinates import (
     HANDLE,
     bodies_of,
@@ -176,42 +174,6 @@ def test_forces_at_an_elbow_and_at_the_handle_are_equal_and_opposite(any_five_ba
         on_handle = force - found.multipliers[2:4] - found.multipliers[6:8]
         size = 1.0 + np.abs(found.multipliers).max()
         assert bodies.tip_mass * found.acceleration[HANDLE:] == pytest.approx(on_handle, abs=ROUNDING * size)
-
-
-def swing(bar: FiveBar, stuck: tuple[int, ...], duration: float, signs: np.ndarray, velocity: np.ndarray):
-    """Tip (2,) after `duration` by DOP853 on Eq. (5): brakes slip in the given senses at 0.3 N m, `stuck` held."""
-    bodies, q = bodies_of(bar.device), coordinates(bar.device, np.array([0.05, 0.40]))
-    torque = np.where(np.isin(np.arange(4), stuck), 0.0, -signs * yields(bar, 0.3))
-    (ax, wx, _), (ay, wy, lag) = S1
-
-    def slope(t, z):
-        wave = np.array([ax * np.sin(wx * t), ay * np.sin(wy * t + lag)])
-        return np.append(z[10:], solve(bodies, z[:10], z[10:], wave, torque, stuck).acceleration)
-
-    start = np.append(q, rates(bodies, q, velocity))
-    end = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    assert np.abs(constraints(bodies, end[:10])).max() < 1e-10
-    return end[HANDLE:10]
-
-
-@pytest.mark.parametrize("bar", [*FIXED, PTER, UNEQUAL], ids=lambda bar: bar.name)
-@pytest.mark.parametrize("locked", ["", "A", "E", "B", "C"])
-def test_motion_equals_that_of_the_event_integrator(bar, locked):
-    """A throw against slipping brakes, too short for a reversal, with no brake or one locked."""
-    if locked not in bar.braked:
-        pytest.skip("no such brake")
-    start, stuck = np.array([0.05, 0.40]), tuple(JOINTS.index(joint) for joint in locked)
-    velocity = moment_of(bar, start, np.array([0.3, -0.9]), stuck)[3]
-    velocity *= 0.8 / np.linalg.norm(velocity)
-    expected = swing(bar, stuck, 0.05, np.sign(bar.rows(start) @ velocity), velocity)
-    simulation = Simulation(bar.device, tuple(start), tuple(velocity), hand=wave_hand(S1))
-    for joint in stuck:  # the locked joint starts at rest to rounding only: say that it is stuck
-        simulation.state["held"][0] = joint
-        enter_line(simulation.mechanism[0], simulation.state[0], joint)
-    end = simulation.run(0.05, 1e-4, yields(bar, 0.3, **{joint: 5.6 for joint in locked}))[-1]
-    assert simulation.ledger().events == 0
-    assert np.abs(end[1:3] - expected).max() < 1e-11
-    assert np.linalg.norm(expected - start) > 0.02
 
 
 def states(bar: FiveBar, n: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:

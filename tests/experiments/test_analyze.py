@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from disks import flip_a_bit
 from protocols import PEOPLE, short
 from sessions import crash_in_trial, files, session_of
 
@@ -29,10 +30,7 @@ def study(tmp_path_factory):
 
 
 def spoil(folder, run):
-    path = folder / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet"
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 8
-    path.write_bytes(content)
+    flip_a_bit(folder / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet")
 
 
 def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(study, tmp_path, capsys):

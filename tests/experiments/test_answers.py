@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from exports import rows, table, validate
-from sessions import files, session_of
+from sessions import closed_session, files
 
 from app.ipc import messages as m
 from app.window.questionnaire import ITEMS
@@ -32,8 +32,7 @@ NOTE = 'said: "too hard", asked for a pause,\nthen went on'
 def silent(tmp_path_factory):
     """A session in which nobody said anything."""
     data = tmp_path_factory.mktemp("silent") / "study"
-    with session_of(data, 2):
-        pass
+    closed_session(data, 2)
     return data
 
 

@@ -18,7 +18,7 @@ from experiments.benchmark.reference import brakes_of, reference_tips, time_cons
 from experiments.benchmark.report import table, work_precision
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
-BRIEF_S = 0.6
+BRIEF_S = 0.4
 
 
 def brief_scenes(device):

@@ -134,7 +134,7 @@ def drawn(rows, **more):
     return figure, " ".join(text.get_text() for text in figure.texts)
 
 
-def test_every_figure_says_what_it_shows_and_with_what_it_was_made():
+def test_every_figure_says_what_it_shows_and_with_what_it_was_made_and_a_measure_without_a_value_is_drawn_empty():
     rows = study(controllers=(1, 2))
     for shown, trials in ((rows, "18 trials a box"), (rows[1:], "Under each box")):
         figure, foot = drawn(shown)
@@ -142,9 +142,6 @@ def test_every_figure_says_what_it_shows_and_with_what_it_was_made():
             assert words in foot, words
         assert figure.axes[0].get_title(loc="left") == "Path error (mm)"
         assert [text.get_text() for text in figure.legends[0].get_texts()] == list(BOTH)
-
-
-def test_a_measure_without_a_single_value_is_drawn_empty():
     figure, _ = drawn([replace(row, path_error_m=None) for row in study(1, controllers=(1, 2))])
     assert not figure.axes[0].patches and not figure.axes[0].lines
 

@@ -89,7 +89,7 @@ def test_fewer_than_five_trials_have_no_box():
     assert "No box below 5." in legend(charts(POOLED, rows[:4], VIEW)[0], VIEW)
 
 
-def test_codes_stand_in_place_of_controllers_and_tell_their_participants_apart():
+def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_participants_apart():
     rows = [replace(row, controller=f"K{row.controller}") for row in study()]
     one = charts(POOLED, [row for row in rows if row.participant == "01"], VIEW)[0]
     assert [text for _, text in one.ticks] == ["K1", "K2", "K3", "K4", "K5"]
@@ -99,16 +99,9 @@ def test_codes_stand_in_place_of_controllers_and_tell_their_participants_apart()
     many = [replace(row, participant=f"{n:02d}") for n in range(1, 9) for row in rows if row.participant == "01"]
     crowded = charts(POOLED, many, VIEW)[0]
     assert [text for _, text in crowded.ticks if text] == [f"P{n:02d}" for n in range(1, 9)]
-
-
-def test_a_participant_has_as_many_places_as_there_are_codes_in_one_session():
-    rows = [replace(row, controller=f"K{row.controller}") for row in study()]
     chart = charts(PERSON, rows, VIEW)[0]
     assert len({round(placed.x, 6) for placed in chart.boxes}) == 3 * 5 * 2
     assert min(placed.half for placed in chart.boxes) > 0.03
-
-
-def test_a_code_of_one_participant_is_another_controller_than_the_same_code_of_another():
     answers = [Answers(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert len(chart.boxes) == 2
@@ -133,9 +126,6 @@ def test_answers_stand_by_question_and_device():
     (chart,) = charts(QUESTIONS, study(), VIEW, after)
     assert {point.controller for point in chart.points} == {1, 2}
     assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
-
-
-# ------------------------------------------------------------------------------------------------ a folder's results
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disks import flip_a_bit
 from protocols import PAPER
 from recorded_people import motions
+from refusals import refusal
 from scipy import signal
-from sessions import crash_in_trial, of, session_of
+from sessions import closed_session, crash_in_trial, of, session_of
 
 from app.cli import main
 from core.files import InputError
@@ -44,17 +46,8 @@ def fits() -> list[tuple[Person, Fitted]]:
 def data(tmp_path_factory):
     """A session of nine trials."""
     folder = tmp_path_factory.mktemp("data")
-    with session_of(folder, trials=9):
-        pass
+    closed_session(folder, 9)
     return folder
-
-
-def refusal(capsys, *argv) -> str:
-    """The one sentence of a wrong input."""
-    assert main(["fit-operator", *map(str, argv)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == "" and printed.err.count("\n") == 1
-    return printed.err
 
 
 def test_known_people_lie_within_their_intervals(fits):
@@ -165,39 +158,32 @@ def test_a_laboratory_fits_its_participant_and_simulates_it(tmp_path, capsys):
     assert main(["study", str(short), "--operators", "1", "--population", str(people), "--out", str(again)]) == 0
 
 
-# --- wrong input
-
-
 def test_a_folder_without_whole_trials_is_refused_in_one_sentence(tmp_path, capsys, data):
-    assert "there is no such folder" in refusal(capsys, tmp_path / "none")
-    assert "holds no trial that reached the end" in refusal(capsys, tmp_path)
-    assert "holds no trial of participant 07" in refusal(capsys, data, "--participant", "07")
+    assert "there is no such folder" in refusal(capsys, "fit-operator", tmp_path / "none")
+    assert "holds no trial that reached the end" in refusal(capsys, "fit-operator", tmp_path)
+    assert "holds no trial of participant 07" in refusal(capsys, "fit-operator", data, "--participant", "07")
     cut = tmp_path / "cut"
     with session_of(cut, trials=0) as session:
         crash_in_trial(session)
-    assert "holds no trial that reached the end" in refusal(capsys, cut)
+    assert "holds no trial that reached the end" in refusal(capsys, "fit-operator", cut)
     few = tmp_path / "few"
-    with session_of(few, trials=LEAST_TRIALS - 1):
-        pass
-    assert f"participant 01 has {LEAST_TRIALS - 1} whole trials on straight paths" in refusal(capsys, few)
+    closed_session(few, LEAST_TRIALS - 1)
+    assert f"01 has {LEAST_TRIALS - 1} whole trials on straight paths" in refusal(capsys, "fit-operator", few)
 
 
 def test_a_damaged_recording_is_named_and_nothing_is_written(tmp_path, capsys):
     data, out = tmp_path / "data", tmp_path / "people.toml"
-    with session_of(data, trials=9):
-        pass
+    closed_session(data, 9)
     path = sorted(of(data).glob("trials/*.parquet"))[4]
-    damaged = bytearray(path.read_bytes())
-    damaged[len(damaged) // 2] ^= 1
-    path.write_bytes(damaged)
-    assert f"{path}: file: " in refusal(capsys, data, "--out", out) and not out.exists()
+    flip_a_bit(path)
+    assert f"{path}: file: " in refusal(capsys, "fit-operator", data, "--out", out) and not out.exists()
 
 
 def test_a_file_is_never_overwritten_and_a_population_must_exist(tmp_path, capsys, data):
     out = tmp_path / "people.toml"
     out.write_text("mine")
-    assert f"{out}: exists" in refusal(capsys, data, "--out", out) and out.read_text() == "mine"
-    assert "unknown population 'nobody'" in refusal(capsys, data, "--like", "nobody")
+    assert f"{out}: exists" in refusal(capsys, "fit-operator", data, "--out", out) and out.read_text() == "mine"
+    assert "unknown population 'nobody'" in refusal(capsys, "fit-operator", data, "--like", "nobody")
 
 
 def test_a_hand_that_no_force_sensor_felt_is_refused(data):
@@ -208,8 +194,5 @@ def test_a_hand_that_no_force_sensor_felt_is_refused(data):
         motion_of(mouse, PAPER.paths[1])
 
 
-def test_one_participant_of_several_is_read_alone(tmp_path):
-    data = tmp_path / "data"
-    with session_of(data, trials=9):
-        pass
+def test_one_participant_of_several_is_read_alone(data):
     assert list(read_motions(data, "01")) == list(read_motions(data)) == ["01"]

@@ -56,7 +56,9 @@ def test_a_session_needs_the_number(unsettled, tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it(unsettled, tmp_path, capsys):
+def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it_as_do_trials_without_recordings(
+    unsettled, tmp_path, capsys, found
+):
     path, out = tmp_path / "mine.toml", tmp_path / "out"
     path.write_text(unsettled.text)
     asked = ["study", str(path), "--operators", "1", "--out", str(out)]
@@ -68,8 +70,5 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it(un
     assert main([*asked, "--resume", "--low-gain", "no vibration"]) == 0
     assert main([*asked, "--resume", "--low-gain", "5"]) == 2
     assert "--low-gain: the study was begun with no vibration" in capsys.readouterr().err
-
-
-def test_trials_without_recordings_are_under_the_same_assumptions(found):
     trials = [one for one in study_trials(found, PEOPLE, 1) if one.planned.controller == 5]
     assert trials and all(np.isfinite(one.measures["path_error_m"]) for one in trials)

@@ -158,16 +158,6 @@ def test_force_is_averaged_over_time_and_over_progress():
     assert result.force_over_progress_N == pytest.approx(2.0, rel=2e-3)
 
 
-def test_acceleration_is_filtered_over_the_whole_recording_and_read_in_move():
-    """A jerk in `approach` just before `move` reaches into it; one far outside does not."""
-    generator = np.random.default_rng(0)
-    smooth = measured(hand_made()).acceleration_dft_sum
-    kick = np.zeros(5200)
-    kick[:300] = 1e-2 * generator.normal(size=300)
-    assert measured(hand_made(y=0.4 + kick)).acceleration_dft_sum == pytest.approx(smooth, rel=1e-6)
-    assert measured(hand_made(y=0.4 + np.roll(kick, 790))).acceleration_dft_sum > 2 * smooth
-
-
 def test_switches_are_changes_of_the_set_of_actuated_brakes_per_second():
     ticks = np.arange(5200)
     columns = {"CURRENT": np.where((ticks >= 2000) & (ticks < 3000), 0.3 + 1e-4 * ticks, 0.0)}
@@ -274,9 +264,6 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     assert all(value is not None for value in vars(from_file).values())
 
 
-# --- smoothness: acceleration, its weighted DFT, SPARC, on signals whose answers are known
-
-
 TONES = {
     "1 Hz": ([(1.0, 0.5)], 0.5, 0.5),
     "7 Hz": ([(7.0, 2.0)], 14.0, 14.0),
@@ -292,20 +279,6 @@ def test_dft_sum_of_sinusoids_is_that_of_their_frequencies_times_amplitudes(tone
     for acceleration in (np.column_stack([wave, 0 * t]), np.column_stack([5.0 - 0.6 * wave, 0.8 * wave - 3.0])):
         assert m.amplitude_sum(m.weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-9)
         assert m.amplitude_rms(m.weighted_amplitudes(acceleration)) == pytest.approx(root / 2**0.5, rel=1e-9)
-
-
-def test_dft_sum_matches_the_definition_summed_term_by_term():
-    acceleration = np.random.default_rng(3).normal(size=(307, 2))  # a prime number of samples
-    n, total, squares = 307, 0.0, 0.0
-    centred = acceleration - acceleration.mean(axis=0)
-    for k in range(1, n):
-        f = k * 1000.0 / n
-        if f <= 100.0:
-            wave = np.exp(-2j * np.pi * k * np.arange(n) / n)
-            a = np.sqrt(abs(2 / n * centred[:, 0] @ wave) ** 2 + abs(2 / n * centred[:, 1] @ wave) ** 2)
-            total, squares = total + f * a, squares + f**2 * a**2
-    assert m.amplitude_sum(m.weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-12)
-    assert m.amplitude_rms(m.weighted_amplitudes(acceleration)) == pytest.approx(np.sqrt(0.5 * squares), rel=1e-12)
 
 
 def test_locked_and_released_ticks_are_counted_apart_and_not_without_a_controller():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from exports import errors
 from protocols import changed, protocol_of, short
-from sessions import new_session, run_trials
+from sessions import closed_session, new_session, run_trials
 
 from core.files import InputError
 from experiments.export.export import export
@@ -40,9 +40,7 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
 
 
 def test_a_study_counts_the_operators_that_are_still_to_come(tmp_path: Path) -> None:
-    session = new_session(tmp_path, "01", short(1))
-    run_trials(session, 2)
-    session.close()
+    closed_session(tmp_path, 2, participant="01", protocol=short(1))
     (tmp_path / "study.json").write_text(json.dumps({"operators": 3}))
     overview = look_into(tmp_path)
     assert (overview.operators, overview.done, overview.planned) == (3, 2, 60)
@@ -67,9 +65,7 @@ def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_
     session = Session(tmp_path / "data", "01", protocol, sync=False, form=answers)
     session.close()
     assert json.loads((session.folder / "session.json").read_text())["form"] == answers
-    operated = new_session(tmp_path / "data", "02", protocol)
-    run_trials(operated, 1)
-    operated.close()
+    operated = closed_session(tmp_path / "data", 1, participant="02", protocol=protocol)
     shutil.copytree(operated.folder / "trials", session.folder / "trials", dirs_exist_ok=True)
     text = (operated.folder / TABLE).read_text()
     (session.folder / TABLE).write_text(text.replace("\n02,", "\n01,"))

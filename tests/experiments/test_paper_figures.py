@@ -14,8 +14,8 @@ import pytest
 from devices import BRAKE_TEXT, COUPLED, FOUR, THREE
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
-from app.cli import main
 from core.device import build_device, load_device
 from core.files import InputError
 from core.linkage import tip_force_map
@@ -361,7 +361,5 @@ def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_p
         (["--out", str(tmp_path / "new"), "--device", "six-brake"], "unknown device 'six-brake'"),
         ([], "--out"),
     ):
-        assert main(["figures", *arguments]) == 2
-        told = capsys.readouterr()
-        assert says in told.err and told.err.count("\n") == 1 and not told.out
+        assert says in refusal(capsys, "figures", *arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -44,10 +44,6 @@ def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assum
     assert population.assumed
 
 
-def test_shipped_are_the_steady_the_average_the_tremulous_and_those_whose_error_comes_from_the_device():
-    assert shipped_populations() == ["average", "from-device", "steady", "tremulous"]
-
-
 def test_a_file_of_before_lacks_cursor_and_end_and_its_people_are_who_they_were():
     later = ("sees_cursor", "aims_at_end")
     assert Person._fields[-2:] == later  # the draws of the others are as they were
@@ -124,5 +120,6 @@ def test_a_file_that_cannot_be_meant_is_refused_by_file_key_and_reason(refused, 
 
 
 def test_a_population_that_does_not_exist_is_refused_and_the_shipped_ones_are_named():
+    assert shipped_populations() == ["average", "from-device", "steady", "tremulous"]
     with pytest.raises(InputError, match="nobody.*average, from-device, steady, tremulous"):
         load_population("nobody")

@@ -1,6 +1,5 @@
 """What a protocol file may hold besides its plan: devices, brakes, languages, pictures; what is saved; the wedge."""
 
-import csv
 import math
 import shutil
 import tomllib
@@ -9,7 +8,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from exports import rows as csv_rows
 from msgspec.structs import replace
+from refusals import refusal
 
 from app.cli import main
 from core.device import SHIPPED_FOLDER as DEVICES
@@ -105,9 +106,7 @@ WRONG = {
 @pytest.mark.parametrize("changes, says", WRONG.values(), ids=WRONG)
 def test_a_wrong_one_is_refused_in_one_sentence(tmp_path, capsys, changes, says):
     path = protocol_file(tmp_path, **changes)
-    assert main(["study", str(path), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    assert says in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert says in refusal(capsys, "study", path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -129,8 +128,7 @@ def sweep_file(folder: Path, **changes) -> Path:
 
 def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path):
     run_sweep(load_sweep(sweep_file(tmp_path)), tmp_path / "out")
-    with (tmp_path / "out" / "sweep.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = csv_rows(tmp_path / "out" / "sweep.csv")
     names = list(rows[0])
     assert [name for name in names if name not in COLUMNS] == ["lag_factor", "gap_reading"]
     assert names.index("lag_factor") == names.index("rules") + 1

@@ -1,7 +1,6 @@
 """A recording gives back what was written, every tick of it, or names what is missing; as Parquet it is the same."""
 
 import json
-import os
 import threading
 import zlib
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from disks import fill_up
 from recorded import NAMES, assert_holds, batch_ends, record, ticks
 
 from core import tick_log
@@ -189,16 +189,7 @@ def test_a_full_disk_is_an_error_and_leaves_whole_batches(path, monkeypatch):
     rows = ticks(3000)
     writer = RecordingWriter(path, "AEB", {}, sync=False)
     writer.write(rows[:2000])
-    write, room = os.write, [5000]
-
-    def write_until_full(handle, data):
-        taken = min(len(data), room[0])
-        room[0] -= taken
-        if not taken:
-            raise OSError(28, "No space left on device")
-        return write(handle, data[:taken])
-
-    monkeypatch.setattr(recording_writer.os, "write", write_until_full)
+    fill_up(monkeypatch, 5000)
     with pytest.raises(OSError, match="No space left"):
         writer.write(rows[2000:])
     writer.close({"status": "done"})  # has nothing left to do, and must not claim a whole recording
@@ -214,9 +205,6 @@ def test_a_tick_with_a_code_without_a_word_is_refused(path, column, value):
     rows[3, column] = value
     with pytest.raises(ValueError, match="without a word"):
         RecordingWriter(path, "AEB", {}, sync=False).write(rows)
-
-
-# ---------------------------------------------------------------------------------------------------------- as Parquet
 
 
 def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):

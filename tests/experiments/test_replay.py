@@ -1,6 +1,5 @@
 """`phd replay`: the hand of a recorded trial once more, through its own or another controller or device."""
 
-import csv
 import json
 import shutil
 import sys
@@ -8,9 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from disks import flip_a_bit
+from exports import table
 from protocols import short
 from recorded import record, ticks
-from sessions import crash_in_trial, files, new_session, run_trials
+from refusals import refusal
+from sessions import closed_session, crash_in_trial, files, new_session
 
 from app.cli import main
 from core import tick_log
@@ -25,9 +27,7 @@ from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorde
 def data(tmp_path_factory):
     """One block of one path on both devices by a simulated operator."""
     folder = tmp_path_factory.mktemp("replay")
-    session = new_session(folder, protocol=short(paths=1, seed="2"))
-    run_trials(session, 10)
-    session.close()
+    closed_session(folder, 10, protocol=short(paths=1, seed="2"))
     return folder
 
 
@@ -130,9 +130,7 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
     path = by_controller(data, 1)
     copy = shutil.copytree(data / "sub-01", tmp_path / "sub-01") / "ses-01" / "trials"
     spoilt, cut = copy / path.name, copy / "run-090.arrows"
-    content = bytearray(spoilt.read_bytes())
-    content[len(content) // 2] ^= 8
-    spoilt.write_bytes(content)
+    flip_a_bit(spoilt)
     cut.write_bytes(record(tmp_path / "whole.arrows", ticks(50)).read_bytes()[:-500])
     (tmp_path / "text.parquet").write_text("no recording")
     lonely = shutil.copy(path, tmp_path / "lonely.parquet")
@@ -154,9 +152,7 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
         ([str(path), "--protocol", "paper"], "say which"),
         ([str(path), "--controller", "1", "--protocol", "none"], "none"),
     ):
-        assert main(["replay", *asked, "--out", str(out)]) == 2, asked
-        said = capsys.readouterr()
-        assert said.out == "" and word in said.err and said.err.count("\n") == 1, (asked, said.err)
+        assert word in refusal(capsys, "replay", *asked, "--out", out), asked
         assert not out.exists()
     assert main(["replay", str(path), "--out", str(tmp_path / "none" / "out.csv")]) == 2
 
@@ -188,9 +184,7 @@ def test_a_trial_cut_off_by_a_crash_is_to_be_recovered_first_and_replayed_as_far
 
 
 def test_a_blind_trial_is_replayed_only_through_a_controller_that_is_named(tmp_path, capsys):
-    session = new_session(tmp_path, protocol=short(paths=1), blind=True)
-    run_trials(session, 1)
-    session.close()
+    closed_session(tmp_path, 1, protocol=short(paths=1), blind=True)
     path = str(recordings(tmp_path)[0])
     assert main(["replay", path, "--json"]) == 2
     assert "blind" in capsys.readouterr().err
@@ -212,9 +206,8 @@ def test_without_options_it_plays_on_the_screen(data, monkeypatch):
 
 def table_of(path):
     """Column -> its cells."""
-    with path.open(newline="") as file:
-        lines = list(csv.reader(file))
-    return {name: [line[i] for line in lines[1:]] for i, name in enumerate(lines[0])}
+    header, *lines = table(path, ",")
+    return dict(zip(header, map(list, zip(*lines, strict=True)), strict=True))
 
 
 def shrunk(text):

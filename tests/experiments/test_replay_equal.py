@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
-from sessions import crash_in_trial, new_session, run, run_trials
+from sessions import closed_session, crash_in_trial, new_session, run, run_trials
 from synthetic_hand import SyntheticHand
 
 from app.cli import main
@@ -258,9 +258,7 @@ WORLDS = {
 @pytest.mark.parametrize("lines", WORLDS.values(), ids=WORLDS)
 def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisions(tmp_path, lines):
     protocol = protocol_of(f"{short(paths=1).text}\n[assumptions]\n{lines}\n")
-    session = new_session(tmp_path, protocol=protocol)
-    run_trials(session, 3)
-    session.close()
+    session = closed_session(tmp_path, 3, protocol=protocol)
     for path in recordings(session.folder):
         told, said = replayed(path)
         assert said == ("start", True, 0), path

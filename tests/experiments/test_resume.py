@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 from protocols import PAPER, PEOPLE, short
-from sessions import Killed, crash_in_trial, files, new_session, of, run_trials, session_of
+from sessions import Killed, closed_session, crash_in_trial, files, new_session, of, run_trials, session_of
 
 from app.cli import main
 from core.files import InputError
@@ -77,9 +77,7 @@ def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_n
 
 
 def test_a_session_without_a_crash_goes_on_as_it_was_stored_whatever_the_protocols_file_says_today(tmp_path):
-    session = new_session(tmp_path, protocol=short(rules='"literal"'))
-    run_trials(session, 2)
-    session.close()
+    session = closed_session(tmp_path, 2, protocol=short(rules='"literal"'))
     again = Session.resume(tmp_path, "01", sync=False)
     assert again.next_planned() == session.plan[2] and again.person == session.person
     assert again.rows == session.rows and again.plan == session.plan and len(again.plan) == 20

@@ -137,9 +137,6 @@ def test_an_existing_output_file_is_left_as_it_was(scene, tmp_path: Path, ramp):
     assert (tmp_path / "out.csv").read_text() == "mine"
 
 
-# the simulator behind it
-
-
 def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: Path):
     more = '[brakes]\nschedule = "brakes.csv"\n[force]\nconstant_N = [3, 2]\n'
     s = scene(more, brakes="t_s,A,E,B\n0,5,5,5\n0.005,0,0,0\n0.0125,5,5,5\n")

@@ -140,7 +140,7 @@ def test_the_interval_of_the_median_covers_it_95_times_in_100_and_is_the_shortes
         assert (low, high) == (-np.inf, np.inf) and 2.0 * stats.binom.cdf(0, n, 0.5) > 0.05
 
 
-def test_friedman_by_hand_and_its_ends():
+def test_friedman_by_hand_its_ends_and_with_ties_as_kendalls_tau_by_scipy():
     """12 / (n k (k + 1)) sum R^2 - 3 n (k + 1) without ties; all agree: W = 1; a Latin square: 0."""
     data = np.random.default_rng(3).normal(size=(5, 9))
     ranks = stats.rankdata(data, axis=0).sum(axis=1)
@@ -153,9 +153,6 @@ def test_friedman_by_hand_and_its_ends():
     square = friedman("m", "d", table_of([[1, 2, 3], [2, 3, 1], [3, 1, 2]]))
     assert square[0].value == pytest.approx(0.0) and square[0].p is None
     assert friedman("m", "d", table_of(np.ones((5, 8)))) == []
-
-
-def test_friedman_and_kendalls_tau_with_ties_are_scipys():
     data = np.random.default_rng(4).integers(0, 4, (5, 8)).astype(float)
     found, theirs = friedman("m", "d", table_of(data)), stats.friedmanchisquare(*data)
     assert found[0].value == pytest.approx(theirs.statistic) and found[0].p == pytest.approx(theirs.pvalue)

@@ -1,6 +1,5 @@
 """The study from outside: what it leaves, that it repeats, and what it refuses."""
 
-import csv
 import errno
 import json
 import os
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from exports import rows as csv_rows
 from protocols import PEOPLE, short
+from refusals import refusal
 
 from app.cli import main
 from experiments.analysis.charts import boxes
@@ -69,8 +69,7 @@ def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study)
     assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
     assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
     assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 21)]
-    with (study / "trials.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(study / "trials.csv")
     assert list(rows[0])[: len(TABLE)] == TABLE and len(rows) == 20  # a new measure comes after them
     for row in rows:
         assert (study / row["recording"]).is_file()
@@ -160,21 +159,22 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
     (tmp_path / "empty").mkdir()
     places = {name: str(tmp_path / name) for name in ("full", "file", "empty", "new")}
     before = sorted(tmp_path.rglob("*"))
-    assert main([argument.format(**places) for argument in arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1 and said in captured.err
+    assert said in refusal(capsys, *[argument.format(**places) for argument in arguments])
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_the_table_is_the_one_of_operators_one_after_another(tmp_path):
-    protocol = short(paths=1, seed="6")
-    assert run_study(tmp_path / "study", 3, protocol, PEOPLE)["trials"] == 30
-    rows = read_table(tmp_path / "study" / "trials.csv")
-    alone = list(study_trials(protocol, PEOPLE, 3))
+def test_the_table_is_the_one_of_operators_one_after_another_and_of_trials_without_recordings_bit_by_bit(tmp_path):
+    protocol, population = short(paths=1, seed="7", rules='"literal"'), load_population("tremulous")
+    assert run_study(tmp_path / "study", 3, protocol, population)["trials"] == 30
+    rows, trials = read_table(tmp_path / "study" / "trials.csv"), list(study_trials(protocol, population, 3))
     assert [row.participant for row in rows] == ["01"] * 10 + ["02"] * 10 + ["03"] * 10
-    assert [{name: getattr(row, name) for name in one.measures} for row, one in zip(rows, alone, strict=True)] == [
-        one.measures for one in alone
-    ]
+    for row, one in zip(rows, trials, strict=True):
+        place = row.configuration, row.controller, row.segment, row.repetition, row.status
+        assert place == (*one.planned[2:], one.outcome["status"])
+        assert {name: getattr(row, name) for name in one.measures} == one.measures
+    assert list(trials[0].measures) == [metric.name for metric in METRICS]
+    few = next(study_trials(protocol, population, 1, DRAWN))
+    assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where helpers are not forked they do not see the change")
@@ -199,24 +199,7 @@ def test_a_killed_helper_is_an_error_that_says_how_to_go_on():
         beside.pool.submit(os._exit, 1).result()
 
 
-def test_trials_without_recordings_have_the_measures_of_the_studys_table_bit_by_bit(tmp_path):
-    protocol, population = short(seed="7", rules='"literal"'), load_population("tremulous")
-    run_study(tmp_path / "study", 1, protocol, population)
-    (table,) = (tmp_path / "study").glob("sub-*/ses-*/trials.csv")
-    rows = {row.run: row for row in read_table(table)}
-    trials = list(study_trials(protocol, population, 1))
-    assert len(trials) == len(rows) == 20
-    for one in trials:
-        row = rows[one.planned.run]
-        place = row.configuration, row.controller, row.segment, row.repetition, row.status
-        assert place == (*one.planned[2:], one.outcome["status"])
-        assert {name: getattr(row, name) for name in one.measures} == one.measures
-    assert list(trials[0].measures) == [metric.name for metric in METRICS]
-    few = next(study_trials(protocol, population, 1, DRAWN))
-    assert few.measures == {metric.name: trials[0].measures[metric.name] for metric in DRAWN}
-
-
-def test_no_trial_changes_the_draws_that_the_others_take():
+def test_no_trial_changes_the_draws_that_the_others_take_which_are_those_of_the_generator():
     first = next(study_trials(short(seed="8"), load_population("average"), 1)).planned
     key = 8, 1, first.segment, first.repetition
     generator = np.random.default_rng(np.random.SeedSequence(key))
@@ -224,9 +207,6 @@ def test_no_trial_changes_the_draws_that_the_others_take():
     assert kept._drawn, "the trial took others"
     for size in (6, (NOISE_DRAWS, 2)):
         assert np.array_equal(kept.standard_normal(size), generator.standard_normal(size))
-
-
-def test_kept_draws_are_those_of_the_generator_however_often_they_are_taken():
     drawn = Normals([3, 1])
     generator = np.random.default_rng(np.random.SeedSequence([3, 1]))
     expected = generator.standard_normal(6), generator.standard_normal((100, 2))

@@ -1,6 +1,5 @@
 """Sweeps: one table whatever ran where, resumed after a kill, refused in one sentence; no worker outlives it."""
 
-import csv
 import json
 import signal
 import subprocess
@@ -10,8 +9,10 @@ from pathlib import Path
 
 import killed_work
 import pytest
-from live import wait_until
+from exports import rows as csv_rows
 from processes import gone
+from refusals import refusal
+from waiting import wait_until
 
 from app.cli import main
 from core.files import InputError
@@ -40,14 +41,17 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def table(out: Path) -> list[dict[str, str]]:
-    with (out / "sweep.csv").open(newline="") as stream:
-        return list(csv.DictReader(stream))
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> tuple[dict, Path]:
+    """A whole sweep's summary and folder."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "sweep.toml").write_text(SMALL)
+    return run_sweep(load_sweep(folder / "sweep.toml"), folder / "out"), folder / "out"
 
 
-def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(file, tmp_path):
-    summary = run_sweep(load_sweep(file), tmp_path / "out")
-    rows = table(tmp_path / "out")
+def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
+    summary, out = whole
+    rows = csv_rows(out / "sweep.csv")
     assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, segments
     assert tuple(rows[0]) == COLUMNS
     cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
@@ -56,21 +60,19 @@ def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(file, tmp
         ("none", 0.0, 0.0), ("sdof", 0.0, 0.0), ("sdof", 0.005, 0.0), ("proportional", 0.0, 500.0)
     }  # fmt: skip
     assert all(float(r["energy_added_max_J"]) == 0.0 and abs(float(r["energy_residual_J"])) < 1e-6 for r in rows)
-    left = {path.name for path in (tmp_path / "out").iterdir()}
+    left = {path.name for path in out.iterdir()}
     assert left - {".lock"} == {"sweep.csv", "sweep.json"}  # Windows removes the lock's file with the lock
 
 
-def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(file, tmp_path):
-    sweep = load_sweep(file)
-    run_sweep(sweep, tmp_path / "whole")
-    cut = tmp_path / "cut"
+def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(file, whole, tmp_path):
+    sweep, out, cut = load_sweep(file), whole[1], tmp_path / "cut"
     (cut / "parts").mkdir(parents=True)
-    (cut / "sweep.json").write_bytes((tmp_path / "whole" / "sweep.json").read_bytes())
+    (cut / "sweep.json").write_bytes((out / "sweep.json").read_bytes())
     for job in sweep.jobs[2:5]:
         (cut / "parts" / f"{job.number:06d}.csv").write_bytes(job.run().rows)
     summary = run_sweep(sweep, cut, resume=True)
     assert summary["already_done"] == 3
-    assert (cut / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
+    assert (cut / "sweep.csv").read_bytes() == (out / "sweep.csv").read_bytes()
     assert run_sweep(sweep, cut, resume=True)["already_done"] == len(sweep.jobs)
 
 
@@ -83,9 +85,8 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     assert jobs[1].run().rows != one
 
 
-def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, tmp_path):
-    out = tmp_path / "out"
-    run_sweep(load_sweep(file), out)
+def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, whole):
+    out = whole[1]
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     file.write_text(SMALL.replace("0.005", "0.004"))
     with pytest.raises(InputError, match="a sweep was begun with another sweep"):
@@ -111,9 +112,7 @@ WRONG = {
 @pytest.mark.parametrize("text, says", WRONG.values(), ids=WRONG)
 def test_a_wrong_sweep_file_is_one_sentence_and_nothing_written(file, tmp_path, capsys, text, says):
     file.write_text(text)
-    assert main(["study", "--sweep", str(file), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and says in said.err and said.err.count("\n") == 1
+    assert says in refusal(capsys, "study", "--sweep", file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -95,16 +95,11 @@ def test_a_study_runs_it_and_a_replay_is_equal_to_the_last_bit(tmp_path):
         ("mass_kg = 1.0", "mass_kg = 0.005", "too small"),
         ("force_scale = 1.0", "force_scale = 0.0", "force_scale"),
         ("wall_N_m = 2000.0", "wall_N_m = -1.0", "wall_N_m"),
+        (TEXT[TEXT.index("[slave]") :], "", "Force of the slave: needs a .slave. or wall_N_m"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(tmp_path, old, new, reason):
     assert old in TEXT
     (tmp_path / "own.toml").write_text(TEXT.replace(old, new))
     with pytest.raises(InputError, match=reason):
-        load_protocol(tmp_path / "own.toml")
-
-
-def test_reflect_without_a_slave_or_a_wall_has_nothing_to_show(tmp_path):
-    (tmp_path / "own.toml").write_text(TEXT[: TEXT.index("[slave]")])
-    with pytest.raises(InputError, match="Force of the slave: needs a .slave. or wall_N_m"):
         load_protocol(tmp_path / "own.toml")

@@ -87,7 +87,7 @@ def test_rows_appended_one_by_one_give_the_table_written_at_once(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]  # nothing left beside them
 
 
-def test_an_existing_table_is_replaced_only_when_asked(tmp_path):
+def test_an_existing_table_is_replaced_only_when_asked_and_a_recording_is_seen_from_where_it_stands(tmp_path):
     path = tmp_path / "trials.csv"
     write_table(path, [FULL])
     with pytest.raises(InputError, match="exists already"):
@@ -97,24 +97,17 @@ def test_an_existing_table_is_replaced_only_when_asked(tmp_path):
     assert read_table(path) == [ROW]
     with pytest.raises(InputError, match="cannot be written"):
         write_table(tmp_path / "no folder" / "trials.csv", [ROW])
-
-
-def test_recording_is_seen_from_where_the_table_stands():
     assert ROW.seen_from("sub-01/ses-01").recording == "sub-01/ses-01/trials/run-007.parquet"
     assert TrialRow("01", 1, 1, "x", 1, 1, 1, "aborted").seen_from("sub-01").recording == ""
 
 
-def test_later_columns_are_passed_over_but_not_thrown_away(tmp_path):
+def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_are_read_with_empty_cells(tmp_path):
     path = tmp_path / "trials.csv"
     lines = table_bytes([FULL]).decode().splitlines()
     path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
     assert read_table(path) == [FULL]
     with pytest.raises(InputError, match="would lose"):
         append_row(path, ROW)
-
-
-def test_a_table_from_before_the_energies_were_kept_is_read_with_empty_cells(tmp_path):
-    path = tmp_path / "trials.csv"
     before = PROMISED.index("energy_residual_J")
     path.write_text(
         "".join(",".join(line.split(",")[:before]) + "\n" for line in table_bytes([FULL]).decode().splitlines())

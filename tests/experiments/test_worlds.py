@@ -1,6 +1,5 @@
 """Worlds: each is the study that `phd study` runs; one table whatever ran where; the report names what decides."""
 
-import csv
 import math
 import shutil
 import signal
@@ -12,6 +11,8 @@ import joblib
 import killed_work
 import numpy as np
 import pytest
+from exports import rows
+from refusals import refusal
 
 from app.cli import main
 from core.files import InputError
@@ -78,8 +79,7 @@ def whole(small, tmp_path_factory) -> Path:
 
 
 def lines(out: Path) -> list[dict[str, str]]:
-    with (out / "worlds.csv").open(newline="") as stream:
-        return list(csv.DictReader(stream))
+    return rows(out / "worlds.csv")
 
 
 def is_judged_as(line: dict[str, str], study: Path) -> None:
@@ -231,9 +231,7 @@ WRONG = {
 def test_a_wrong_ranges_file_is_one_sentence_and_nothing_is_written(small, tmp_path, capsys, text, says):
     (tmp_path / "small.toml").write_bytes((small.parent / "small.toml").read_bytes())
     (tmp_path / "ranges.toml").write_text(text)
-    assert main(["worlds", str(tmp_path / "ranges.toml"), "--n", "2", "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and says in said.err and said.err.count("\n") == 1
+    assert says in refusal(capsys, "worlds", tmp_path / "ranges.toml", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

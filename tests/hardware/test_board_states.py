@@ -145,21 +145,18 @@ def test_answers_say_what_was_done() -> None:
     assert happen(bench, Event.ON) == [Refused(3, Refusal.WRONG_STATE)]
 
 
-def test_hello_says_what_the_board_is_and_ends_the_connection_before() -> None:
+def test_hello_says_what_the_board_is_ends_the_connection_before_and_tells_a_host_of_another_version_so() -> None:
     bench = in_state(State.ACTIVE)
     (hello,) = bench.tell(AskHello(1))
     assert (hello.version, hello.state, hello.encoders, hello.brakes) == (1, State.IDLE, 0b0101, 0b1111)
     assert hello.current_max_mA == FULL and hello.counts_per_rev == (96000, 0, 96000, 0)
     assert samples(bench.tick(5)) == []
-
-
-def test_a_host_of_another_version_is_told_so() -> None:
     bench = SimulatedBoard().start()
     hello, refused = bench.tell(AskHello(2))
     assert hello.version == 1 and refused == Refused(1, Refusal.VERSION)
 
 
-def test_samples_come_each_tick_from_limits_to_bye() -> None:
+def test_samples_come_each_tick_from_limits_to_bye_or_until_nobody_talks_to_the_board() -> None:
     bench = SimulatedBoard().start()
     assert bench.tick(10) == []
     bench.connect()
@@ -169,9 +166,6 @@ def test_samples_come_each_tick_from_limits_to_bye() -> None:
     assert {sample.state for sample in got} == {State.READY}
     bench.tell(Bye())
     assert bench.tick(10) == []
-
-
-def test_a_board_that_nobody_talks_to_stops_sending() -> None:
     bench = SimulatedBoard()
     bench.connect()
     assert 990 <= len(samples(bench.tick(3000))) <= 1000

@@ -4,6 +4,7 @@ import time
 
 import pytest
 from hid_bus import NAVIGATOR, Bus
+from waiting import wait_until
 
 from core.files import InputError
 from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layout_of, layouts
@@ -73,13 +74,6 @@ def hand(bus):
     yield hand
     hand.close()
     assert bus.closed == bus.opened  # whatever happened, nothing stays open
-
-
-def wait_until(truth, most_s: float = 60.0) -> None:
-    end = time.perf_counter() + most_s
-    while not truth():
-        assert time.perf_counter() < end, "did not come true"
-        time.sleep(0.002)
 
 
 def test_full_deflection_to_the_right_and_away_is_the_full_force_to_the_right_and_away(bus, hand):

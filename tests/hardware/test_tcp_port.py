@@ -2,10 +2,11 @@
 
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from waiting import wait_until
 
 from core.device_interface import DeviceError
 from core.files import InputError
@@ -24,18 +25,11 @@ def board(tmp_path: Path) -> Iterator[TcpPort]:
     board.close()
 
 
-def until(what: Callable[[], object]) -> object:
-    end = time.monotonic() + PATIENT_S
-    while not (found := what()):
-        assert time.monotonic() < end
-    return found
-
-
 def joined(board: TcpPort) -> Port:
     """A host that the board has heard."""
     host = Port(board.address)
     host.write(b"hello")
-    assert until(board.read) == b"hello"
+    assert wait_until(board.read) == b"hello"
     return host
 
 
@@ -43,7 +37,7 @@ def test_bytes_go_both_ways_as_they_were_sent(board: TcpPort) -> None:
     host = joined(board)
     for _ in range(3):
         board.write(FRAME)
-    assert until(host.read) == 3 * FRAME
+    assert wait_until(host.read) == 3 * FRAME
     began = time.monotonic()
     assert host.read() == b"" and time.monotonic() - began < PATIENT_S, "a read does not wait for what does not come"
     host.close()
@@ -53,9 +47,9 @@ def test_a_second_host_is_sent_away_and_the_first_is_not_disturbed(board: TcpPor
     first, second = joined(board), Port(board.address)
     assert board.read() == b""
     with pytest.raises(DeviceError, match="another program is using it"):
-        until(second.read)
+        wait_until(second.read)
     board.write(FRAME)
-    assert until(first.read) == FRAME
+    assert wait_until(first.read) == FRAME
     first.close()
     joined(board).close()
     second.close()
@@ -64,10 +58,10 @@ def test_a_second_host_is_sent_away_and_the_first_is_not_disturbed(board: TcpPor
 def test_an_unplugged_board_is_known_as_such_and_comes_back_at_its_address(board: TcpPort, tmp_path: Path) -> None:
     host, address, number = joined(board), board.address, board.number
     board.write(FRAME)
-    assert until(host.read) == FRAME
+    assert wait_until(host.read) == FRAME
     board.close()
     with pytest.raises(DeviceError, match="the board was unplugged"):
-        until(host.read)
+        wait_until(host.read)
     host.close()
     with pytest.raises(DeviceError, match=f"serial port {address}: nothing listens there"):
         Port(address)

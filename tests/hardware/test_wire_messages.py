@@ -40,25 +40,13 @@ def message_of(vector: dict) -> tuple:
 
 
 @pytest.mark.parametrize("vector", FRAMES)
-def test_a_message_becomes_the_bytes_of_its_vector(vector: dict) -> None:
+def test_a_message_becomes_the_bytes_of_its_vector_and_they_the_message_and_are_right_by_other_hands(vector: dict):
     message = message_of(vector)
-    payload = layout(vector).pack(message) if isinstance(message, Sample) else pack(message)
-    assert payload.hex() == vector["payload"]
-    assert encode_frame(payload).hex() == vector["frame"]
-
-
-@pytest.mark.parametrize("vector", FRAMES)
-def test_the_bytes_of_a_vector_become_its_message(vector: dict) -> None:
-    payloads = FrameDecoder().feed(bytes.fromhex(vector["frame"]))
-    assert [payload.hex() for payload in payloads] == [vector["payload"]]
-    message = message_of(vector)
-    assert (layout(vector).unpack if isinstance(message, Sample) else unpack)(payloads[0]) == message
-
-
-@pytest.mark.parametrize("vector", FRAMES)
-def test_the_vectors_are_right_by_other_hands(vector: dict) -> None:
-    payload = bytes.fromhex(vector["payload"])
-    assert bytes.fromhex(vector["frame"]) == stuffed(payload + zlib.crc32(payload).to_bytes(4, "little")) + b"\0"
+    codec = layout(vector) if isinstance(message, Sample) else messages
+    payload, frame = bytes.fromhex(vector["payload"]), bytes.fromhex(vector["frame"])
+    assert codec.pack(message) == payload and encode_frame(payload) == frame
+    assert FrameDecoder().feed(frame) == [payload] and codec.unpack(payload) == message
+    assert frame == stuffed(payload + zlib.crc32(payload).to_bytes(4, "little")) + b"\0"
 
 
 @pytest.mark.parametrize("vector", STREAMS)
@@ -108,11 +96,8 @@ def test_a_payload_of_the_wrong_length_or_type_is_no_message() -> None:
     assert unpack(b"\x7f") is None
 
 
-def test_the_longest_sample_fits_a_frame() -> None:
+def test_a_sample_is_as_long_as_hello_says_and_the_longest_fits_a_frame() -> None:
     assert sample_layout(4, 6, 4).bytes <= MAX_PAYLOAD
-
-
-def test_a_sample_is_as_long_as_hello_says() -> None:
     hello = next(message_of(v) for v in VECTORS["frames"] if v["message"] == "Hello")
     assert layout_of(hello).bytes == 23 + 4 * 2 + 4 * 6 + 2 * 4
 

@@ -31,10 +31,6 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> Listed:
     return Listed(monkeypatch)
 
 
-def identity(listed: Listed, name: str):
-    return usb_ports()[name]
-
-
 @pytest.mark.parametrize("places", [(None, None), ("1-2:1.0", "1-2:1.2")])
 def test_the_port_that_was_asked_for_is_opened_where_two_look_alike(listed: Listed, places: tuple) -> None:
     listed(usb("/dev/ttyACM0", location=places[0]), usb("/dev/ttyACM1", location=places[1]))
@@ -48,21 +44,21 @@ def test_the_port_that_was_asked_for_is_opened_where_two_look_alike(listed: List
 
 def test_a_board_that_is_back_under_another_name_is_found_by_its_serial_number_in_any_socket(listed: Listed) -> None:
     listed(usb("/dev/ttyACM0", "B-7", "1-2:1.0"), usb("/dev/ttyACM1", "B-8", "1-3:1.0"))
-    board = identity(listed, "/dev/ttyACM0")
+    board = usb_ports()["/dev/ttyACM0"]
     listed(usb("/dev/ttyACM1", "B-8", "1-3:1.0"), usb("/dev/ttyACM2", "B-7", "1-4.1:1.0"))
     assert find_port("/dev/ttyACM0", board) == "/dev/ttyACM2"
 
 
 def test_of_a_device_with_two_ports_the_same_one_is_found_again_though_their_names_have_changed(listed: Listed) -> None:
     listed(usb("/dev/ttyACM0", location="1-2:1.0"), usb("/dev/ttyACM1", location="1-2:1.2"))
-    second = identity(listed, "/dev/ttyACM1")
+    second = usb_ports()["/dev/ttyACM1"]
     listed(usb("/dev/ttyACM1", location="1-2:1.0"), usb("/dev/ttyACM2", location="1-2:1.2"))
     assert find_port("/dev/ttyACM1", second) == "/dev/ttyACM2"
 
 
 def test_two_ports_that_both_look_like_the_one_that_is_gone_are_refused(listed: Listed) -> None:
     listed(usb("/dev/ttyACM0"), usb("/dev/ttyACM1"))
-    board = identity(listed, "/dev/ttyACM0")
+    board = usb_ports()["/dev/ttyACM0"]
     listed(usb("/dev/ttyACM1"), usb("/dev/ttyACM2"))
     with pytest.raises(InputError, match="ttyACM0: it is gone, and /dev/ttyACM1 and /dev/ttyACM2 both look like it"):
         find_port("/dev/ttyACM0", board)
@@ -70,7 +66,7 @@ def test_two_ports_that_both_look_like_the_one_that_is_gone_are_refused(listed: 
 
 def test_an_adapter_without_number_is_never_taken_for_its_twin_in_another_socket(listed: Listed) -> None:
     listed(usb("/dev/ttyUSB0", None, "1-2"), usb("/dev/ttyUSB1", None, "1-3"))
-    first = identity(listed, "/dev/ttyUSB0")
+    first = usb_ports()["/dev/ttyUSB0"]
     listed(usb("/dev/ttyUSB1", None, "1-3"))
     assert find_port("/dev/ttyUSB0", first) == "/dev/ttyUSB0", "it is away: opening it says so"
     listed(usb("/dev/ttyUSB1", None, "1-3"), usb("/dev/ttyUSB2", None, "1-2"))
@@ -94,15 +90,12 @@ def test_of_two_that_look_alike_the_other_is_not_opened_while_the_one_is_away(li
     assert set(opened) == {"/dev/ttyACM0"}
 
 
-def test_another_device_that_has_got_the_name_is_not_opened(listed: Listed) -> None:
+def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_not_on_usb_is_its_name(
+    listed: Listed
+) -> None:
     listed(usb("/dev/ttyACM0"))
-    board = identity(listed, "/dev/ttyACM0")
+    board = usb_ports()["/dev/ttyACM0"]
     listed(usb("/dev/ttyACM0", "M-1", product=2))
     with pytest.raises(InputError, match="ttyACM0: another device has this name now"):
         find_port("/dev/ttyACM0", board)
-
-
-def test_a_port_that_is_not_on_usb_is_its_name(listed: Listed) -> None:
-    listed(usb("/dev/ttyACM0"))
-    board = identity(listed, "/dev/ttyACM0")._replace(serial="gone")
-    assert find_port("/dev/ttyS0") == find_port("/dev/ttyS0", board) == "/dev/ttyS0"
+    assert find_port("/dev/ttyS0") == find_port("/dev/ttyS0", board._replace(serial="gone")) == "/dev/ttyS0"

@@ -90,11 +90,14 @@ def test_velocity_is_that_of_the_middle_of_the_window_even_where_samples_are_los
     assert acceleration[0] == pytest.approx(6.0, rel=1e-6)
 
 
-def test_a_still_encoder_gives_exactly_no_velocity() -> None:
+def test_a_still_encoder_gives_exactly_no_velocity_and_motion_begins_anew_after_a_gap() -> None:
     motion = MotionFilter()
     for k in range(100):
         found = motion.add(1e-3 * k, 0.1234567, 0.3456789)
     assert found == ((0.0, 0.0), (0.0, 0.0))
+    for k in range(30):
+        motion.add(0.1 + 1e-3 * k, 0.001 * k, 0.0)
+    assert motion.add(1.0, 0.5, 0.0) == ((0.0, 0.0), (0.0, 0.0))
 
 
 def test_encoder_steps_make_the_noise_that_is_written() -> None:
@@ -104,13 +107,6 @@ def test_encoder_steps_make_the_noise_that_is_written() -> None:
     velocity, acceleration = (np.array([f[i][0] for f in found]) for i in range(2))
     assert velocity.std() == pytest.approx(0.35e-3, rel=0.1)
     assert acceleration.std() == pytest.approx(0.18, rel=0.1)
-
-
-def test_motion_begins_anew_after_a_gap() -> None:
-    motion = MotionFilter()
-    for k in range(30):
-        motion.add(1e-3 * k, 0.001 * k, 0.0)
-    assert motion.add(1.0, 0.5, 0.0) == ((0.0, 0.0), (0.0, 0.0))
 
 
 SHIPPED = load_device("four-brake")
@@ -134,12 +130,9 @@ def test_the_hand_force_comes_back_through_mounting_calibration_and_mass_beyond(
     assert np.allclose(found.hand_force(mean, theta, tuple(acceleration)), force, atol=0.01)
 
 
-def test_a_device_whose_sensor_the_board_does_not_read_is_refused() -> None:
+def test_a_device_whose_sensor_the_board_does_not_read_is_refused_and_one_without_a_sensor_has_no_force() -> None:
     with pytest.raises(InputError, match="the board sends 0 channels"):
         ForceSensing(SHIPPED, 0, 1000)
-
-
-def test_without_a_sensor_there_is_no_force() -> None:
     device = replace(THREE.device, sensing=None)
     assert ForceSensing(device, 0, 1000).hand_force((), (0.0,) * 4, (1.0, 1.0)) == (0.0, 0.0)
 
@@ -159,16 +152,13 @@ def test_the_clock_model_finds_offset_and_drift_through_late_and_wrong_arrivals(
     assert fit.residual_s < 5e-6 and fit.blocks > 30
 
 
-def test_the_clock_model_follows_a_clock_that_stepped_within_seconds() -> None:
+def test_the_clock_model_has_no_drift_before_three_seconds_and_follows_a_clock_that_stepped_within_seconds() -> None:
     model = ClockModel()
     for k in range(40_000):
         host_s = 50.0 + 1e-3 * k + (0.03 if k > 20_000 else 0.0)
         model.add(1000 * k, host_s)
         if not 20_000 < k < 24_500:
             assert model.host_s(1000 * k) == pytest.approx(host_s, abs=1e-5), k
-
-
-def test_before_three_seconds_the_clock_model_has_an_offset_and_no_drift() -> None:
     model = ClockModel()
     model.add(1_000_000, 51.0)
     assert model.fit.drift == 0.0 and model.host_s(1_000_000) == pytest.approx(51.0)

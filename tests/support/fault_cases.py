@@ -76,9 +76,6 @@ class Place(NamedTuple):
         return cls(folder, session, plan)
 
 
-# ------------------------------------------------------------------------------------------------------------- a case
-
-
 def lost(name: str = "") -> str:
     """What `State` says when the loop is gone."""
     said = with_advice("", cause("loop-died"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from processes import children, gone
+from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
 from app.ipc.client import Client
@@ -19,15 +20,6 @@ from experiments.recording.schema import Recording
 
 #: in lines of the log that only Wine causes: Arrow asks it for processors, LSL for network interfaces
 WINE_ALONE = ("cpu_info.cc", "netinterfaces.cpp", "api_config.cpp")
-LONG_S = 240.0  # to wait before a test fails; kernels may have to be compiled
-
-
-def wait_until(what: Callable[[], object], seconds: float = LONG_S) -> None:
-    """Wait for something to come true."""
-    end = time.perf_counter() + seconds
-    while not what():
-        assert time.perf_counter() < end, "waited in vain"
-        time.sleep(0.005)
 
 
 class Window:

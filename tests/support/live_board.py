@@ -9,8 +9,9 @@ from pathlib import Path
 
 import msgspec
 from emulated import Emulated
-from live import LONG_S, Window, live_window, wait_until
+from live import Window, live_window
 from protocols import PAPER, changed
+from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup

@@ -5,8 +5,9 @@ import time
 from collections import Counter
 
 import numpy as np
-from live import Window, kill, wait_until
+from live import Window, kill
 from processes import gone
+from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup

@@ -68,11 +68,17 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 @contextlib.contextmanager
-def session_of(data: Path, trials: int):
+def session_of(data: Path, trials: int, **how):
     """A session in which some trials have been run; closed at the end."""
-    session = new_session(data)
+    session = new_session(data, **how)
     try:
         run_trials(session, trials)
         yield session
     finally:
         session.close()
+
+
+def closed_session(data: Path, trials: int, **how) -> Session:
+    """The same, closed."""
+    with session_of(data, trials, **how) as session:
+        return session
