@@ -39,7 +39,7 @@ FAULTS = {
         "the supply voltage was too low and the board started anew",
         f"Look at the board's supply, {ALLOW} and home the encoders.",
     ),
-    "host-request": Fault("stopped by the host", "Allow the brakes when its cause is past."),
+    "host-request": Fault("stopped by the host", "Allow the brakes again when it is safe."),
     "unknown": Fault("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
     # of the line to the board
     "no-sample": Fault("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
@@ -69,7 +69,7 @@ FAULTS = {
         "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
         "See that the hand is free and well.",
     ),
-    "brakes-off": Fault("brakes off: {why}", "Allow the brakes when its cause is past."),
+    "brakes-off": Fault("brakes off: {why}", "Allow the brakes again when it is safe."),
     # of this computer
     "server-silent": Fault(
         "the process that records did not answer for two seconds", "This computer was held up: close other programs."

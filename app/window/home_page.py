@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QLineEdit,
-    QPlainTextEdit,
     QSizePolicy,
     QWidget,
 )  # fmt: skip
@@ -38,6 +37,7 @@ from app.window.painting.parts import (
     holder,
     line,
     panel,
+    printed,
     row,
     scrolled,
     stack,
@@ -159,8 +159,7 @@ class HomePage(Page):
         self.fields: dict[str, QWidget] = {}
         self.checks = Checklist()
         self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
-        self.plan_text = QPlainTextEdit(readOnly=True)
-        self.plan_text.setFont(theme.mono())
+        self.plan_text = printed()
 
     def _lay_out(self) -> None:
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")

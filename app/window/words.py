@@ -160,11 +160,6 @@ def clock(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def grouped(number: int) -> str:
-    """A whole number with thin gaps between thousands."""
-    return f"{number:,}".replace(",", "\u202f")
-
-
 def size(count: int) -> str:
     """Bytes as kB, MB or GB."""
     for unit, least in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):

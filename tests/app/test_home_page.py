@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, settle, visible_texts
-from sessions import closed_session, new_session, run_trials
+from sessions import closed_session
 from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
@@ -244,10 +244,8 @@ def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_
 
 
 def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_left(shown: Shown) -> None:
-    page, folder = shown.page, shown.setup.data_dir
-    begun = new_session(folder, "07")
-    run_trials(begun, 2)
-    begun.close()
+    page = shown.page
+    closed_session(shown.setup.data_dir, 2, participant="07")
     page.show_setup(shown.setup._replace(seed=2))
     shown.qtbot.waitUntil(lambda: page.start.text() == "Resume session   07 · 58 trials left", timeout=60_000)
     shown.type(page.participant, "08")
