@@ -14,10 +14,9 @@ from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
-from experiments.session.files import other_protocol
+from experiments.session.files import other_protocol, refuse_study
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
-from experiments.session.study_file import refuse_study
 from experiments.trial.population import load_population
 
 
