@@ -167,7 +167,7 @@ def board_check(board: BoardFound) -> Check:
     if board.problem:
         advice = "Is this the board's port, has the board power, and does no other program (phd itself) use the port?"
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
-    advice = "Allow the brakes again in the window (Ctrl+B) once its cause is past." if board.fault else ""
+    advice = "Allow the brakes again in the window (Ctrl+B) when it is safe." if board.fault else ""
     return check("board", f"{board.port}: {about(board)}", advice)
 
 

@@ -39,7 +39,7 @@ FAULTS = {
         "the supply voltage was too low and the board started anew",
         f"Look at the board's supply, {ALLOW} and home the encoders.",
     ),
-    "host-request": Fault("stopped by the host", "Allow the brakes when its cause is past."),
+    "host-request": Fault("stopped by the host", "Allow the brakes again when it is safe."),
     "unknown": Fault("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
     # of the line to the board
     "no-sample": Fault("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
@@ -69,7 +69,7 @@ FAULTS = {
         "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
         "See that the hand is free and well.",
     ),
-    "brakes-off": Fault("brakes off: {why}", "Allow the brakes when its cause is past."),
+    "brakes-off": Fault("brakes off: {why}", "Allow the brakes again when it is safe."),
     # of this computer
     "server-silent": Fault(
         "the process that records did not answer for two seconds", "This computer was held up: close other programs."
@@ -104,10 +104,6 @@ class Cause(str):
         """To another process with its code."""
         return str(self), self.code
 
-    def after(self, words: str) -> "Cause":
-        """The same fault, with these words before its own."""
-        return Cause(f"{words}{self}", self.code)
-
 
 def cause(code: str, **about: object) -> Cause:
     """A fault that has happened. about: what its words leave open."""
@@ -116,7 +112,7 @@ def cause(code: str, **about: object) -> Cause:
 
 def after(words: str, why: str) -> str:
     """A reason with these words before it; a fault stays the fault that it is."""
-    return why.after(words) if isinstance(why, Cause) else f"{words}{why}"
+    return Cause(f"{words}{why}", why.code) if isinstance(why, Cause) else f"{words}{why}"
 
 
 def advice(why: str) -> str:

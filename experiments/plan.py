@@ -225,7 +225,12 @@ def plan_summary(protocol: Protocol) -> str:
 
 def counted(number: int, name: str) -> str:
     """ "1 trial", "2 trials"."""
-    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+    return f"{grouped(number)} {name}" if number == 1 else f"{grouped(number)} {name}s"
+
+
+def grouped(number: float) -> str:
+    """A number as a person reads it: from a thousand on whole, with thin gaps between the thousands."""
+    return f"{number:,.0f}".replace(",", "\u202f") if abs(number) >= 1e3 else f"{number:g}"
 
 
 def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
@@ -245,15 +250,14 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
     rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
     times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
     breaks = protocol.breaks
+    every = counted(breaks.after_trials, "trial").removeprefix("1 ") if breaks else ""
     facts = {
         "participants": [", ".join(protocol.participants) or "anybody"],
         "devices": [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in protocol.devices],
         "paths": [f"{number}  {_path_text(path)}" for number, path in protocol.paths.items()],
         "controllers": [f"{number}  {_controller_text(one)}" for number, one in protocol.controllers.items()],
         "blocks": [f"{protocol.blocks} for each device, each controller on each path {times} in each"],
-        "breaks": [
-            f"after each {breaks.after_trials} trials of a device, at least {breaks.least_s:g} s" if breaks else "none"
-        ],
+        "breaks": [f"after every {every} of a device, at least {breaks.least_s:g} s" if breaks else "none"],
         "rules": [protocol.rules],
         "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
         "participant sees": [_seen(protocol)],
@@ -300,7 +304,7 @@ def _path_text(path: PathFile) -> str:
 def _controller_text(preset: Preset) -> str:
     """A controller in a few words."""
     about = [
-        f"{one.word} {one.scale * value:g} {one.unit}".rstrip()
+        f"{one.word} {grouped(one.scale * value)} {one.unit}".rstrip()
         for one, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
         if value != one.default
     ]

@@ -26,6 +26,7 @@ from app.window.box_plot import ChartPlot, trial_of
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.parts import (
+    END,
     NO_FOCUS,
     Flow,
     OneLine,
@@ -190,7 +191,7 @@ class AnalysePage(Page):
         )
         for chips in (self.people, self.devices, self.statuses):
             chips.changed.connect(self._show)
-        self.caption = OneLine("", "quiet", dots=Qt.TextElideMode.ElideRight)
+        self.caption = OneLine("", "quiet", dots=END)
         self.warning, self.summary = (word("", name, theme.SMALL) for name in ("caution", "quiet"))
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(3)]

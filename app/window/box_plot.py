@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QBrush
 
 from app.window.painting import theme
-from app.window.painting.parts import OneLine
+from app.window.painting.parts import END, OneLine
 from app.window.plots import Plot
 from experiments.analysis.charts import Chart, PlacedBox, Point
 from experiments.analysis.trials_table import TrialRow
@@ -46,7 +46,7 @@ class ChartPlot(Plot):
     chosen = Signal(object)  # a TrialRow
 
     def __init__(self) -> None:
-        super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=Qt.TextElideMode.ElideRight))
+        super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=END))
         self.chart: Chart | None = None
         self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run

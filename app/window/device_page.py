@@ -13,11 +13,11 @@ from app.window.cards import Card, Cards
 from app.window.painting import theme
 from app.window.painting.parts import OneLine, button, column, holder, line, panel, row, word
 from app.window.preflight import Checklist
-from app.window.words import grouped
 from core.control.controllers import Preset
 from core.device import Device
 from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
+from experiments.plan import grouped
 from experiments.protocol import home_of
 
 RECENT_S = 10.0  # what is counted as happening now
@@ -275,7 +275,7 @@ class DevicePage(QWidget):
         gain, step, noise, force = found
         return (
             f"One encoder count is {1e6 * step:.0f} µm at the handle. The velocity is known to {1e3 * noise:.2g} mm/s, "
-            f"which a gain of {grouped(round(gain))} N s/m turns into {force:.1f} N (every brake reaches "
+            f"which a gain of {grouped(gain)} N s/m turns into {force:.1f} N (every brake reaches "
             f"{device.force_normalised_N:.0f} N)"
             f"{': the encoder steps can be felt.' if force > FELT_SHARE * device.force_normalised_N else '.'}"
         )

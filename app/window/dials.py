@@ -10,9 +10,9 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QSlider, QWidget
 
 from app.ipc import messages as m
-from app.window import words
 from app.window.painting.parts import NO_FOCUS, row, word
 from core.control.controllers import PARAMETERS, Parameter
+from experiments.plan import grouped
 
 STEPS, LOG_STEP = 40, 0.02  # of a parameter's slider; decades, of a logarithmic one
 
@@ -86,7 +86,7 @@ class DialRow(QWidget):
     def show_setting(self, setting: float) -> None:
         """The value that is set; a slider in hand stays where it is."""
         shown = setting * self.dial.scale
-        self.value.setText(f"{words.grouped(round(shown)) if shown >= 1000 else f'{shown:.4g}'} {self.dial.unit}")
+        self.value.setText(f"{grouped(shown)} {self.dial.unit}")
         if not self.slider.isSliderDown():
             with QSignalBlocker(self.slider):
                 self.slider.setValue(self.dial.place(shown))

@@ -21,7 +21,8 @@ from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
 from app.window.preflight import Preflight
-from app.window.words import from_home, grouped, show_folder, size
+from app.window.words import from_home, show_folder, size
+from experiments.plan import grouped
 
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
@@ -135,7 +136,7 @@ class MainWindow(QWidget):
         self.preflight.device_asked.connect(lambda: self.do("device"))
         self.footer.keys.clicked.connect(self.show_keys)
         own = {
-            "escape": lambda: self.escape("Esc in the main window"),
+            "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
             "keys": self.show_keys,
@@ -204,7 +205,7 @@ class MainWindow(QWidget):
         self.client.brakes_off(cause)
 
     def _press_brakes(self) -> None:
-        self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the button of the main window")
+        self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
         """Currents may flow again."""

@@ -18,6 +18,7 @@ from app.window.painting.parts import Figures, column, row, word
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
+from experiments.plan import grouped
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
 NOTHING = "–"
@@ -79,11 +80,9 @@ class Graph(pg.PlotWidget):
 class Plot(QFrame):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
-    figures_px = theme.NORMAL
-
     def __init__(self, title: QLabel) -> None:
         super().__init__(objectName="panel")
-        self.title, self.figures = title, Figures(self.figures_px, right=True)
+        self.title, self.figures = title, Figures(theme.NORMAL, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
         self.head = row(self.title, self.figures)
@@ -219,7 +218,7 @@ class Trace(TimePlot):
             (f"{self.names[name]} {self.figure(value)}", colour)
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
-        self.figures.show_parts(*named, (self.unit, theme.QUIET))
+        self.figures.show_parts(*named)
 
     def read_at(self, place: QPointF) -> str:
         if self.hidden:
@@ -272,6 +271,7 @@ class Traces(QWidget):
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
         self.currents.names, self.currents.unit = device.labels, device.command_unit
+        self.currents.title.setText(f"Currents, {device.command_unit}")
         for trace in self.all:
             trace.clear()
 
@@ -340,13 +340,16 @@ class TimingStrip(Trace):
     def words(self) -> str:
         """The line beside the title."""
         now = self.timing
-        return NO_TRIAL if now is None else f"max {now.max_us:.0f} µs · {now.missed} missed"
+        return NO_TRIAL if now is None else f"{grouped(now.missed)} missed"
 
     @property
     def foot(self) -> str:
         """The line under the plot."""
         now = self.timing
-        return "" if now is None else f"p50 {now.p50_us:.0f} · p99 {now.p99_us:.0f} µs · {now.scheduling}"
+        if now is None:
+            return ""
+        p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
+        return f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"

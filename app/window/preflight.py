@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePol
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, OneLine, breakable, clear, line, row, word
+from app.window.painting.parts import END, NO_FOCUS, OneLine, breakable, clear, line, row, word
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -29,7 +29,7 @@ class Pill(QFrame):
     def __init__(self, check: m.Check) -> None:
         super().__init__(objectName="pill-bad" if check.state == m.BAD else "pill")
         self.mark, name = mark_of(check, theme.SMALL), word(check.name, size=theme.SMALL, bold=True)
-        self.text = OneLine(check.text, "quiet", dots=Qt.TextElideMode.ElideRight)
+        self.text = OneLine(check.text, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
         self.text.setToolTip("")
         self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(9, 0, 10, 0)))

@@ -26,7 +26,19 @@ from PySide6.QtWidgets import (
 )  # fmt: skip
 
 from app.window.painting import theme
-from app.window.painting.parts import PANEL_MARGINS, Choice, breakable, button, clear, column, line, row, scrolled, word
+from app.window.painting.parts import (
+    PANEL_MARGINS,
+    Choice,
+    breakable,
+    button,
+    clear,
+    column,
+    line,
+    printed,
+    row,
+    scrolled,
+    word,
+)
 from app.window.painting.path_drawing import PathDrawing
 from app.window.work import Work
 from core.control.controllers import ALGORITHMS
@@ -78,7 +90,8 @@ class ProtocolEditor(QFrame):
         sections = ("", "devices", "controller", "path", "form", "instruction", *FIELDS)
         self.sentences = {section_of(name): line("", "bad") for name in sections}
         self.fields = {key: self._field(key) for key in FIELDS}
-        self.drawing, self.summary, self.plan = PathDrawing(), line("", bold=True), QPlainTextEdit(readOnly=True)
+        self.drawing, self.summary = PathDrawing(), line("", bold=True)
+        self.plan = printed("No plan: the sentence in red says why.")
         self.title, self.save = word("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
         self.form, self.instructions = QLineEdit(), QPlainTextEdit()
         self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
@@ -137,7 +150,6 @@ class ProtocolEditor(QFrame):
         add("Form", "form", self.form)
         add("Instructions", "instruction", self.instructions)
         self._form_area = scrolled(inside)
-        self.plan.setFont(theme.mono())
         self.save.setToolTip("Comments of a file are not kept")
         how = line("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
@@ -234,6 +246,7 @@ class ProtocolEditor(QFrame):
             field = QLineEdit("" if value is None else f"{value:.10g}" if is_number(value) else value)
             field.setAccessibleName(f"{one.word} of controller {place + 1}")
             field.setFixedWidth(64)
+            field.setCursorPosition(0)  # the first digits of a long number are seen
             field.textEdited.connect(
                 lambda text, one=one: self._change(controller, one.name, scaled(value_of(text), 1.0 / one.scale))
             )
@@ -322,7 +335,9 @@ class ProtocolEditor(QFrame):
             label.setText(breakable(problem) if here else "")
             label.setVisible(here)
         self.problem = problem
-        self.summary.setText("" if problem else self.summary.text())
+        if problem:
+            self.summary.setText("")
+            self.plan.setPlainText("")
         self.save.setEnabled(not problem)
 
     def _save(self) -> None:

@@ -68,8 +68,6 @@ class TrialTrace(TimePlot):
 class CurrentTrace(TrialTrace):
     """The current of each brake: its mean, as a line, within its envelope, as a band. A chatter is no solid block."""
 
-    figures_px = theme.SMALL  # of four brakes
-
     def __init__(self) -> None:
         super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
         self.hidden, self.labels = False, dict[str, str]()

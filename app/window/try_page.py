@@ -40,6 +40,7 @@ from core.control.rule_sets import RULE_SETS
 from core.device import Device
 from core.path import PathFile
 from experiments.assumptions import SENSINGS
+from experiments.plan import grouped
 
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
@@ -197,12 +198,13 @@ class Bars(QStyledItemDelegate):
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
         box = QRectF(option.rect).adjusted(6.0, 0.0, -14.0, 0.0)
-        number = QRectF(box.left(), box.top(), 48.0, box.height())
+        wide = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
+        number = QRectF(box.left(), box.top(), wide, box.height())
         painter.setFont(font(theme.NORMAL))
         painter.setPen(shade(theme.TEXT if share is not None else theme.QUIET))
         painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
         if share is not None and box.width() > 80.0:
-            left, wide = number.right() + 10.0, box.width() - 58.0
+            left, wide = number.right() + 10.0, box.width() - number.width() - 10.0
             for width, ground in ((wide, theme.LINE), (share * wide, colour)):
                 painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
@@ -255,7 +257,7 @@ class PassTable(QTableWidget):
             s, preset = one.settings, preset_of(one.settings, opened)
             colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
             noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
-            set_to = (f"{dial.label.lower()} {dial.setting(s) * dial.scale:.4g} {dial.unit}" for dial in dials)
+            set_to = (f"{dial.label.lower()} {grouped(dial.setting(s) * dial.scale)} {dial.unit}" for dial in dials)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"
             texts = [str(one.number), feel(preset, gains_of(opened)) + noted, brakes_of(s.device)]
             for across, text in enumerate(texts):
@@ -534,7 +536,7 @@ class TryPage(Page):
             dial.show_setting(dial.dial.setting(s))
             dial.setEnabled(name not in now.fixed and (name in own or name not in s.values))
         weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
-        drag = f"At {own.get(GAIN, 0.0):g} N s/m the brakes' own drag is larger: you will feel nothing."
+        drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
         self.canvas.show_gap(own.get("gap_m", 0.0))
         protocols = now.initial.with_parameters(**opened.protocol.controllers[s.controller].named)

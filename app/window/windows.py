@@ -64,7 +64,7 @@ class Windows(QObject):
         main = self.main
         direct = {
             "start": lambda: self.participant.start() or main.do("start"),
-            "escape": lambda: main.escape("Esc on the participant's screen"),
+            "escape": lambda: main.escape("Esc was pressed on the participant's screen"),
             "allow brakes": main.allow_brakes,
             "pause": lambda: main.do("pause"),
             "participant": self.show_or_hide_participant,

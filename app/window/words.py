@@ -44,6 +44,8 @@ SERVER_DIED = (
     "The session server has stopped: the brakes are off and the recordings are kept. "
     "Close this window, start again and resume the session."
 )
+LEAVE = "What is recorded stays, and Home resumes the session where it stands."
+LACKING = "Without a result: aborted (×), skipped (–) or excluded (x)"
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
 
 
@@ -140,6 +142,11 @@ def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
     return all(getattr(a, field) == getattr(b, field) for field in CELL)
 
 
+def done_of(settled: int, planned: int, lacking: int) -> str:
+    """How far a session is: trials that are settled, of the plan; those without a result."""
+    return f"{settled} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
+
+
 def minutes(seconds: float | None) -> str:
     """About how long: "about 14 min left"; empty while that is unknown."""
     if seconds is None:
@@ -151,11 +158,6 @@ def clock(seconds: float) -> str:
     """2:05 for 125 s."""
     whole = max(int(seconds + 0.999), 0)
     return f"{whole // 60}:{whole % 60:02d}"
-
-
-def grouped(number: int) -> str:
-    """A whole number with thin gaps between thousands."""
-    return f"{number:,}".replace(",", "\u202f")
 
 
 def size(count: int) -> str:

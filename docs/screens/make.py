@@ -163,7 +163,7 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     until(lambda: main.snapshot.stage == m.READY)
     until(lambda: after(0.2))
     shoot(main, "run-card")
-    windows.client.brakes_off("Esc in the main window")
+    windows.client.brakes_off("Esc was pressed in the main window")
     until(lambda: bool(main.snapshot.brakes_off))
     shoot(main, "run-red")
     send(m.AllowBrakes())

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from fake_ticks import quiet, trial
 from PySide6.QtCore import QPointF
+from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication
 
 from app.ipc.messages import Timing
 from app.window.energy_panel import EnergyPanel, Ledger
 from app.window.painting import theme
+from app.window.painting.parts import Figures
 from app.window.plots import HIDDEN, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
 from core import tick_log
 from core.device import load_device
@@ -113,7 +115,7 @@ def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.word()
     assert traces.error.value == "10.0 mm"
     assert traces.force.value == "5.0 N" and traces.speed.value == "0.10 m/s"
-    assert traces.currents.value == "A 0.00 E 0.80 B 0.00 C 0.25 A"
+    assert (traces.currents.title.text(), traces.currents.value) == ("Currents, A", "A 0.00 E 0.80 B 0.00 C 0.25")
 
 
 def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
@@ -128,9 +130,9 @@ def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
 @pytest.mark.parametrize(
     ("device", "tick", "value"),
     [
-        ("three-brake", {"CURRENT_B": 0.5}, "A 0.00 E 0.00 B 0.50 A"),
-        ("er-two-brake", {"CURRENT_B": 2.5}, "A 0.00 B 2.50 kV/mm"),
-        ("pter", {"CURRENT_E": 0.5}, "A 0.00 A-B 0.50 B 0.00 A+B 0.00 A"),
+        ("three-brake", {"CURRENT_B": 0.5}, "A 0.00 E 0.00 B 0.50"),
+        ("er-two-brake", {"CURRENT_B": 2.5}, "A 0.00 B 2.50"),
+        ("pter", {"CURRENT_E": 0.5}, "A 0.00 A-B 0.50 B 0.00 A+B 0.00"),
     ],
 )
 def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_what_they_couple(
@@ -141,6 +143,7 @@ def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_wh
     traces.add(quiet(**tick))
     traces.word()
     assert traces.currents.value == value
+    assert traces.currents.title.text() == f"Currents, {load_device(device).command_unit}"
 
 
 def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
@@ -161,10 +164,30 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
-    assert strip.words == "max 402 µs · 0 missed" and strip.foot == "p50 14 · p99 31 µs · real-time: FIFO 50, core 0"
+    assert strip.words == "0 missed" and strip.foot == "p50 14 · p99 31 · max 402 µs · real-time: FIFO 50, core 0"
     assert strip.value == strip.words and strip.figures.parts[0][1] == theme.QUIET
-    strip.show_timing(Timing(14.2, 31.4, 402.0, 1, "real-time: FIFO 50, core 0"))
-    assert strip.words.endswith("1 missed") and strip.figures.parts[0][1] == theme.CAUTION
+    strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"))
+    assert strip.words == "1\u202f234 missed" and "max 1\u202f064 µs" in strip.foot
+    assert strip.figures.parts[0][1] == theme.CAUTION
+
+
+def test_a_line_without_room_loses_its_end_and_never_the_first_digits_of_a_number(qtbot) -> None:
+    for width in (30, 50, 70):
+        narrow = [shown(qtbot, Figures(theme.NORMAL, right), width, 20) for right in (False, True)]
+        for figures in narrow:
+            figures.show_parts(("1064", theme.TEXT), ("µs late", theme.QUIET))
+        left, right = (figures.grab().toImage() for figures in narrow)
+        assert left == right, "both begin at the left edge"
+    wide = shown(qtbot, Figures(theme.NORMAL, right=True), 300, 20)
+    wide.show_parts(("1064", theme.TEXT))
+    begins = 300 - round(theme.text_width("1064", theme.NORMAL))
+    seen = wide.grab().toImage()
+    assert not ink(seen, range(begins - 1)) and ink(seen, range(begins, 300))
+
+
+def ink(image: QImage, columns: range) -> bool:
+    """Whether something is written in these columns of a picture."""
+    return len({image.pixel(x, y) for x in columns for y in range(image.height())}) > 1
 
 
 def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:

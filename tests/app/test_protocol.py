@@ -12,7 +12,7 @@ from app.cli import main
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
-from experiments.plan import break_after, make_plan, plan_summary, print_plan
+from experiments.plan import break_after, grouped, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
 
 
@@ -215,7 +215,16 @@ def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks()
     minutes = int(re.search(r"about (\d+) min", said)[1])
     longer = print_plan(protocol_of(changed(text, blocks="6")), "02")
     assert int(re.search(r"about (\d+) min", longer)[1]) - minutes == pytest.approx((60 * 15 + 4 * 90) / 60, abs=1.1)
-    assert "assumed: 15 s a trial" in said
+    assert "assumed: 15 s a trial" in said and "after every 12 trials of a device, at least 90 s" in said
+    each = print_plan(protocol_of(text.replace("after_trials = 12", "after_trials = 1")), "02")
+    assert "after every trial of a device" in each
+
+
+def test_a_thousand_stands_in_the_printed_plan_as_everywhere():
+    assert "gain 10\u202f000 N s/m" in print_plan(PAPER, "01") and "gap 5 mm" in print_plan(PAPER, "01")
+    assert [grouped(number) for number in (0.5, 999, 1000, 1654.4, 12_345_678)] == [
+        "0.5", "999", "1\u202f000", "1\u202f654", "12\u202f345\u202f678",
+    ]  # fmt: skip
 
 
 def test_the_plan_of_a_blind_protocol_shows_codes_and_that_of_a_single_controller_says_that_it_repeats():

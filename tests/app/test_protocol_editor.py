@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from screens import settle
 
+from app.window.painting.parts import Choice
 from app.window.protocol_editor import ProtocolEditor, form_of, form_text
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
@@ -81,6 +82,31 @@ def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) ->
     editing.read("1 device × 5 controllers × 2 paths × 2 = 20 trials")
 
 
+def test_the_wheel_scrolls_the_form_and_turns_only_a_drop_down_that_has_the_focus(editing: Editing) -> None:
+    editor = editing.editor
+    editing.holder.activateWindow()
+    QTest.qWaitForWindowActive(editing.holder)
+    settle(editing.holder)
+    bar, rules = editor._form_area.verticalScrollBar(), editor.fields["rules"]
+    editor.fields["name"].setFocus()
+    bar.setValue(0)
+    choices = [one for one in editor.findChildren(Choice) if one.isVisible()]
+    before = [one.currentText() for one in choices]
+    for one in choices:
+        wheel_down(one)
+    assert len(choices) > 5 and [one.currentText() for one in choices] == before and bar.value() > 0
+    rules.setFocus()
+    wheel_down(rules)
+    assert rules.currentText() == "literal"
+
+
+def wheel_down(widget: QWidget) -> None:
+    """A notch of the wheel over the middle of a widget, as the window system brings it."""
+    window, place = widget.window().windowHandle(), widget.mapTo(widget.window(), widget.rect().center())
+    QTest.wheelEvent(window, QPointF(place), QPoint(0, -120))
+    QApplication.processEvents()
+
+
 def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> None:
     for field, text, section, says in (
         ("Blocks", "0", "blocks", "blocks must be at least 1"), ("Blocks", "two", "blocks", "must be a whole number"),
@@ -94,7 +120,7 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
         editing.read(says)
         shown = [name for name, label in editing.editor.sentences.items() if not label.isHidden()]
         assert shown == [section] and says in editing.editor.sentences[section].text().replace("\u200b", "")
-        assert not editing.editor.save.isEnabled()
+        assert not editing.editor.save.isEnabled() and editing.editor.plan.toPlainText() == ""
 
 
 def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:
@@ -156,7 +182,7 @@ def test_a_file_that_cannot_be_run_is_opened_with_what_is_wrong(editing: Editing
         (tmp_path / "mine.toml").write_text(text)
         editing.editor.open(str(tmp_path / "mine.toml"))
         editing.read("devices must hold 1 value, not 0")
-        assert not editing.editor.save.isEnabled()
+        assert not editing.editor.save.isEnabled() and editing.editor.plan.toPlainText() == ""
 
 
 def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:

@@ -17,6 +17,7 @@ from app.window.painting import theme
 from app.window.painting.layers import OFF
 from app.window.painting.linkage_view import REACHABLE
 from app.window.painting.marks import HAND
+from app.window.painting.parts import Figures, wide
 from app.window.plan_grid import MARKS
 from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from core import tick_log
@@ -57,6 +58,20 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert min(cell.height() for cell in cells) > 8.0
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
         assert cut_texts(console) == []
+
+
+def test_every_number_of_a_running_trial_is_whole_at_1024_x_700(screens: Screens) -> None:
+    timing = m.Timing(14.0, 1031.0, 13_402.0, 1234, "default, short slice")
+    console = screens.hear(opened(), running(33))
+    screens.tick(movement(PLAN[33].segment, "AEBC", 3.0))
+    screens.hear(pulse()._replace(timing=timing))
+    console.resize(1024, 700)
+    settle(console)
+    lines = [one for one in console.findChildren(Figures) if one.isVisible()]
+    assert len(lines) == 8 and any("C 0.00" in one.text() for one in lines)
+    for one in lines:
+        numbers = one.text().removesuffix(f" · {timing.scheduling}")
+        assert wide([numbers], theme.SMALL) <= one.width(), numbers
 
 
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:

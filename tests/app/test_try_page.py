@@ -280,5 +280,5 @@ def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monk
 
 def test_brakes_off_is_said_and_what_lets_them_act_again(held: Held) -> None:
     state = tried().sandbox
-    held.page.show_snapshot(before(sandbox=state, brakes_off="Esc in the main window"))
+    held.page.show_snapshot(before(sandbox=state, brakes_off="Esc was pressed in the main window"))
     assert held.page.large.text() == "Brakes are off"

@@ -7,7 +7,7 @@ from hid_bus import NAVIGATOR, Bus
 from waiting import wait_until
 
 from core.files import InputError
-from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layout_of, layouts
+from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layouts
 
 COMPACT = {**NAVIGATOR, "product_id": 0xC635, "vendor_id": 0x256F, "product_string": "SpaceMouse Compact"}
 WIRELESS = {**NAVIGATOR, "product_id": 0xC62E, "vendor_id": 0x256F, "product_string": "SpaceMouse Wireless"}
@@ -31,8 +31,7 @@ GOLDEN = [
 @pytest.mark.parametrize("entry, report, axes", GOLDEN)
 def test_recorded_reports_give_their_axes_and_leave_the_others_alone(entry, report, axes):
     counts = dict.fromkeys(AXES, 77)
-    layout = layout_of(entry["vendor_id"], entry["product_id"])
-    assert decode(layout, bytes.fromhex(report), counts) == bool(axes)
+    assert decode(attached([entry])[0].layout, bytes.fromhex(report), counts) == bool(axes)
     assert counts == dict.fromkeys(AXES, 77) | axes
 
 

@@ -1,10 +1,11 @@
 """What the pages are made of: texts that are never cut, buttons, panels, rows and columns."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QWheelEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
     QButtonGroup,
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLayout,
     QLayoutItem,
+    QPlainTextEdit,
     QPushButton,
     QScrollArea,
     QSizePolicy,
@@ -25,6 +27,7 @@ from PySide6.QtWidgets import (
 from app.window.painting import theme
 
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
+END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
 
 
 def breakable(text: str) -> str:
@@ -44,6 +47,13 @@ def word(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = 
     label = line(text, name, size, bold)
     label.setWordWrap(False)
     return label
+
+
+def printed(hint: str = "") -> QPlainTextEdit:
+    """A text in columns, to be read. hint: what stands in its place while there is none."""
+    made = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+    made.setFont(theme.mono())
+    return made
 
 
 def rule() -> QFrame:
@@ -85,7 +95,11 @@ class OneLine(QLabel):
 
 
 class Figures(QWidget):
-    """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew."""
+    """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew.
+
+    Where there is no room for it, it is smaller; and if that is not enough, dots stand in place of its end, never of
+    the first digits of a number.
+    """
 
     def __init__(self, size: int = theme.SMALL, right: bool = False) -> None:
         super().__init__()
@@ -107,21 +121,37 @@ class Figures(QWidget):
         return QSize(0, QFontMetrics(theme.font(self._size)).height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setFont(theme.font(self._size))
-        widths = [theme.text_width(text, self._size) for text, _ in self.parts]
-        gap = theme.text_width(" ", self._size)
-        x = self.width() - sum(widths) - gap * (len(widths) - 1) if self._right else 0.0
-        for (text, colour), width in zip(self.parts, widths, strict=True):
+        painter, texts = QPainter(self), [text for text, _ in self.parts]
+        room = self.width()
+        size = next((one for one in (self._size, theme.SMALL) if wide(texts, one) <= room), theme.SMALL)
+        painter.setFont(theme.font(size))
+        x = max(room - wide(texts, size), 0.0) if self._right else 0.0
+        for text, colour in self.parts:
+            shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
             painter.setPen(theme.shade(colour))
-            painter.drawText(QRectF(x, 0.0, width + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, text)
-            x += width + gap
+            painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
+            x += wide([text, ""], size)
+
+
+def wide(texts: Sequence[str], size: int) -> float:
+    """How wide (px) texts are, with a gap between two."""
+    gaps = (len(texts) - 1) * theme.text_width(" ", size)
+    return sum(theme.text_width(text, size) for text in texts) + gaps
 
 
 class Choice(QComboBox):
-    """One of several; the style's own arrow would bring a ground of its own."""
+    """One of several. Without the focus it leaves the wheel to the page that scrolls below it.
+
+    The style's own arrow would bring a ground of its own.
+    """
 
     _values: tuple = ()
+
+    def __init__(self) -> None:
+        super().__init__(focusPolicy=Qt.FocusPolicy.StrongFocus)  # Qt's own choice lets the wheel give the focus
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        super().wheelEvent(event) if self.hasFocus() else event.ignore()
 
     def fill(self, entries: Mapping[Any, str], value: Any) -> None:
         """Show these, value -> text, and which is chosen."""
