@@ -69,12 +69,9 @@ class Step:
 
 def read_steps(path: Path) -> list[Step]:
     """All steps of a file, one for each step_index; a refusal names the line."""
-    table = read_number_table(path, "the measured steps")
-    columns = [column.strip('"') for column in table.columns]
-    missing = [column for column in COLUMNS if column not in columns]
-    if missing:
-        raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
-    t, current_from, current_to, speed, torque, index = (table.values[:, columns.index(column)] for column in COLUMNS)
+    table = read_number_table(path, "the measured steps", COLUMNS)
+    places = [table.columns.index(column) for column in COLUMNS]
+    t, current_from, current_to, speed, torque, index = table.values[:, places].T
     for bad, reason in (
         (current_from < 0.0, "current_from_A must be at least 0"),
         (current_to < 0.0, "current_to_A must be at least 0"),

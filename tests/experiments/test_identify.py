@@ -354,6 +354,7 @@ def test_command_writes_a_brake_file_and_figures_and_never_overwrites(folder, qu
 
 HEADER = "t_s,current_from_A,current_to_A,speed_rpm,torque_N_m,step_index\n"
 WRONG_FILES = {
+    "a scene": ('device = "three-brake"\nduration_s = 2.0\n', "line 1: the header lacks t_s, .*step_index"),
     "column missing": ("t_s,torque_N_m\n0,1\n", "line 1: the header lacks current_from_A, .*step_index"),
     "no rows": (HEADER, "has no rows"),
     "not a number": (HEADER + "0,0,1,2,x,0\n", "line 2: torque_N_m must be a number, not 'x'"),
