@@ -61,7 +61,9 @@ class Device:
     sensing: Sensing | None
     calibration: np.ndarray | None  # (6, 6) of the force sensor
     calibration_text: str | None  # its file in full
-    castor: Castor | None = None  # in place of brakes
+    castor: Castor | None  # in place of brakes
+    file: DeviceFile
+    brake_files: dict[str, BrakeFile]  # letter of the joint -> its brake's file, or what was made of it
 
 
 def shipped_devices() -> list[str]:
@@ -142,6 +144,8 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         calibration=_calibration(file, calibration_text, where),
         calibration_text=calibration_text,
         castor=file.castor,
+        file=file,
+        brake_files=brakes,
     )
 
 
@@ -149,16 +153,13 @@ def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Dev
     """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
     if not device.braked:
         return device
-    file = parse_toml(device.text, DeviceFile, device.name)
-    brakes = {}
-    for joint in file.braked:
-        reference = getattr(file.brakes, joint)
-        brakes[joint] = change(parse_brake(device.brake_texts[reference], f"brake file {reference}"))
+    files = {joint: change(brake) for joint, brake in device.brake_files.items()}
     return replace(
         device,
-        brakes=build_brakes(brakes)._replace(ripple=device.brakes.ripple, signed=device.brakes.signed),
-        force_normalised_N=force_normalised(file, device.mechanism, brakes),
+        brakes=build_brakes(files)._replace(ripple=device.brakes.ripple, signed=device.brakes.signed),
+        force_normalised_N=force_normalised(device.file, device.mechanism, files),
         assumed=True,
+        brake_files=files,
     )
 
 

@@ -17,7 +17,6 @@ from core.files import (
     choice,
     parse_toml,
     read_text,
-    shipped_names,
     shipped_or_file,
     text_of_form,
 )
@@ -131,11 +130,6 @@ class BrakeFile(Table, frozen=True):
                     )
 
 
-def shipped_brakes() -> list[str]:
-    """Names of the brake files that come with the product."""
-    return shipped_names(SHIPPED_FOLDER)
-
-
 def read_brake_text(reference: str, folder: Path, where: str) -> str:
     """A brake file in full: of a shipped name, or of a path relative to the device file's folder (`where`)."""
     return read_text(shipped_or_file(reference, SHIPPED_FOLDER, folder, f"{where}: unknown brake"))
@@ -148,7 +142,7 @@ def parse_brake(text: str, where: str) -> BrakeFile:
 
 #: Elbow sides of arm 1 and arm 2, +1: the elbow lies to the left of base -> tip.
 ELBOWS = {"out": (1.0, -1.0), "in": (-1.0, 1.0), "left": (1.0, 1.0), "right": (-1.0, -1.0)}
-Counts = Annotated[int, msgspec.Meta(gt=0)]
+Counts = Annotated[int, msgspec.Meta(gt=0, le=10**9)]  # of a counter of 32 bits, with a sign
 
 
 class Geometry(Table, frozen=True):
@@ -261,6 +255,11 @@ class Encoders(Table, frozen=True):
     def __post_init__(self) -> None:
         if sum(getattr(self, joint) is not None for joint in JOINTS) not in (2, 4):
             raise ValueError("encoders must name two or four of the joints A, E, B, C")
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Counts per revolution (4,) of the joints A, E, B, C; 0 at a joint without one."""
+        return tuple(getattr(self, joint) or 0 for joint in JOINTS)
 
 
 class ForceSensor(Table, frozen=True):

@@ -11,7 +11,6 @@ import numpy as np
 
 from core.device import Device
 from core.linkage import joint_rows
-from core.mechanism import JOINTS
 from core.simulator.state import pack_mechanism
 
 #: 1/s: the noise (rms) of the velocity that a real device senses, over its encoders' step at the tip
@@ -129,5 +128,5 @@ def velocity_noise(device: Device, tip: tuple[float, float], window: int = VELOC
     encoders = device.sensing.encoders if device.sensing else None
     if encoders is None:
         return 0.0
-    step = encoder_step(device, tip, [getattr(encoders, joint) or 0 for joint in JOINTS])
+    step = encoder_step(device, tip, encoders.counts)
     return VELOCITY_NOISE_HZ * step * math.sqrt((VELOCITY_WINDOW**3 - VELOCITY_WINDOW) / (window**3 - window))

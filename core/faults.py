@@ -104,10 +104,6 @@ class Cause(str):
         """To another process with its code."""
         return str(self), self.code
 
-    def after(self, words: str) -> "Cause":
-        """The same fault, with these words before its own."""
-        return Cause(f"{words}{self}", self.code)
-
 
 def cause(code: str, **about: object) -> Cause:
     """A fault that has happened. about: what its words leave open."""
@@ -116,7 +112,7 @@ def cause(code: str, **about: object) -> Cause:
 
 def after(words: str, why: str) -> str:
     """A reason with these words before it; a fault stays the fault that it is."""
-    return why.after(words) if isinstance(why, Cause) else f"{words}{why}"
+    return Cause(f"{words}{why}", why.code) if isinstance(why, Cause) else f"{words}{why}"
 
 
 def advice(why: str) -> str:

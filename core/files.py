@@ -5,6 +5,7 @@ A file format is a tree of `Table`s. Every refusal is an `InputError` that names
 
 import json
 import math
+import os.path
 import re
 import tomllib
 from collections.abc import Mapping
@@ -68,18 +69,22 @@ def shipped_or_file(reference: str | Path, shipped: Path, folder: Path, unknown:
     """
     names = shipped_names(shipped)
     path = shipped / f"{reference}.toml" if str(reference) in names else folder / reference
-    if not str(reference) or not path.is_file():
+    if not str(reference) or not os.path.isfile(path):
         raise InputError(f"{unknown} {str(reference)!r}: neither a shipped one ({', '.join(names)}) nor a file")
     return path
 
 
+def plain_toml(text: str, where: str) -> dict[str, Any]:
+    """What stands in TOML text, as plain dicts, lists and numbers; `where` names the file in refusals."""
+    try:
+        return tomllib.loads(text)
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
+
+
 def parse_toml(text: str, kind: type[T], where: str) -> T:
     """`text` as a table of the given kind; `where` names the file in refusals."""
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise InputError(f"{where}: is not valid TOML: {str(error) or 'nested too deeply'}") from None
-    return from_plain(content, kind, where)
+    return from_plain(plain_toml(text, where), kind, where)
 
 
 def from_plain(content: Any, kind: Any, where: str) -> Any:
@@ -150,7 +155,7 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
         for i, inner in enumerate(value):
             _refuse_not_finite(inner, f"{key}[{i}]", where)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{where}: {key} must be finite, not {value}")
+        raise InputError(f"{where}: {key}{' ' if key else ''}must be finite, not {value}")
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:

@@ -58,7 +58,8 @@ class ObstacleFile(Table, frozen=True):
                 raise ValueError("half_plane_m: the direction to its outside has no length")
             return [[number, x, y, -n_y / size, n_x / size, math.inf, 0.0]]
         corners = np.array(self.polygon_m, dtype=float)
-        if _twice_area(corners) < 0.0:
+        x, y = corners.T
+        if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:  # twice the area; clockwise
             corners = corners[::-1]
         sides = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(sides[:, 0], sides[:, 1])
@@ -75,12 +76,6 @@ class ObstacleFile(Table, frozen=True):
             [number, *corner, *tangent, length, 0.0]
             for corner, tangent, length in zip(corners, tangents, lengths, strict=True)
         ]
-
-
-def _twice_area(corners: np.ndarray) -> float:
-    """Positive where the corners (n, 2) run counter-clockwise, m2."""
-    x, y = corners.T
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def build_obstacles(files: Sequence[ObstacleFile]) -> np.ndarray:

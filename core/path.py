@@ -282,8 +282,9 @@ def path_from(content: Any, where: str) -> PathFile:
 def build_path(path_file: PathFile, where: str) -> Path:
     """The path ready for the kernels; InputError, beginning with `where`, if it cannot be followed."""
     if isinstance(path_file, Segment):
-        return line(path_file.start_m, path_file.end_m, where)
-    path = _polyline(path_file, where) if isinstance(path_file, Polyline) else _arc(path_file, where)
+        path = line(path_file.start_m, path_file.end_m, where)
+    else:
+        path = _polyline(path_file, where) if isinstance(path_file, Polyline) else _arc(path_file, where)
     if path.length > LONGEST_M:
         raise InputError(f"{where}: the path is {path.length:g} m long, at most {LONGEST_M:g} m can be followed")
     _refuse_near_itself(path, where)

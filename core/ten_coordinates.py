@@ -16,8 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from core.device import Device, centre_and_inertia
-from core.device_file import DeviceFile
-from core.files import parse_toml
 from core.linkage import joint_angles
 from core.mechanism import JOINTS, PLACES, A, B
 from core.simulator.state import pack_mechanism
@@ -51,7 +49,7 @@ class Solution(NamedTuple):
 
 def bodies_of(device: Device) -> Bodies:
     """The links of a device, from its file."""
-    file = parse_toml(device.text, DeviceFile, device.name)
+    file = device.file
     g, m = file.geometry, file.mass
     links, lengths = (m.AE, m.ED, m.BC, m.CD), (g.L_AE_m, g.L_ED_m, g.L_BC_m, g.L_CD_m)
     brakes = JOINT_RATES.copy()

@@ -46,27 +46,29 @@ BOTH, SIMULATED, BENCH = "both", "simulated", "bench"  # whose ticks hold a colu
 
 
 class Column(NamedTuple):
-    """One column; or, where {J} or {n} stands in its name, one for each joint or force channel."""
+    """One column; or one for each axis {a}, two axes {aa}, joint {J} or force channel {n} that stands in its name."""
 
     name: str  # in recordings and exports
-    place: int  # in a row: its own, that of joint A, or that of channel 1
+    place: int  # in a row: its own, or that of the first
     unit: str  # "" for text, counts, and numbers without a unit
     meaning: str
     of: str = BOTH
 
     def spread(self, joints: Iterable[str] = JOINTS, channels: Iterable[int] = CHANNELS) -> Iterator["Column"]:
         """The single columns that it stands for."""
-        for i, joint in enumerate(JOINTS):
-            if "{J}" in self.name and joint in joints:
-                yield self._named(i, J=joint)
-        for n in channels if "{n}" in self.name else ():
-            yield self._named(n - 1, n=n)
-        if "{" not in self.name:
-            yield self
-
-    def _named(self, further: int, **what: object) -> "Column":
-        name, meaning = self.name.format(**what), self.meaning.format(**what)
-        return self._replace(name=name, place=self.place + further, meaning=meaning)
+        marks: dict[str, Iterable[tuple[int, object]]] = {
+            "a": enumerate("xy"),
+            "aa": enumerate(("xx", "xy", "yy")),
+            "J": ((JOINTS.index(joint), joint) for joint in JOINTS if joint in joints),
+            "n": ((n - 1, n) for n in channels),
+        }
+        for mark, of_each in marks.items():
+            if f"{{{mark}}}" in self.name:
+                for further, what in of_each:
+                    name, meaning = (text.format(**{mark: what}) for text in (self.name, self.meaning))
+                    yield self._replace(name=name, place=self.place + further, meaning=meaning)
+                return
+        yield self
 
 
 #: In the order of a recording. Frame: x to the participant's right, y away from the participant. On the bench the
@@ -77,12 +79,9 @@ COLUMNS = (
     Column("phase", PHASE, "", "part of the trial"),
     Column("tip_x_m", TIP_X, "m", "position of the handle (the tip of the linkage), x"),
     Column("tip_y_m", TIP_Y, "m", "position of the handle, y"),
-    Column("tip_vx_m_s", TIP_VX, "m/s", "velocity of the handle, x"),
-    Column("tip_vy_m_s", TIP_VY, "m/s", "velocity of the handle, y"),
-    Column("tip_ax_m_s2", TIP_AX, "m/s^2", "acceleration of the handle as the simulator or the device gives it, x"),
-    Column("tip_ay_m_s2", TIP_AY, "m/s^2", "acceleration of the handle as the simulator or the device gives it, y"),
-    Column("hand_fx_N", HAND_FX, "N", "force of the hand on the handle, x"),
-    Column("hand_fy_N", HAND_FY, "N", "force of the hand on the handle, y"),
+    Column("tip_v{a}_m_s", TIP_VX, "m/s", "velocity of the handle, {a}"),
+    Column("tip_a{a}_m_s2", TIP_AX, "m/s^2", "acceleration of the handle as the simulator or the device gives it, {a}"),
+    Column("hand_f{a}_N", HAND_FX, "N", "force of the hand on the handle, {a}"),
     Column("current_{J}_A", CURRENT, "A", "current commanded to the brake at joint {J}"),
     Column("torque_{J}_N_m", TORQUE, "N m", "torque of the brake at joint {J} on that joint, signed"),
     Column("stuck", STUCK, "", "letters of the joints whose brakes are stuck"),  # bits 1 A, 2 E, 4 B, 8 C
@@ -111,48 +110,37 @@ COLUMNS = (
     Column("encoder_{J}_counts", COUNT, "", "counts of the encoder at joint {J}", BENCH),
     Column("force_{n}_counts", FORCE_COUNT, "", "counts of force channel {n}", BENCH),
     Column("measured_{J}_A", MEASURED, "A", "current measured in the brake at joint {J}", BENCH),
-    Column("sensed_fx_N", SENSED_FX, "N", "force of the hand that the controller decided with at this tick, x"),
-    Column("sensed_fy_N", SENSED_FY, "N", "force of the hand that the controller decided with at this tick, y"),
+    Column("sensed_f{a}_N", SENSED_FX, "N", "force of the hand that the controller decided with at this tick, {a}"),
     Column(
         "decided", DECIDED, "",
         "1 where the controller decided at this tick, 0 where it did not (a newer sample was there)", BENCH,
     ),
     # The arm at the handle, beside its target: force = held + spring-damper up to its cap (`core.simulator.hand.GRIP`).
-    Column("target_vx_m_s", TARGET_VX, "m/s", "velocity of the target, x", SIMULATED),
-    Column("target_vy_m_s", TARGET_VY, "m/s", "velocity of the target, y", SIMULATED),
+    Column("target_v{a}_m_s", TARGET_VX, "m/s", "velocity of the target, {a}", SIMULATED),
     Column(
-        "arm_held_x_N", ARM_HELD_X, "N", "force of the arm beside its spring-damper, held over the tick, x", SIMULATED
-    ),
-    Column(
-        "arm_held_y_N", ARM_HELD_Y, "N", "force of the arm beside its spring-damper, held over the tick, y", SIMULATED
+        "arm_held_{a}_N", ARM_HELD_X, "N", "force of the arm beside its spring-damper, held over the tick, {a}",
+        SIMULATED,
     ),
     Column("arm_force_max_N", ARM_FORCE_MAX, "N", "cap of the force of the arm's spring-damper", SIMULATED),
-    Column("arm_stiffness_xx_N_per_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, xx", SIMULATED),
-    Column("arm_stiffness_xy_N_per_m", ARM_STIFFNESS + 1, "N/m", "stiffness of the arm, xy", SIMULATED),
-    Column("arm_stiffness_yy_N_per_m", ARM_STIFFNESS + 2, "N/m", "stiffness of the arm, yy", SIMULATED),
+    Column("arm_stiffness_{aa}_N_per_m", ARM_STIFFNESS, "N/m", "stiffness of the arm, {aa}", SIMULATED),
     # The velocity field at the handle with which the controller decided; n/a in a tick in which it did not decide.
     Column(
         "path_distance_m", PATH_DISTANCE, "m",
         "distance of the handle from the path during `move`, positive to the left of `forward`; else n/a",
     ),
     Column("travel_sense", TRAVEL_SENSE, "", "1: forward is towards the end of the path; -1: towards its start"),
-    Column("forward_x", FORWARD_X, "", "tangent of the path in the travel sense at the handle's nearest point, x"),
-    Column("forward_y", FORWARD_Y, "", "tangent of the path in the travel sense at the handle's nearest point, y"),
-    Column("desired_x", DESIRED_X, "", "desired direction of motion (unit vector), x"),
-    Column("desired_y", DESIRED_Y, "", "desired direction of motion (unit vector), y"),
+    Column("forward_{a}", FORWARD_X, "", "tangent of the path in the travel sense at the handle's nearest point, {a}"),
+    Column("desired_{a}", DESIRED_X, "", "desired direction of motion (unit vector), {a}"),
     # A force that the controller is to show, a slave's or a virtual wall's; n/a where there is none.
     Column("slave_x_m", SLAVE_X, "m", "position of the slave that follows the handle, x"),
     Column("slave_y_m", SLAVE_Y, "m", "position of the slave, y"),
-    Column("wanted_fx_N", WANTED_FX, "N", "force on the handle that is to be shown at this tick, x"),
-    Column("wanted_fy_N", WANTED_FY, "N", "force on the handle that is to be shown at this tick, y"),
-    Column("nearest_fx_N", NEAREST_FX, "N", "the nearest force that the brakes can exert in steady state, x"),
-    Column("nearest_fy_N", NEAREST_FY, "N", "the nearest force that the brakes can exert in steady state, y"),
-    Column("shown_fx_N", SHOWN_FX, "N", "force of the brakes on the handle while a force is to be shown, x"),
-    Column("shown_fy_N", SHOWN_FY, "N", "force of the brakes on the handle while a force is to be shown, y"),
+    Column("wanted_f{a}_N", WANTED_FX, "N", "force on the handle that is to be shown at this tick, {a}"),
+    Column("nearest_f{a}_N", NEAREST_FX, "N", "the nearest force that the brakes can exert in steady state, {a}"),
+    Column("shown_f{a}_N", SHOWN_FX, "N", "force of the brakes on the handle while a force is to be shown, {a}"),
     Column(
         "obstacle_distance_m", OBSTACLE_DISTANCE, "m",
         "distance of the handle from the nearest obstacle, negative inside; n/a where there is none",
     ),
 )  # fmt: skip
 #: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.
-ARM_COLUMNS = tuple(column.name for column in COLUMNS if column.of == SIMULATED)
+ARM_COLUMNS = tuple(one.name for column in COLUMNS if column.of == SIMULATED for one in column.spread())

@@ -76,23 +76,29 @@ def held_in_any_direction(rows: Array, torque: Array) -> Array:
     return np.asarray(np.einsum("kj...,j->k...", reach, torque).min(axis=0))
 
 
+def joint_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
+    """Joint angles (4, ...), rad, at many tips (m); NaN out of reach."""
+    return np.array([angle for arm in (mechanism.arm_1, mechanism.arm_2) for angle in arm_pose(arm, x, y).angles()])
+
+
+def sines(mechanism: Mechanism, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Sines of both elbows, with the sign of e1 x e2, and of the angle from ED to CD, at many tips (m)."""
+    one, two = mechanism.arm_1, mechanism.arm_2
+    first, second = arm_pose(one, x, y), arm_pose(two, x, y)
+    between = first.e2[0] * second.e2[1] - first.e2[1] * second.e2[0]
+    elbows = first.s / (one.length_1 * one.length_2), second.s / (two.length_1 * two.length_2)
+    return *elbows, between / (one.length_2 * two.length_2)
+
+
 def tip_is_free(mechanism: Mechanism, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:
     """Where both arms close with every margin and theta stop kept, and y > 0. Shape as x and y (m)."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    first, second = mechanism.arm_1, mechanism.arm_2
-    pose_1, pose_2 = arm_pose(first, x, y), arm_pose(second, x, y)
-    between = pose_1.e2[0] * pose_2.e2[1] - pose_1.e2[1] * pose_2.e2[0]
-    sines = (
-        pose_1.s / (first.length_1 * first.length_2),
-        pose_2.s / (second.length_1 * second.length_2),
-        between / (first.length_2 * second.length_2),
-    )
     free = np.asarray(y > 0.0)
-    for sine in sines:
+    for sine in sines(mechanism, x, y):
         free = free & (np.abs(sine) >= mechanism.margin * (1.0 - 1e-12))  # NaN (out of reach) compares as False
     if mechanism.has_theta_stops:
-        for i, theta in enumerate((*pose_1.angles(), *pose_2.angles())):
-            low, high = mechanism.theta_low[i], mechanism.theta_high[i]
+        stops = zip(joint_angles(mechanism, x, y), mechanism.theta_low, mechanism.theta_high, strict=True)
+        for theta, low, high in stops:
             if np.isfinite(low):
                 theta = in_turn_of(theta, low, high)
                 free = free & (theta >= low) & (theta <= high)

@@ -12,7 +12,7 @@ from core.control.controllers import Preset
 from core.device import Device, with_brakes
 from core.device_interface import VELOCITY_WINDOW
 from core.files import InputError, NotNegative, Positive, Table, choice, text_of_form
-from core.mechanism import JOINTS
+from core.mechanism import A, B
 
 NO_VIBRATION = "no vibration"
 IDEAL, ENCODERS = SENSINGS = ("ideal", "encoders")
@@ -78,11 +78,11 @@ class Assumptions(Table, frozen=True):
 DEFAULTS = Assumptions()
 
 
-def encoder_counts(device: Device) -> list[int]:
+def encoder_counts(device: Device) -> tuple[int, ...]:
     """Counts per revolution of the encoders (4,), 0 at a joint without one. InputError: they do not give the tip."""
     encoders = device.sensing.encoders if device.sensing else None
-    counts = [getattr(encoders, joint, None) or 0 for joint in JOINTS]
-    if not any(counts[:1] + counts[2:3]) and (device.mechanism.coaxial or not any(counts)):
+    counts = encoders.counts if encoders else (0, 0, 0, 0)
+    if not any((counts[A], counts[B])) and (device.mechanism.coaxial or not any(counts)):
         raise InputError(
             f"device {device.name}: has no encoders that give its tip, so assumptions.sensing cannot be {ENCODERS!r}"
         )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from core.files import InputError, read_text, shipped_names, shipped_or_file
+from core.files import InputError, plain_toml, read_text, shipped_names, shipped_or_file
 
 FOLDER = Path(__file__).resolve().parent / "languages"
 ENGLISH = "en"
@@ -26,10 +26,7 @@ def language_text(name_or_path: str, folder: Path) -> str:
 @lru_cache
 def read_language(text: str, where: str) -> Language:
     """A language from its file's text. InputError, in one sentence, unless it has English's keys and placeholders."""
-    try:
-        found = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: {error}") from None
+    found = plain_toml(text, where)
     for key in {**ENGLISH_WORDS, **found}:
         if key not in found or key not in ENGLISH_WORDS:
             raise InputError(f"{where}: {key} {'is missing' if key not in found else 'is no sentence of the screens'}")

@@ -6,6 +6,7 @@ N s/m. The keys of `Settings` mean the same in a file (`ProtocolFile`) and in an
 session can be resumed when the files are lost. The paper's protocol is shipped and the default.
 """
 
+import os.path
 import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
@@ -378,6 +379,8 @@ def read_protocol(
         words = language_text(file.language, folder)
     except OSError as error:
         raise InputError(f"{where}: instruction: {error.filename}: {(error.strerror or str(error)).lower()}") from None
+    except ValueError:  # a character that no path has
+        raise InputError(f"{where}: instruction: picture: the path is not valid") from None
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
     return _checked(file, text, found, overrides, where, words, pictures)
@@ -389,7 +392,7 @@ def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[s
         return f"device {reference.name}", reference
     device = load_device(reference, folder, f"{where}: unknown device")
     path = folder / reference
-    return str(path) if path.is_file() and device.name != str(reference) else f"device {device.name}", device
+    return str(path) if os.path.isfile(path) and device.name != str(reference) else f"device {device.name}", device
 
 
 def _checked(
@@ -568,6 +571,11 @@ def home_of(device: Device, paths: Mapping[int, PathFile]) -> tuple[float, float
     """Where the jig holds the handle, m; the middle of the first path where the device file has none."""
     if device.sensing is not None and device.sensing.home_m is not None:
         return device.sensing.home_m
+    return middle_of_first(paths)
+
+
+def middle_of_first(paths: Mapping[int, PathFile]) -> tuple[float, float]:
+    """The middle of the first path, m: where a simulated device is switched on."""
     path = build_path(next(iter(paths.values())), "path")
     x, y, _, _ = point_at(path, 0.5 * path.length)
     return float(x), float(y)

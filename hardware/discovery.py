@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from serial.tools import list_ports
-
 from core.device_interface import DeviceError
 from core.files import InputError
 from core.mechanism import JOINTS
@@ -16,7 +14,7 @@ from hardware.emulated_board.plug import emulated_ports
 from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
 from hardware.serial_device import Connection
-from hardware.serial_port import Port, is_missing, usb_ports
+from hardware.serial_port import Port, is_missing, listed_ports, usb_ports
 from hardware.wire.messages import Hello, State, joints_of
 
 
@@ -70,7 +68,7 @@ def serial_ports() -> list[SerialPort]:
             port.product or (port.description if port.description != "n/a" else "") or "",
             sys.platform == "win32" or os.access(port.device, os.R_OK | os.W_OK),  # there ports are no files
         )
-        for port in sorted(list_ports.comports())
+        for port in sorted(listed_ports())
     ]
 
 

@@ -29,8 +29,7 @@ def check_hello(hello: Hello, device: Device) -> None:
         raise InputError(f"{where} does not say which device it is wired to: its firmware must name {device.name!r}")
     if wired != shortened(device):
         raise InputError(f"{where} is wired to the device {wired!r}, not to {device.name!r}")
-    encoders = sensing_of(device)[0]
-    wanted = tuple(getattr(encoders, joint) or 0 for joint in JOINTS)
+    wanted = sensing_of(device)[0].counts
     has = tuple(n if hello.encoders >> i & 1 else 0 for i, n in enumerate(hello.counts_per_rev))
     if has != wanted or hello.encoders > 0b1111:
         raise InputError(f"{where} has encoders {_listed(has)}, device {device.name} says {_listed(wanted)}")

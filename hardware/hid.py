@@ -81,21 +81,16 @@ def layouts() -> Layouts:
     return parse_toml(read_text(_FILE), Layouts, _FILE.name)
 
 
-def layout_of(vendor: int, product: int) -> Layout | None:
-    """The layout of a device by its USB numbers; None: not known."""
-    return next((layout for layout in layouts().layout if f"{vendor:04x}:{product:04x}" in layout.devices), None)
-
-
 def attached(listed: list[dict]) -> list[Attached]:
     """The known six-axis devices in what `hid.enumerate()` lists (one device may be listed once per usage)."""
+    by_ids = {ids: layout for layout in layouts().layout for ids in layout.devices}
     found = {}
     for entry in listed:
-        vendor, product, path = entry["vendor_id"], entry["product_id"], entry["path"]
-        layout = layout_of(vendor, product)
+        ids, path = f"{entry['vendor_id']:04x}:{entry['product_id']:04x}", entry["path"]
         usage = (entry.get("usage_page", 0), entry.get("usage", 0))
-        if layout and usage in ((layouts().usage_page, layouts().usage), (0, 0)):
+        if ids in by_ids and usage in ((layouts().usage_page, layouts().usage), (0, 0)):
             name, serial = entry.get("product_string") or "six-axis device", entry.get("serial_number") or ""
-            found[path] = Attached(path, f"{vendor:04x}:{product:04x}", name, layout, serial)
+            found[path] = Attached(path, ids, name, by_ids[ids], serial)
     return list(found.values())
 
 

@@ -8,6 +8,7 @@ sensor are the device file's, its calibration is the sensor's own, and its zero 
 falls silent is a device that is lost: brakes off, and no samples until it is back.
 """
 
+import contextlib
 import math
 import threading
 import time
@@ -188,7 +189,7 @@ class Reached(NamedTuple):
 
 
 class SerialDevice:
-    """One board. Its methods belong to one thread, the control loop's."""
+    """One board, with the methods of `RealDevice`. They belong to one thread, the control loop's."""
 
     def __init__(
         self, device: Device, port: str, net_force: str = "", clock: Callable[[], float] = time.perf_counter,
@@ -220,7 +221,6 @@ class SerialDevice:
 
     @property
     def problem(self) -> str:
-        """Why there are no samples; "" while they come."""
         return self._problem or self._trouble
 
     @property
@@ -304,11 +304,9 @@ class SerialDevice:
         for reached in (self._reached, self._back):
             if reached is not None:
                 connection = reached.connection
-                try:
+                with contextlib.suppress(DeviceError):  # gone already: its watchdog has made the currents zero
                     self._command(connection, (0, 0, 0, 0))
                     connection.send(m.Bye())
-                except DeviceError:
-                    pass  # gone already: its watchdog has made the currents zero
                 connection.wire.close()
         self._reached = self._back = None
         self._problem = "closed"
@@ -397,7 +395,6 @@ class SerialDevice:
         return taken
 
     def samples(self) -> list[DeviceSample]:
-        """Every sample since the last call, oldest first (the newest two seconds of them)."""
         taken = list(self._taken)
         self._taken.clear()
         return taken
@@ -405,11 +402,9 @@ class SerialDevice:
     # ------------------------------------------------------------------------------------- trials, and between them
 
     def begin(self) -> None:
-        """A trial begins: samples from before are not its own."""
         self._taken.clear()
 
     def end_record(self) -> dict[str, Any]:
-        """Health and clock of the connection, for the end of a trial's recording."""
         return {"link": self.report()}
 
     def report(self) -> dict:
@@ -418,7 +413,6 @@ class SerialDevice:
         return report | ({"force_sensor": self._force_sensor.report()} if self._force_sensor else {})
 
     def home(self, tip: tuple[float, float]) -> None:
-        """The handle is held at `tip` (m) now: set the encoders. DeviceError if the board did not."""
         self.exchange(NO_CURRENT)
         connection, sensing, _ = self._there()
         connection.ask(m.Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), m.Homed)
@@ -426,10 +420,7 @@ class SerialDevice:
         self._last = None
 
     def zero(self) -> ZeroRecord:
-        """Nobody touches the handle: what sensor and amplifiers read is zero.
-
-        DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away meanwhile.
-        """
+        """DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away."""
         sensing, taken = self._there().sensing, []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
@@ -446,7 +437,7 @@ class SerialDevice:
         return sensing.zero
 
     def stop(self) -> None:
-        """Brakes off, latched on the board; where it cannot be reached, its watchdog does it."""
+        """Where the board cannot be reached, its watchdog does it."""
         if self._reached is not None:
             try:
                 self._reached.connection.send(m.Stop())
@@ -454,7 +445,6 @@ class SerialDevice:
                 self._lose(cause_of(error))
 
     def reset(self) -> None:
-        """Forget the board's faults. DeviceError: a condition still stands, or the board is not there."""
         connection = self._there().connection
         report = connection.ask(m.ResetFault(), m.FaultReport)
         if report.faults:

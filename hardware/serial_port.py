@@ -14,7 +14,7 @@ import select
 import socket
 import sys
 import threading
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import serial
 from serial.tools import list_ports
@@ -49,10 +49,6 @@ class Identity(NamedTuple):
     serial: str
     #: which port of a device with several (its USB interface); without a serial number also the socket. "": not told
     place: str = ""
-
-    def made_as(self, other: "Identity") -> bool:
-        """Whether the other one may be this device in another socket."""
-        return self[:3] == other[:3]
 
 
 def is_address(name: str) -> bool:
@@ -137,17 +133,23 @@ class Port:
             self._serial.close()
 
 
-def usb_ports() -> dict[str, Identity]:
-    """The serial ports that are on USB, by name; none while one comes or goes (pyserial then fails in many ways)."""
+def listed_ports() -> list[Any]:
+    """What pyserial lists; nothing while a port comes or goes (it then fails in many ways)."""
     try:
-        ports = list_ports.comports()
+        return list(list_ports.comports())
     except (OSError, TypeError, ValueError):
-        return {}
-    return {
-        p.device: Identity(p.vid, p.pid or 0, p.serial_number or "", _place(p.location or "", p.serial_number or ""))
-        for p in ports
-        if p.vid is not None
-    }
+        return []
+
+
+def usb_ports() -> dict[str, Identity]:
+    """The serial ports that are on USB, by name."""
+    found = {}
+    for port in listed_ports():
+        if port.vid is not None:
+            # of its location, "1-2.4:1.0" (socket, interface), what does not change by itself
+            place = (port.location or "").partition(":")[2] if port.serial_number else port.location or ""
+            found[port.device] = Identity(port.vid, port.pid or 0, port.serial_number or "", place)
+    return found
 
 
 def identity_of(name: str) -> Identity | None:
@@ -155,11 +157,6 @@ def identity_of(name: str) -> Identity | None:
     ports = usb_ports()
     found = ports.get(name)
     return found if found is not None and list(ports.values()).count(found) == 1 else None
-
-
-def _place(location: str, serial_number: str) -> str:
-    """Of a location as pyserial tells it, "1-2.4:1.0" (socket, interface), what does not change by itself."""
-    return location.partition(":")[2] if serial_number else location
 
 
 def find_port(wanted: str, identity: Identity | None = None) -> str:
@@ -172,7 +169,7 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
     if identity is not None:
         there = ports.get(wanted)
         names = [name for name, found in ports.items() if found == identity]
-        if there == identity or (not names and (there is None or identity.made_as(there))):
+        if there == identity or (not names and (there is None or identity[:3] == there[:3])):  # in another socket
             return wanted
         if not names:
             raise InputError(cause("port", name=wanted, what="another device has this name now"))

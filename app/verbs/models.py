@@ -3,7 +3,6 @@
 import argparse
 import math
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 from app.progress import watch_compiling
@@ -64,7 +63,7 @@ def simulate_verb(args: argparse.Namespace) -> None:
         print(f"note: {args.scene}: {KARNOPP}", file=sys.stderr)
     compiling = watch_compiling()
     device = scene.device
-    done = asdict(with_progress("simulating", simulate, scene, args.out))
+    done = with_progress("simulating", simulate, scene, args.out)
     about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
     about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
     compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""

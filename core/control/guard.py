@@ -82,9 +82,8 @@ NOTHING = Around()
 
 def make_around(how: Around, brakes: Brakes, age: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
     """What the kernels read of a trial's obstacles; brakes: of its device; age: of the sensed tip and velocity, s."""
-    around, guard = new_record(AROUND), how.guard
-    edges = build_obstacles(how.obstacles)
-    around["count"], around["guide"] = len(edges), int(how.guide)
+    edges, guard = build_obstacles(how.obstacles), how.guard
+    around = new_record(AROUND, count=len(edges), guide=int(how.guide))
     around["edges"][0, : len(edges)] = edges
     if guard is not None:
         around["guard"], around["push"], around["keep"] = 1, guard.push_N, guard.keep_m

@@ -5,7 +5,7 @@ is held over a tick would add energy. The force acts on the handle (N), position
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,23 +37,21 @@ class Hand(NamedTuple):
     grips: np.ndarray  # one GRIP record
 
 
-def new_hand(times: np.ndarray | None = None, forces: np.ndarray | None = None) -> Hand:
-    """A hand that exerts a force given over time, (n,) s and (n, 2) N; none at all without arguments."""
-    grips = new_record(GRIP)
-    grips["force_max"][0] = math.inf
+def new_hand(times: np.ndarray | None = None, forces: np.ndarray | None = None, **grip: Any) -> Hand:
+    """A hand that exerts a force given over time, (n,) s and (n, 2) N; none at all without arguments.
+
+    grip: fields of GRIP.
+    """
     return Hand(
         np.zeros(1) if times is None else np.ascontiguousarray(times, dtype=float),
         np.zeros((1, 2)) if forces is None else np.ascontiguousarray(forces, dtype=float),
-        grips,
+        new_record(GRIP, **{"force_max": math.inf} | grip),
     )
 
 
 def wave_hand(wave: np.ndarray) -> Hand:
     """A hand that exerts a sine on each axis; wave (2, 3): amplitude N, rate rad/s, phase rad."""
-    hand = new_hand()
-    hand.grips["wave"][0] = wave
-    hand.grips["waves"][0] = 1
-    return hand
+    return new_hand(wave=wave, waves=1)
 
 
 def spring_hand(
@@ -64,14 +62,8 @@ def spring_hand(
     target: tuple[float, float] = (0.0, 0.0),
 ) -> Hand:
     """A hand on a spring-damper, stiffness and damping xx, xy, yy in N/m and N s/m, force cap in N, arm mass in kg."""
-    hand = new_hand()
-    hand.grips["spring"][0] = 1
-    hand.grips["stiffness"][0] = stiffness
-    hand.grips["damping"][0] = damping
-    hand.grips["force_max"][0] = force_max
-    hand.grips["mass"][0] = mass
-    hand.grips["target"][0, :2] = target
-    return hand
+    at = (*target, 0.0, 0.0)
+    return new_hand(spring=1, stiffness=stiffness, damping=damping, force_max=force_max, mass=mass, target=at)
 
 
 @kernel

@@ -174,8 +174,6 @@ class Ledger:
     steps: int
     events: int
     fallbacks: int
-    shortened: int
-    refined: int
     signed: bool  # the lag acts on the signed torque, which is not passive
 
     def warnings(self) -> tuple[str, ...]:
@@ -247,6 +245,5 @@ class Simulation:
         return Ledger(
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
             float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
-            int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), int(s["shortened"][0]),
-            int(s["refined"][0]), bool(self.brakes["signed"][0]),
+            int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), bool(self.brakes["signed"][0]),
         )  # fmt: skip

@@ -1,5 +1,7 @@
 """The state of a simulated device: one record that the kernels change in place (a pointer to them, not an object)."""
 
+from typing import Any
+
 import numpy as np
 
 from core.mechanism import PLACES, Arm, Brakes, Mechanism, no_brakes
@@ -83,36 +85,29 @@ MECHANISM = np.dtype(
 BRAKES = np.dtype([(name, "f8", np.shape(value)) for name, value in no_brakes()._asdict().items()])
 
 
-def new_record(dtype: np.dtype) -> np.ndarray:
-    """One zeroed record as an array of length one; kernels take `array[0]`.
+def new_record(dtype: np.dtype, **fields: Any) -> np.ndarray:
+    """One record as an array of length one, zero but for these fields; kernels take `array[0]`.
 
     No recarray, whose fields take Python ten times as long; its one record still has them as attributes.
     """
-    return np.zeros(1, dtype=np.dtype((np.record, dtype)))
+    record = np.zeros(1, dtype=np.dtype((np.record, dtype)))
+    for name, value in fields.items():
+        record[name][0] = value
+    return record
 
 
 def pack_mechanism(mechanism: Mechanism) -> np.ndarray:
     """The mechanism's constants as the record that kernels read by name."""
-    record = new_record(MECHANISM)
-    for name, value in mechanism._asdict().items():
-        record[name][0] = tuple(value) if name in ("arm_1", "arm_2") else value
-    return record
+    arms = {"arm_1": tuple(mechanism.arm_1), "arm_2": tuple(mechanism.arm_2)}
+    return new_record(MECHANISM, **mechanism._asdict() | arms)
 
 
 def pack_brakes(brakes: Brakes, backlash: bool) -> np.ndarray:
     """The brakes' constants as a record; without `backlash` the play is left out."""
-    record = new_record(BRAKES)
-    for name, value in brakes._asdict().items():
-        record[name][0] = value
-    if not backlash:
-        record["play"][0] = 0.0
-    return record
+    return new_record(BRAKES, **brakes._asdict() | ({} if backlash else {"play": 0.0}))
 
 
 def new_state(x: float, y: float, vx: float = 0.0, vy: float = 0.0) -> np.ndarray:
     """A state with the tip at (x, y), m, moving at (vx, vy), m/s; brakes and backlash are set by the simulator."""
-    state = new_record(STATE)
-    state["tip"][0] = (x, y, vx, vy)
-    state["tolerance"][0] = 1.0
-    state["held"][0] = STILL if vx == 0.0 and vy == 0.0 else FREE
-    return state
+    held = STILL if vx == 0.0 and vy == 0.0 else FREE
+    return new_record(STATE, tip=(x, y, vx, vy), tolerance=1.0, held=held)

@@ -10,18 +10,31 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import matplotlib
+import msgspec
 import numpy as np
 
+from core import tick_log
+from core.simulator.hand import spring_hand
+from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation, run_rows
-from experiments.benchmark.costs import fallback_costs, study_errors, tick_cost
+from experiments.analysis.error_bars import Moved, error_table
+from experiments.analysis.findings import CONTROLLER
+from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes
+from experiments.plan import make_plan
+from experiments.protocol import load_protocol
+from experiments.study.simulation_errors import simulation_errors
+from experiments.study.unrecorded import person_of
+from experiments.trial.population import load_population
+from experiments.trial.trial import Trial, load_kernels
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -205,3 +218,196 @@ def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
         creeps = float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)
     return {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name, "rms_error_m": rms,
             "creep_m_s": creeps}  # fmt: skip
+
+
+# -------------------------------------------------------------------------------------- what is timed beside the scenes
+
+def tick_cost(quick: bool) -> dict:
+    """One whole control tick (operator, decide, four MR brakes, step, log row), and the 180-trial study's simulation.
+
+    A study of 3 operators x 2 devices x 2 segments x 5 controllers x 3 trials (quick: one operator, one block), ticks
+    alone: what recording, measures and figures cost is not in it.
+    """
+    load_kernels()  # no clock runs while they are compiled
+    protocol = load_protocol()
+    operators = 1 if quick else 3
+    if quick:
+        protocol = msgspec.structs.replace(protocol, blocks=1)
+    rows = np.empty((8192, tick_log.WIDTH))
+    spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
+    trials = 0
+    for operator in range(1, operators + 1):
+        person = load_population().draw(np.random.default_rng(operator))
+        simulations = {device.name: SimulatedDevice(device, (0.0, 0.40)) for device in protocol.devices}
+        for planned in make_plan(protocol, str(operator)):
+            generator = np.random.default_rng([operator, planned.segment, planned.repetition])
+            trial = Trial(
+                simulations[planned.configuration], planned, protocol.paths[planned.segment],
+                protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person, generator,
+            )  # fmt: skip
+            trials += 1
+            while not trial.finished:
+                start = time.perf_counter()
+                n = trial.run(rows)
+                spent[planned.configuration] += time.perf_counter() - start, n
+    seconds, ticks = sum(spent.values(), np.zeros(2))
+    return {
+        "trials": trials,
+        "ticks": round(ticks),
+        "study_simulation_s": seconds,
+        "us_per_tick": seconds / ticks * 1e6,
+        "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
+    }
+
+
+def study_errors() -> list[Moved]:
+    """How far the measures of the paper's study move with step and fidelity, in its first operator's first block."""
+    load_kernels()
+    protocol = load_protocol()
+    return simulation_errors(protocol, person_of(load_population(), protocol.seed, 1), "01")
+
+
+def fallback_costs(repeats: int) -> list[dict]:
+    """When `event` gives steps to `stepping`, how often, and what such a step costs, on the four-brake bench device.
+
+    A hand spring too stiff for RK4; brakes switched in every step; brakes switched as in S4.
+    """
+    device = bench_devices()[1]
+    free, _, _, switching = bench_scenes(device)
+    stiff = spring_hand((1e6, 0.0, 1e6), (30.0, 0.0, 30.0), force_max=60.0, target=(0.09, 0.42))
+    fast = np.arange(2000) * 1e-3
+    cases = (
+        ("hand spring of 1e6 N/m", lambda: stiff, np.zeros(1), free.torques),
+        ("brakes switched every step", switching.hand, fast, np.tile(switching.torques[:4], (500, 1))),
+        ("brakes switched every 10 ms (S4)", switching.hand, switching.times, switching.torques),
+    )
+    found = []
+    for name, hand, times, torques in cases:
+        wall, ledger = math.inf, None
+        for _ in range(repeats):
+            s = Simulation(device, START, hand=hand())
+            start = time.perf_counter()
+            s.rows(2, 1e-3, 2000, times, torques, 0, 1)
+            wall, ledger = min(wall, time.perf_counter() - start), s.ledger()
+        assert ledger is not None
+        found.append({"case": name, "steps": ledger.steps, "events": ledger.events, "fallbacks": ledger.fallbacks,
+                      "us_per_step": wall / 2000 * 1e6})  # fmt: skip
+    return found
+
+
+# --------------------------------------------------------------------------------------------- as a table and as a plot
+
+#: step of the rows that the table shows
+TABLE_STEP_S = 1e-3
+#: Integrator and fidelity -> colour and marker: colour-blind safe, and told apart by shape too.
+_LOOKS = {
+    ("event", "ideal"): ("#0072b2", "o"),
+    ("event", "mr"): ("#56b4e9", "s"),
+    ("stepping", "ideal"): ("#009e73", "^"),
+    ("karnopp", "ideal"): ("#e69f00", "v"),
+    ("mujoco", "ideal"): ("#d55e00", "D"),
+}
+_SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
+
+
+def table(result: dict) -> str:
+    """All integrators at 1 ms, the check of the reference, delta_omega, the fall-back and the costs."""
+    lines = [
+        f"{'':40}  us a  4 acc.              RMS     largest S3 creep         fall-",
+        f"{'integrator':15} {'device':18} scene  step      us  ratio    error m     error m      m/s  events backs"
+        "  order",
+    ]
+    for row in (row for row in result["rows"] if row["step_s"] == TABLE_STEP_S):
+        four = row["four_accelerations_us"]
+        lines.append(
+            f"{row['integrator']:8} {row['fidelity']:6} {row['device']:18} {row['scene']:5} {row['us_per_step']:5.3f} "
+            f"{_or_blank(four, '7.3f')} {_or_blank(four and row['us_per_step'] / four, '6.2f')} "
+            f"{row['rms_error_m']:10.1e} {row['max_error_m']:11.1e} {_or_blank(row['creep_m_s'], '8.1e')} "
+            f"{_or_blank(row['events'], '7d')} {_or_blank(row['fallbacks'], '5d')} {_or_blank(row['order'], '6.2f')}"
+        )
+    reference = result["reference"]
+    lines += ["", f"reference: event at {1e6 * reference['step_s']:.0f} us a step; its largest distance (m) from",
+              f"{reference['against']}, up to the first touch of a hard stop"]  # fmt: skip
+    lines += [
+        f"  {c['fidelity']:6} {c['device']:18} {c['scene']}  {c['max_difference_m']:.1e} in {c['compared_s']:.2f} s"
+        for c in reference["checks"]
+    ]
+    lines += ["", *_compared(result["rows"])]
+    lines += ["", "karnopp at 1 ms: RMS error (m), and creep of locked brakes (m/s), against delta_omega (rad/s)"]
+    lines += [
+        f"  {k['device']:18} {k['scene']}  {k['delta_omega_rad_s']:7.0e}  "
+        + (f"{k['rms_error_m']:.1e} m" if k["creep_m_s"] is None else f"{k['creep_m_s']:.1e} m/s")
+        for k in result["karnopp"]
+    ]
+    lines += ["", "fall-back to stepping, four-brake, 1 ms"]
+    lines += [
+        f"  {f['case']:34} {f['fallbacks']:5d} of {f['steps']} steps, {f['events']} events, "
+        f"{f['us_per_step']:.2f} us a step"
+        for f in result["fallback"]
+    ]
+    tick = result["tick"]
+    lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
+    lines += [
+        f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
+    ]
+    moved = [Moved(**one) for one in result["study_errors"]]
+    lines += [
+        "",
+        "the paper's study, how far a trial's measures move: median / largest",
+        error_table(moved, CONTROLLER),
+    ]
+    return "\n".join(lines)
+
+
+def _or_blank(value: float | None, form: str) -> str:
+    width = form.split(".")[0].rstrip("d")
+    return f"{'-':>{width}}" if value is None else f"{value:{form}}"
+
+
+def _compared(rows: Iterable[dict]) -> list[str]:
+    """`event` against MuJoCo on the moving scenes: at equal step, and at equal error."""
+    rows = [row for row in rows if row["scene"] in _SCENES_DRAWN and row["fidelity"] == "ideal"]
+    lines = []
+    for peer in (row for row in rows if row["integrator"] == "mujoco" and row["step_s"] == TABLE_STEP_S):
+        same = [row for row in rows if (row["device"], row["scene"]) == (peer["device"], peer["scene"])]
+        own = [row for row in same if row["integrator"] == "event"]
+        at = next(row for row in own if row["step_s"] == peer["step_s"])
+        as_good = min((r for r in own if r["rms_error_m"] <= peer["rms_error_m"]), key=lambda r: r["wall_s_per_sim_s"])
+        lines.append(
+            f"  {peer['device']:18} {peer['scene']}  "
+            f"equal step: {peer['us_per_step'] / at['us_per_step']:.0f} times faster, "
+            f"error {peer['rms_error_m'] / at['rms_error_m']:.0e} times smaller; no worse error: at least "
+            f"{peer['wall_s_per_sim_s'] / as_good['wall_s_per_sim_s']:.0f} times faster"
+        )
+    return ["event against MuJoCo at 1 ms", *lines] if lines else ["MuJoCo is not installed (pip install '.[bench]')"]
+
+
+def work_precision(result: dict) -> dict[str, bytes]:
+    """The work-precision plot, RMS error over wall time per simulated second, as "png" and "pdf"."""
+    rows = result["rows"]
+    devices = list(dict.fromkeys(row["device"] for row in rows))
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(3.1 * len(_SCENES_DRAWN), 2.7 * len(devices) + 0.5)
+        axes = figure.subplots(len(devices), len(_SCENES_DRAWN), sharex=True, sharey=True, squeeze=False)
+        for device, line in zip(devices, axes, strict=True):
+            for scene, ax in zip(_SCENES_DRAWN, line, strict=True):
+                for (integrator, fidelity), (colour, marker) in _LOOKS.items():
+                    own = [row for row in rows if row["rms_error_m"] > 0.0 and
+                           (row["integrator"], row["fidelity"], row["device"], row["scene"])
+                           == (integrator, fidelity, device, scene)]  # fmt: skip
+                    if own:
+                        name = integrator if fidelity == "ideal" else f"{integrator}, {fidelity} brakes"
+                        wall = [1e3 * row["wall_s_per_sim_s"] for row in own]
+                        ax.loglog(wall, [row["rms_error_m"] for row in own], color=colour, marker=marker, label=name,
+                                  markersize=4, linewidth=1.0)  # fmt: skip
+                ax.set_title(f"{scene}, {device}")
+                ax.grid(True, linewidth=0.3)
+        for ax in axes[-1]:
+            ax.set_xlabel("computing (ms) per simulated second")
+        for line in axes:
+            line[0].set_ylabel("RMS tip error (m)")
+        handles, labels = axes[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="lower center", ncols=len(labels), frameon=False)
+        figure.suptitle("Speed against error, steps 5 to 0.1 ms (each error against the same brakes at a tiny step)")
+        figure.tight_layout(rect=(0.0, 0.4 / figure.get_figheight(), 1.0, 1.0))
+    return {form: figure_bytes(figure, form) for form in ("png", "pdf")}

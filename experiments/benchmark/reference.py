@@ -18,9 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from core.device import Device
-from core.device_file import BrakeFile, DeviceFile, parse_brake
-from core.files import parse_toml
+from core.device_file import BrakeFile
 from core.mechanism import JOINTS
 from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, Solution, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
@@ -40,13 +38,6 @@ LEAVE_S = 1e-9
 FIRST_S = 1e-6
 
 RATES, YIELDS = slice(10, 20), slice(20, 24)  # of z
-
-
-def brakes_of(device: Device) -> list[BrakeFile | None]:
-    """The brake of each joint A, E, B, C."""
-    names = parse_toml(device.text, DeviceFile, device.name).brakes
-    texts = [device.brake_texts.get(getattr(names, joint) or "") for joint in JOINTS]
-    return [parse_brake(text, device.name) if text else None for text in texts]
 
 
 def torque_gain(brake: BrakeFile, current: float) -> float:
@@ -76,7 +67,8 @@ class _Reference:
 
     def __init__(self, scene: BenchScene, fidelity: str):
         self.scene, self.bodies = scene, bodies_of(scene.device)
-        self.brakes = brakes_of(scene.device) if fidelity == "mr" else [None] * 4
+        files = scene.device.brake_files if fidelity == "mr" else {}
+        self.brakes = [files.get(joint) for joint in JOINTS]
         self.commands = scene.commands(fidelity)  # yields, or currents
         self.command = self.commands[0]
         q = coordinates(scene.device, np.array(START))
@@ -199,9 +191,21 @@ class _Reference:
             acceleration = self.answer(time, z, self.sign, self.stuck).acceleration
             return np.concatenate([z[RATES], acceleration, self.yield_rates(z)])
 
+        def stop_left(_: float, z: np.ndarray) -> float:
+            """How far the sines that have hard stops are above their margin."""
+            return float(np.min(self.side * sines(z))) - self.scene.device.mechanism.margin
+
+        def slip_left(i: int, _: float, z: np.ndarray) -> float:
+            """The rate of slipping joint i in its sense; zero: it stops."""
+            return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
+
+        def hold_left(i: int, time: float, z: np.ndarray) -> float:
+            """What stuck joint i could hold besides; zero: it breaks loose."""
+            return z[20 + i] - abs(self.answer(time, z, self.sign, self.stuck).torque[i])
+
         slipping = [i for i in self.braked if self.sign[i] != 0.0]
-        events: list[Any] = [partial(self.stop_left), *(partial(self.slip_left, i) for i in slipping)]
-        events += [partial(self.hold_left, i) for i in self.stuck]
+        events: list[Any] = [stop_left, *(partial(slip_left, i) for i in slipping)]
+        events += [partial(hold_left, i) for i in self.stuck]
         for event in events:
             event.terminal, event.direction = True, -1.0
         run = solve_ivp(
@@ -219,18 +223,6 @@ class _Reference:
             if len(times):
                 self.stop(i)
         return until
-
-    def stop_left(self, _: float, z: np.ndarray) -> float:
-        """How far the sines that have hard stops are above their margin."""
-        return float(np.min(self.side * sines(z))) - self.scene.device.mechanism.margin
-
-    def slip_left(self, i: int, t: float, z: np.ndarray) -> float:
-        """The rate of slipping joint i in its sense; zero: it stops."""
-        return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
-
-    def hold_left(self, i: int, t: float, z: np.ndarray) -> float:
-        """What stuck joint i could hold besides; zero: it breaks loose."""
-        return z[20 + i] - abs(self.answer(t, z, self.sign, self.stuck).torque[i])
 
     def keep(self, t: float, until: float, solution: Callable[[float], np.ndarray]) -> None:
         """The tips at the times of comparison in (t, until]."""

@@ -52,10 +52,8 @@ class BenchScene:
         """The commands (n, 4): the yields (ideal), or currents that hold them in steady state (A)."""
         if fidelity == "ideal":
             return self.torques
-        return np.array([[self._current(i, torque) for i, torque in enumerate(row)] for row in self.torques])
-
-    def _current(self, i: int, torque: float) -> float:
-        return current_for_torque(pack_brakes(self.device.brakes, backlash=False)[0], i, torque)
+        brakes = pack_brakes(self.device.brakes, backlash=False)[0]
+        return np.array([[current_for_torque(brakes, i, row[i]) for i in range(4)] for row in self.torques])
 
     @property
     def comparisons(self) -> int:

@@ -22,8 +22,7 @@ from experiments.export.csv import CsvTables
 from experiments.export.files import Exported, ExportedTrial
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
-from experiments.session.blind import HIDDEN
-from experiments.session.files import STORED, TABLE, recordings_in, rows_of
+from experiments.session.files import HIDDEN, STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 FORMS: dict[str, type[BidsDataset] | type[CsvTables]] = {"bids": BidsDataset, "csv": CsvTables}

@@ -11,9 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.analysis.sheet import LINE, QUIET, SMALL, STYLE, TEXT, figure_bytes, new_figure
-from experiments.identify.fit import gain_row, surface_row, torque_change
-from experiments.identify.identification import Identification
-from experiments.identify.step_response import Measured
+from experiments.identify.fit import Identification, gain_row, surface_row, torque_change
 from experiments.recording.atomic_files import refuse_existing_files
 
 FORMS = ("png", "pdf")
@@ -139,7 +137,11 @@ def _room(
     axes.computed_zorder = False  # dots over surfaces, also those just below
     axes.set_box_aspect((4, 4, 3), zoom=0.92)
     fits = found.constants[direction]
-    points = _grid_means_ms([*fits.at_surface, *fits.at_average])
+    groups: dict[tuple[float, float], list[float]] = {}
+    for one in (*fits.at_surface, *fits.at_average):
+        place = one.step.current_to, math.log2(one.step.speed_rpm)
+        groups.setdefault(place, []).append(1e3 * one.time_constant)
+    points = {place: float(np.mean(values)) for place, values in sorted(groups.items())}
     currents, logs = (sorted(set(values)) for values in zip(*points, strict=True))
     axes.set(xlabel="Current stepped to (A)", zlabel="Time constant (ms)", xticks=currents)
     axes.set_ylabel("Speed (rpm)", labelpad=6)
@@ -152,15 +154,6 @@ def _room(
         axis.pane.set_edgecolor(LINE)
     _write(figure, 0.06, f"Time constant, {DIRECTION_WORDS[direction]} current, {words}", lines, found)
     return figure, axes, points, currents, logs
-
-
-def _grid_means_ms(measured: Sequence[Measured]) -> dict[tuple[float, float], float]:
-    """(current stepped to, log2 of the speed in rpm) -> mean time constant in ms."""
-    groups: dict[tuple[float, float], list[float]] = {}
-    for one in measured:
-        place = one.step.current_to, math.log2(one.step.speed_rpm)
-        groups.setdefault(place, []).append(1e3 * one.time_constant)
-    return {place: float(np.mean(values)) for place, values in sorted(groups.items())}
 
 
 def _write(figure: Figure, left: float, title: str, lines: Sequence[str], found: Identification) -> None:

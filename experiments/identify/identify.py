@@ -17,8 +17,7 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError
-from experiments.identify.fit import A_NAMES, K_NAMES, KNEE_A
-from experiments.identify.identification import GIVEN, IDENTIFIED, Identification, identify_steps
+from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 

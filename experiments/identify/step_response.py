@@ -69,12 +69,9 @@ class Step:
 
 def read_steps(path: Path) -> list[Step]:
     """All steps of a file, one for each step_index; a refusal names the line."""
-    table = read_number_table(path, "the measured steps")
-    columns = [column.strip('"') for column in table.columns]
-    missing = [column for column in COLUMNS if column not in columns]
-    if missing:
-        raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
-    t, current_from, current_to, speed, torque, index = (table.values[:, columns.index(column)] for column in COLUMNS)
+    table = read_number_table(path, "the measured steps", COLUMNS)
+    places = [table.columns.index(column) for column in COLUMNS]
+    t, current_from, current_to, speed, torque, index = table.values[:, places].T
     for bad, reason in (
         (current_from < 0.0, "current_from_A must be at least 0"),
         (current_to < 0.0, "current_to_A must be at least 0"),
@@ -112,12 +109,6 @@ def read_steps(path: Path) -> list[Step]:
     return steps
 
 
-def repeats_together(steps: Iterable[Step]) -> list[list[Step]]:
-    """The steps, those that differ in the index alone in one list; in order of currents and speed."""
-    ordered = sorted(steps, key=lambda step: step.key)
-    return [list(repeats) for _, repeats in groupby(ordered, key=lambda step: step.key)]
-
-
 def mean_step(repeats: list[Step]) -> Step:
     """The mean of the repeats of a step, as in the paper, on the clock of the shortest of them."""
     if len(repeats) == 1:
@@ -150,7 +141,9 @@ class Measured(NamedTuple):
 def measure(steps: Iterable[Step], where: str) -> list[Measured]:
     """Time constant and steady torque of each averaged step."""
     found = []
-    averaged = [(mean_step(repeats), repeats) for repeats in repeats_together(steps)]
+    ordered = sorted(steps, key=lambda step: step.key)
+    together = [list(repeats) for _, repeats in groupby(ordered, key=lambda step: step.key)]
+    averaged = [(mean_step(repeats), repeats) for repeats in together]
     for key in sorted({(step.speed_rpm, step.rising) for step, _ in averaged}):
         alike = [(step, repeats) for step, repeats in averaged if (step.speed_rpm, step.rising) == key]
         typical = typical_time_constant([step for step, _ in alike], where)

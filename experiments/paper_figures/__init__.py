@@ -22,12 +22,9 @@ from experiments.paper_figures.brake import (
     draw_torque_gain,
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
-from experiments.paper_figures.directions import draw_maps, draw_sketch
-from experiments.paper_figures.displays import draw_displays
-from experiments.paper_figures.release import draw_releases
+from experiments.paper_figures.directions import draw_displays, draw_maps, draw_sketch
+from experiments.paper_figures.motion import draw_passive_master, draw_releases, draw_stopping
 from experiments.paper_figures.scooter import draw_scooter
-from experiments.paper_figures.stopping import draw_stopping
-from experiments.paper_figures.teleoperation import draw_passive_master
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
@@ -62,57 +59,40 @@ class Drawn(NamedTuple):
 def pictures(devices: Sequence[Device]) -> list[Picture]:
     """Every figure for some devices (at least one), in the paper's order."""
     names = [device.name for device in devices]
-    of_devices = list(zip(devices, _slugs(names), strict=True))
     brakes = brakes_of(devices)
     endings = [f"_{slug}" for slug in _slugs(brake.name for brake in brakes)] if len(brakes) > 1 else [""]
     most_brakes = max(devices, key=lambda device: len(device.braked))
     everywhere = f"directions of force out of reach over the workspace: {', '.join(names)}"
     chooses = f"how SDOF control chooses a brake: {most_brakes.name}"
     five = "how proportional control chooses a brake, the five forces of Eq. (14)"
+
+    def of_each_device(figure: str, shows: str, draw: Callable[[Device], Figure]) -> list[Picture]:
+        of_devices = zip(devices, _slugs(names), strict=True)
+        return [Picture(f"{figure}_{end}", f"{shows}: {one.name}", partial(draw, one)) for one, end in of_devices]
+
+    locked = of_each_device("sdof_paths", "paths with one brake locked", draw_sdof_paths)
+    released = "spring release from rest, each brake locked in turn and none"
+    master = "a delayed slave's force shown by brakes, and by a motor"
+    stops = "how far the handle comes once the guard of obstacles locks"
     return [
         Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
         Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_maps, devices)),
         Picture("displays", "the shipped displays compared, all with the same brake", draw_displays),
         *(
-            Picture(
-                f"{SDOF_FIGURE.get(device.name, 'fig04-05')}_sdof_paths_{slug}",
-                f"paths with one brake locked: {device.name}",
-                partial(draw_sdof_paths, device),
-            )
-            for device, slug in of_devices
+            picture._replace(name=f"{SDOF_FIGURE.get(name, 'fig04-05')}_{picture.name}")
+            for name, picture in zip(names, locked, strict=True)
         ),
         *(
             Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake))
             for name, shows, draw in BRAKE_FIGURES
             for brake, ending in zip(brakes, endings, strict=True)
         ),
-        *(
-            Picture(
-                f"fig11_spring_release_{slug}",
-                f"spring release from rest, each brake locked in turn and none: {device.name}",
-                partial(draw_releases, device),
-            )
-            for device, slug in of_devices
-        ),
+        *of_each_device("fig11_spring_release", released, draw_releases),
         Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
         Picture("fig13_sdof_selection", chooses, partial(draw_sdof_choice, most_brakes)),
         Picture("fig14_proportional_selection", five, draw_five_forces),
-        *(
-            Picture(
-                f"passive_master_{slug}",
-                f"a delayed slave's force shown by brakes, and by a motor: {device.name}",
-                partial(draw_passive_master, device),
-            )
-            for device, slug in of_devices
-        ),
-        *(
-            Picture(
-                f"stopping_distance_{slug}",
-                f"how far the handle comes once the guard of obstacles locks: {device.name}",
-                partial(draw_stopping, device),
-            )
-            for device, slug in of_devices
-        ),
+        *of_each_device("passive_master", master, draw_passive_master),
+        *of_each_device("stopping_distance", stops, draw_stopping),
         Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter),
     ]
 

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from core.device import Device
 from core.mechanism import JOINTS, Mechanism
-from core.workspace import Array, arm_pose, free_tips, in_turn_of
+from core.workspace import Array, arm_pose, free_tips, in_turn_of, joint_angles, sines
 from experiments.analysis.sheet import BLUE, CM, GREEN, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 
@@ -53,20 +53,6 @@ class Workspace(NamedTuple):
         return float(width_in * (self.y[-1] - self.bottom(bases)) / (self.x[-1] - self.x[0]))
 
 
-def _sines(mechanism: Mechanism, x: Array, y: Array) -> list[Array]:
-    """|sin| of both elbows and the signed sine from ED to CD; 0 out of reach."""
-    arms = mechanism.arm_1, mechanism.arm_2
-    first, second = (arm_pose(arm, x, y) for arm in arms)
-    between = first.e2[0] * second.e2[1] - first.e2[1] * second.e2[0]
-    elbows = [np.abs(pose.s) / (arm.length_1 * arm.length_2) for pose, arm in zip((first, second), arms, strict=True)]
-    return [np.nan_to_num(sine) for sine in (*elbows, between / (arms[0].length_2 * arms[1].length_2))]
-
-
-def joint_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
-    """Joint angles (4, ...), rad, at many tips; NaN out of reach."""
-    return np.array([angle for arm in (mechanism.arm_1, mechanism.arm_2) for angle in arm_pose(arm, x, y).angles()])
-
-
 def brake_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
     """Angles (4, ...), rad, on which the brakes act: of their joints, or of their couplings, up to whole turns."""
     angles = joint_angles(mechanism, x, y)
@@ -77,12 +63,12 @@ def brake_angles(mechanism: Mechanism, x: Array, y: Array) -> Array:
 
 def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
     """How far tips are from the nearest stop, in units of sine (theta stops: rad; y: 10 cm); negative outside."""
-    elbow_1, elbow_2, between = _sines(mechanism, x, y)
-    least = np.minimum(np.minimum(elbow_1, elbow_2), side * between) - mechanism.margin
+    elbow_1, elbow_2, between = map(np.nan_to_num, sines(mechanism, x, y))
+    least = np.minimum(np.minimum(np.abs(elbow_1), np.abs(elbow_2)), side * between) - mechanism.margin
     least = np.minimum(least, y / Y_UNIT_M)
     if mechanism.has_theta_stops:
-        for i, theta in enumerate(joint_angles(mechanism, x, y)):
-            low, high = mechanism.theta_low[i], mechanism.theta_high[i]
+        stops = zip(joint_angles(mechanism, x, y), mechanism.theta_low, mechanism.theta_high, strict=True)
+        for theta, low, high in stops:
             if math.isfinite(low):
                 theta = in_turn_of(theta, low, high)
                 least = np.minimum(least, np.nan_to_num(np.minimum(theta - low, high - theta), nan=-1.0))
@@ -92,7 +78,7 @@ def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
 def workspace_of(mechanism: Mechanism) -> Workspace:
     """The workspace on a grid."""
     tips = free_tips(mechanism)
-    between = _sines(mechanism, *tips.T)[2]
+    between = sines(mechanism, *tips.T)[2]
     side = 1.0 if np.count_nonzero(between > 0.0) * 2 >= len(tips) else -1.0
     tips = tips[between * side > 0.0]
     x, y = np.linspace(tips.min(axis=0) - PAD_M, tips.max(axis=0) + PAD_M, GRID).T

@@ -8,22 +8,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from fastcrc.crc32 import iso_hdlc as crc32
 
 from core.files import InputError
-from experiments.recording.schema import (
-    MARKER,
-    STREAM_END,
-    TEXT_COLUMNS,
-    Recording,
-    as_arrays,
-    describe,
-    footer_at,
-    is_sealed,
-)
+from experiments.recording.schema import FORM, SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at
 
 STREAM_SUFFIX, PARQUET_SUFFIX = ".arrows", ".parquet"
+MARKER = b"\xff\xff\xff\xff"  # begins every message of an Arrow stream
+STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
 _UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, ValueError)
 
 
@@ -151,3 +146,55 @@ def _is_cut(data: bytes, at: int) -> bool:
     except _UNREADABLE:
         return True
     return False
+
+
+def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
+    """The description in the schema (the JSON under `phd`), as keyword arguments of `Recording`.
+
+    ValueError if this is no recording or one of a later form.
+    """
+    try:
+        about = json.loads((schema_metadata or {})[b"phd"])
+        form, words = about["form"], about["text"]
+        described = {
+            "metadata": about["metadata"],
+            "braked": about["braked"],
+            "sensors": Sensors(**about["sensors"]) if "sensors" in about else None,
+            "words": {name: tuple(words[name]) for name in TEXT_COLUMNS},
+        }
+    except (KeyError, TypeError, ValueError):
+        raise ValueError("no description of a recording") from None
+    if form != FORM:
+        raise ValueError(f"form {form!r}, this program reads form {FORM}")
+    return described
+
+
+def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str, tuple[str, ...]]) -> dict:
+    """Column name -> (rows,) array of all batches; text columns as places in `words` (else ValueError)."""
+    table = pa.Table.from_batches(batches, schema)
+    table.validate(full=True)  # every code has a word
+    columns: dict[str, np.ndarray] = {}
+    for name, column in zip(schema.names, table.unify_dictionaries().columns, strict=True):
+        if column.null_count:
+            raise ValueError(f"column {name} has gaps")
+        coded = column.combine_chunks()
+        if name not in TEXT_COLUMNS:
+            columns[name] = np.from_dlpack(coded).copy()  # that can be written to
+            continue
+        there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}
+        if not place.keys() >= set(there):
+            raise ValueError(f"column {name} has words that the description does not list")
+        places = np.array([place[word] for word in there], TEXT_COLUMNS[name].to_pandas_dtype())
+        columns[name] = places[np.from_dlpack(coded.indices)]
+    return columns
+
+
+def is_sealed(message: bytes, digits: bytes | None, start: int = 0) -> bool:
+    """Whether `digits`, the checksum that the message carries (after byte `start`), is that of its bytes."""
+    if digits is None or len(digits) != len(SEAL):
+        return False
+    at = message.find(digits, start)
+    if at < 0:
+        return False
+    rest = memoryview(message)[at + len(SEAL) :]
+    return digits == b"%08x" % crc32(rest, crc32(message[:at] + SEAL))

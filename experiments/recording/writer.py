@@ -2,8 +2,10 @@
 
 import contextlib
 import io
+import json
 import os
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -11,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from fastcrc.crc32 import iso_hdlc as crc32
 
 from core import tick_log
 from core.control.controllers import DECISIONS
@@ -26,19 +29,15 @@ from experiments.recording.atomic_files import (
 )
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet, read_recording
 from experiments.recording.schema import (
+    FORM,
     SEAL,
     TEXT_COLUMNS,
     Recording,
     Sensors,
-    arrow_array,
-    arrow_words,
-    as_json,
     column_words,
     footer_at,
-    make_schema,
     recording_columns,
     same_content,
-    seal,
 )
 
 BATCH_ROWS = 1000  # most rows in a batch: what a damaged byte can cost. Smaller: slower, larger files
@@ -282,3 +281,50 @@ def _parquet_bytes(recording: Recording) -> bytes:
         writer.add_key_value_metadata({"outcome": as_json(recording.outcome, "outcome"), "crc32": SEAL.decode()})
     data = sink.getvalue().to_pybytes()
     return seal(data, footer_at(data))
+
+
+def make_schema(
+    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None,
+    columns: Iterable[str] | None = None,
+) -> pa.Schema:  # fmt: skip
+    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
+
+    columns: of a recording that an earlier version wrote, with fewer; None: all that there are now.
+    """
+    about = {"form": FORM, "braked": braked, "text": column_words(decisions), "metadata": metadata}
+    if sensors:
+        about["sensors"] = sensors._asdict()
+    names = [name for name, _ in recording_columns(braked, sensors)] if columns is None else columns
+    kinds = {name: pa.dictionary(code, pa.string()) for name, code in TEXT_COLUMNS.items()}
+    fields = [pa.field(name, kinds.get(name, pa.float64()), nullable=False) for name in names]
+    return pa.schema(fields, metadata={"phd": as_json(about, "metadata")})
+
+
+def as_json(about: dict[str, Any], what: str) -> str:
+    """JSON text for a recording. InputError, which names `what`, for what JSON cannot hold."""
+    try:
+        return json.dumps(about, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"recording: the {what} cannot be stored as JSON: {error}") from None
+
+
+def arrow_array(values: np.ndarray) -> pa.Array:
+    """Numbers without gaps, as they lie in memory.
+
+    `pa.array` imports pandas where it is installed, to ask whether the numbers are a part of its.
+    """
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+
+
+def arrow_words(words: Sequence[str]) -> pa.Array:
+    """Texts, as `arrow_array` makes numbers."""
+    encoded = [word.encode() for word in words]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+
+
+def seal(message: bytes, start: int = 0) -> bytes:
+    """The message with its checksum in place of the first `SEAL` from byte `start` on."""
+    at = message.index(SEAL, start)
+    return b"".join((memoryview(message)[:at], b"%08x" % crc32(message), memoryview(message)[at + len(SEAL) :]))

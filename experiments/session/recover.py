@@ -116,15 +116,13 @@ def _settle_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
         convert_to_parquet(path, sync)
         done.completed.append(name)
         return
-    if stream.columns and not (target.exists() and _is_closed_form(read_recording(target), stream)):
+    closed = read_recording(target) if target.exists() else None
+    # a whole Parquet file of this stream, made before the stream was damaged, holds more
+    keeps = closed is not None and closed.outcome.get("status") != RECOVERED and closed.metadata == stream.metadata
+    if stream.columns and not keeps:
         save_as_parquet(as_recovered(stream), target, sync)
     done.recovered.append(f"{name} ({'; '.join([f'{stream.rows} ticks kept', *stream.damaged])})")
     done.set_aside.append(set_aside(path, files.CRASHED).relative_to(session).as_posix())
-
-
-def _is_closed_form(parquet: Recording, stream: Recording) -> bool:
-    """Whether a whole Parquet file was made of this stream before the stream was damaged: then it holds more."""
-    return parquet.outcome.get("status") != RECOVERED and parquet.metadata == stream.metadata
 
 
 def as_recovered(stream: Recording) -> Recording:

@@ -18,7 +18,6 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.device import Device
 from core.files import InputError
-from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
@@ -32,14 +31,13 @@ from experiments.plan import (
     plan_to_json,
     practice_trial,
 )
-from experiments.protocol import Protocol, protocol_to_json
+from experiments.protocol import Protocol, middle_of_first, protocol_to_json
 from experiments.recording.atomic_files import reading_stored, refusing, write_new_file
 from experiments.recording.reader import STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session import files
 from experiments.session import journal as events
-from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
@@ -90,14 +88,14 @@ class Session:
             raise
         try:
             if self.blind:
-                self._key = new_key(protocol.controllers)
-            about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
+                self._key = files.new_key(protocol.controllers)
+            about = self._about(files.write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(form)} if form else {}
             text = json.dumps(about, indent=1, sort_keys=True) + "\n"
             write_new_file(self.folder / files.STORED, text.encode(), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
         except BaseException:
-            for name in (files.STORED, KEY, events.NAME, files.LOCK):
+            for name in (files.STORED, files.KEY, events.NAME, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
                     (self.folder / name).unlink()
             self.close()
@@ -129,7 +127,7 @@ class Session:
             session._summary = summary = events.journal_summary(folder)
             session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
             session.blind = was_blind and summary.key is None
-            session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
+            session._key = files.read_key(folder, key_sha256) if session.blind else summary.key or {}
             session.rows = files.rows_of(folder)
             if session._waiting:
                 session.journal(events.RESUMED, open=len(session._waiting))
@@ -231,14 +229,12 @@ class Session:
     def simulation(self, configuration: str) -> SimulatedDevice:
         """The simulated device of a configuration; it stays as the last trial left it."""
         if configuration not in self._simulations:
-            number, path_file = next(iter(self.protocol.paths.items()))
-            path = build_path(path_file, f"path {number}")
-            x, y, _, _ = point_at(path, 0.5 * path.length)
+            tip = middle_of_first(self.protocol.paths)
             hand = None if self.person else self.protocol.mouse.hand()
             assumed = self.protocol.assumptions
             device = assumed.applied_to(self.protocol.device(configuration))
-            self._simulations[configuration] = SimulatedDevice(device, (x, y), hand, assumed.simulated_fidelity)
-            self._simulations[configuration].hand.grips["target"][0, :2] = (x, y)
+            self._simulations[configuration] = SimulatedDevice(device, tip, hand, assumed.simulated_fidelity)
+            self._simulations[configuration].hand.grips["target"][0, :2] = tip
         return self._simulations[configuration]
 
     def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:

@@ -16,9 +16,7 @@ from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
 from experiments.recording.schema import Recording
 from experiments.session import files
-from experiments.session.blind import KEY, read_key
 from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
-from experiments.session.study_file import STUDY, read_study
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
 TOLERANCE = 1e-6
@@ -35,11 +33,11 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
     checks = []
     faults: list[tuple[str, str]] = []
     warnings: list[tuple[str, str]] = []
-    if (folder / STUDY).exists():
+    if (folder / files.STUDY).exists():
         try:
-            read_study(folder)
+            files.read_study(folder)
         except InputError as error:
-            faults.append((STUDY, files.seen_from(folder, str(error))))
+            faults.append((files.STUDY, files.seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
         checks.append(_SessionCheck(session))
         inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
@@ -103,8 +101,8 @@ class _SessionCheck:
         try:
             about = files.read_stored(self.session).about
             if about.get("blind") and self.journal.key is None:
-                file = KEY
-                read_key(self.session, str(about.get("key_sha256")))
+                file = files.KEY
+                files.read_key(self.session, str(about.get("key_sha256")))
         except InputError as error:
             self._fault(file, error)
 

@@ -16,7 +16,17 @@ from core.cobot import COBOT, CobotFile, advance, advance_at_wall, new_cobot, pa
 from core.control.rule_sets import SETTLED
 from core.control.velocity_field import BLEND_WIDTH, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
-from core.files import InputError, NotNegative, Pair, Positive, Table, parse_toml, read_text, shipped_or_file
+from core.files import (
+    InputError,
+    NotNegative,
+    Pair,
+    Positive,
+    Table,
+    from_plain,
+    parse_toml,
+    read_text,
+    shipped_or_file,
+)
 from core.kernel import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
@@ -126,10 +136,9 @@ def read_cobot_scene(path: Path) -> CobotScene:
     mode, ahead, heading, within = FREE, line((0.0, 0.0), (1.0, 0.0)), 0.0, 1.0
     if file.path is not None:
         about = dict(file.path)
-        mode, heading, within = ALONG_PATH, about.pop("heading_rad", 0.0), about.pop("within_m", 0.3)
-        for key, value in (("heading_rad", heading), ("within_m", within)):
-            if not (isinstance(value, float | int) and math.isfinite(value)) or (key == "within_m" and value <= 0.0):
-                raise InputError(f"{path}: path.{key} must be a finite number, and within_m positive, not {value!r}")
+        mode = ALONG_PATH
+        heading = from_plain(about.pop("heading_rad", 0.0), float, f"{path}: path.heading_rad")
+        within = from_plain(about.pop("within_m", 0.3), Positive, f"{path}: path.within_m")
         ahead = build_path(path_from(about, f"{path}: path"), f"{path}: path")
     wall, push = np.zeros(4), 0.0
     if file.wall is not None:
@@ -142,7 +151,7 @@ def read_cobot_scene(path: Path) -> CobotScene:
     if len(cobot.hubs_m) == 1 and np.any(force[:, 2]):
         raise InputError(f"{path}: force: {cobot.name} has one castor and no heading, its torque must be 0")
     return CobotScene(
-        cobot, file.initial_pose, file.step_s, every, rows, mode, ahead, float(heading), float(within), wall, push,
+        cobot, file.initial_pose, file.step_s, every, rows, mode, ahead, heading, within, wall, push,
         times, force,
     )  # fmt: skip
 

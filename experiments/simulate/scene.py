@@ -46,14 +46,19 @@ class NumberTable:
             )
 
 
-def read_number_table(path: Path, asked_by: str) -> NumberTable:
-    """The table in a CSV file; `asked_by` is the file and key that name it, for a file that cannot be read."""
+def read_number_table(path: Path, asked_by: str, needed: Sequence[str] = ()) -> NumberTable:
+    """The table in a CSV file; `asked_by` is the file and key that name it, for a file that cannot be read.
+
+    needed: columns that it must have.
+    """
     try:
         text = read_text(path)
     except InputError as error:
         raise InputError(f"{asked_by}: {error}") from None
     header, _, body = text.partition("\n")
-    columns = tuple(name.strip() for name in header.split(","))
+    columns = tuple(name.strip().strip('"') for name in header.split(","))
+    if missing := [name for name in needed if name not in columns]:
+        raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
     if len(set(columns)) < len(columns):
         raise InputError(f"{path}: line 1: a column stands twice in the header ({header.strip()})")
     if not body.strip():

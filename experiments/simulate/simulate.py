@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -16,11 +15,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from core.files import InputError
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
+from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
 
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
@@ -34,21 +33,6 @@ SURE_WITHIN_M = 3e-4
 
 #: Columns of a chunk: t, x, y, vx, vy, torque of A, E, B, C, stuck (bits 1 A, 2 E, 4 B, 8 C).
 X, TORQUE, STUCK, WIDTH = 1, 5, 9, ROW_WIDTH
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a run did."""
-
-    rows: int
-    steps: int
-    wall_s: float
-    simulated_s: float
-    events: int
-    fallbacks: int
-    half_step_differs_m: float | None  # how far at most half the step puts the tip elsewhere; None: without bound
-    check_s: float  # wall time that finding this out took
-    warnings: tuple[str, ...]
 
 
 class SceneRun:
@@ -80,8 +64,10 @@ def new_simulation(scene: Scene) -> Simulation:
     return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
 
 
-def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], None] = lambda share: None) -> Summary:
-    """Run a scene into a new CSV file. `progress` gets the share done (0 to 1) after each chunk.
+def simulate(
+    scene: Scene, out_path: str | Path, progress: Callable[[float], None] = lambda share: None
+) -> dict[str, Any]:
+    """Run a scene into a new CSV file; what the run did. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
@@ -91,10 +77,17 @@ def simulate(scene: Scene, out_path: str | Path, progress: Callable[[float], Non
         run, half_step = SceneRun(scene), SceneRun(scene.finer())
         done = run_beside(scene, run, half_step, lambda times, rows: write_rows(file, times, rows, braked), progress)
     ledger = run.ledger()
-    return Summary(
-        scene.rows, scene.steps, done.wall_s, scene.duration_s, ledger.events, ledger.fallbacks,
-        done.differs_m, done.check_s, ledger.warnings() + done.warnings,
-    )  # fmt: skip
+    return {
+        "rows": scene.rows,
+        "steps": scene.steps,
+        "wall_s": done.wall_s,
+        "simulated_s": scene.duration_s,
+        "events": ledger.events,
+        "fallbacks": ledger.fallbacks,
+        "half_step_differs_m": done.differs_m,
+        "check_s": done.check_s,
+        "warnings": [*ledger.warnings(), *done.warnings],
+    }
 
 
 @contextmanager
@@ -103,13 +96,9 @@ def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
 
     InputError if it exists or cannot be created.
     """
-    try:
+    refuse_existing_files([path])
+    with refusing(path, "cannot be created"):
         file = open(path, "xb")
-    except FileExistsError:
-        raise InputError(f"{path}: exists already and is never overwritten") from None
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or "the path is not valid"
-        raise InputError(f"{path}: cannot be created ({reason.lower()})") from None
     try:
         with file:
             file.write((",".join(header) + "\n").encode())

@@ -21,10 +21,20 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
 from experiments.recording.writer import RecordingWriter
-from experiments.session.files import LOCK, STORED, hold_lock, session_folder, write_pooled_table
+from experiments.session.files import (
+    LOCK,
+    STORED,
+    STUDY,
+    StudyPlan,
+    hold_lock,
+    read_study,
+    refuse_other,
+    session_folder,
+    write_pooled_table,
+    write_study,
+)
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
-from experiments.session.study_file import STUDY, StudyPlan, read_study, refuse_other, write_study
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.low_gain import settled
 from experiments.study.simulation_errors import errors_in

@@ -8,12 +8,12 @@ import numpy as np
 
 from core import tick_log
 from core.device import Device
-from core.path import PathFile, build_path, point_at
+from core.path import PathFile
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import METRICS, Metric, measures_of
 from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial, make_plan, participant_index
-from experiments.protocol import Protocol
+from experiments.protocol import Protocol, middle_of_first
 from experiments.recording.schema import recording_of
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
@@ -40,9 +40,7 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
 
 def switched_on(device: Device, paths: Mapping[int, PathFile], assumed: Assumptions) -> SimulatedDevice:
     """A device under these assumptions as a session begins with it: at rest in the middle of the first path."""
-    first = build_path(next(iter(paths.values())), "path")
-    x, y, _, _ = point_at(first, 0.5 * first.length)
-    return SimulatedDevice(assumed.applied_to(device), (x, y), fidelity=assumed.simulated_fidelity)
+    return SimulatedDevice(assumed.applied_to(device), middle_of_first(paths), fidelity=assumed.simulated_fidelity)
 
 
 def study_trials(

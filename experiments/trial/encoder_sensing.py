@@ -51,12 +51,12 @@ def new_sensing(device: Device, assumptions: Assumptions) -> Sensing:
     """Before the first sample."""
     record = new_record(SENSING)
     if assumptions.sensing == ENCODERS:
-        steps = encoder_counts(device)
-        joints = [i for i, count in enumerate(steps) if count]
-        record["on"][0] = 1
-        record["steps"][0] = np.array(steps) / (2.0 * math.pi)
-        record["pairs"][0] = np.reshape(joints if len(joints) == 4 else 2 * joints, (2, 2))
-        record["window"][0], record["delay"][0] = assumptions.filter_samples, assumptions.delay_samples
+        counts = encoder_counts(device)
+        joints = [i for i, count in enumerate(counts) if count]
+        pairs = np.reshape(joints if len(joints) == 4 else 2 * joints, (2, 2))
+        window, delay = assumptions.filter_samples, assumptions.delay_samples
+        steps = np.array(counts) / (2.0 * math.pi)
+        record = new_record(SENSING, on=1, steps=steps, pairs=pairs, window=window, delay=delay)
     return Sensing(record.view(np.ndarray), new_state(0.0, 0.0).view(np.ndarray))
 
 

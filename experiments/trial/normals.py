@@ -1,45 +1,31 @@
 """The noise of simulated operators: drawn once for all trials that have the same."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
+Size = int | tuple[int, ...]
+
 
 class Normals:
-    """Standard normal draws of a generator, kept: trials with the same noise draw it once.
+    """Standard normal draws of a generator, kept by their size: trials with the same noise draw it once.
 
-    In place of a `numpy.random.Generator`, for a trial that draws nothing else from it.
+    In place of a `numpy.random.Generator`, for a trial, which draws each size once.
     """
 
-    def __init__(self, seed: Sequence[int]) -> None:
+    def __init__(self, *seed: int) -> None:
         self._generator = np.random.default_rng(np.random.SeedSequence(seed))
-        self._drawn: list[np.ndarray] = []
-        self._next = 0
+        self._drawn: dict[Size, np.ndarray] = {}
 
-    def from_the_first(self) -> "Normals":
-        """The same draws again."""
-        self._next = 0
-        return self
-
-    def standard_normal(self, size: int | tuple[int, ...]) -> np.ndarray:
-        """The next draws, as the generator would give them; not to be changed.
+    def standard_normal(self, size: Size) -> np.ndarray:
+        """The draws, as the generator gave them when they were first asked for; not to be changed.
 
         Not marked as such: for arrays that are read only numba would compile every kernel once more.
         """
-        if self._next == len(self._drawn):
-            self._drawn.append(self._generator.standard_normal(size))
-        drawn = self._drawn[self._next]
-        assert drawn.shape == (size if isinstance(size, tuple) else (size,))
-        self._next += 1
-        return drawn
+        if size not in self._drawn:
+            self._drawn[size] = self._generator.standard_normal(size)
+        return self._drawn[size]
 
 
-def normals(*seed: int) -> Normals:
-    """The draws of a trial: the same for every controller and device."""
-    return _kept(seed).from_the_first()
-
-
-@lru_cache(maxsize=12)  # each holds a megabyte; an operator of the paper's study has six
-def _kept(seed: tuple[int, ...]) -> Normals:
-    return Normals(seed)
+#: The draws of a trial, the same for every controller and device, by the numbers of their seed.
+normals = lru_cache(maxsize=12)(Normals)  # each holds a megabyte; an operator of the paper's study has six

@@ -100,12 +100,9 @@ OPERATOR = np.dtype(
 
 def new_operator(person: Person, generator: np.random.Generator | Normals) -> np.ndarray:
     """The operator of one trial; draws what differs between trials (bias, reaction, the tremor's phase)."""
-    operator = new_record(OPERATOR)
-    for name, value in person._asdict().items():
-        operator[name][0] = value
     bias, reaction, *tremor = generator.standard_normal(6)
     keep = math.exp(-2.0 * math.pi * person.noise_corner_Hz * TICK_S)
-    fields = dict(
+    fields = person._asdict() | dict(
         bias=(person.bias_m + person.trial_bias_m * bias) / person.skill,
         curvature=person.curvature_m / person.skill,
         reaction_s=max(person.reaction_s + person.reaction_spread_s * reaction, 0.0),
@@ -115,8 +112,7 @@ def new_operator(person: Person, generator: np.random.Generator | Normals) -> np
         noise_draw=math.sqrt(1.0 - keep * keep),
         direction=(1.0, 0.0),
     )
-    for name, value in fields.items():
-        operator[name][0] = value
+    operator = new_record(OPERATOR, **fields)
     # A resonance at tremor_Hz whose power falls to half tremor_band_Hz / 2 from it, of unit variance
     radius = math.exp(-math.pi * person.tremor_band_Hz * TICK_S)
     cosine = math.cos(2.0 * math.pi * person.tremor_Hz * TICK_S)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import msgspec
 import numpy as np
 
-from core.files import Table, parse_toml, read_text, shipped_names, shipped_or_file
+from core.files import Table, parse_toml, read_text, shipped_or_file
 from experiments.trial.operator import Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
@@ -134,11 +134,6 @@ class Population:
         shares = generator.random(len(Person._fields))
         drawn = zip(Person._fields, shares.tolist(), strict=True)
         return Person(*(self.spreads[key].quantile(share, LIMITS[key]) for key, share in drawn))
-
-
-def shipped_populations() -> list[str]:
-    """Names of the populations that come with the product."""
-    return shipped_names(SHIPPED_FOLDER)
 
 
 def load_population(name_or_path: str | Path = "average") -> Population:

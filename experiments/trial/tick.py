@@ -125,8 +125,8 @@ RUN = np.dtype(
 def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
     approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
-    run = new_record(RUN)
-    fields = dict(
+    run = new_record(
+        RUN,
         start_radius=how.start_radius_m,
         end_radius=how.end_radius_m,
         hold_ticks=round(how.hold_s / TICK_S),
@@ -145,8 +145,6 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
         newest=1,
         decision=OFF,
     )
-    for name, value in fields.items():
-        run[name][0] = value
     if how.slave:
         set_slave(run["slave"][0], how.slave)
     return run

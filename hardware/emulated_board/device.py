@@ -6,16 +6,15 @@ beyond it, turned as the device file says, with noise, and ends at its full scal
 
 import math
 from collections.abc import Iterable
+from itertools import count
 from typing import Protocol
 
 import numpy as np
 
 from core.device import Device
-from core.device_file import ForceSensor
 from core.files import InputError
 from core.kernel import kernel
 from core.linkage import joint_angles
-from core.mechanism import JOINTS
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_mechanism
@@ -38,12 +37,11 @@ TURN = 2.0 * math.pi
 def hello_of(device: Device, serial: str = "") -> Hello:
     """The Hello of a board that is wired to this device, at its start."""
     encoders, force = sensing_of(device)
-    steps = [getattr(encoders, joint) or 0 for joint in JOINTS]
     return FULL_BOARD._replace(
-        encoders=sum(1 << i for i, step in enumerate(steps) if step),
+        encoders=sum(1 << i for i, step in enumerate(encoders.counts) if step),
         brakes=sum(1 << i for i, present in enumerate(device.brakes.present) if present),
         force_channels=6 if force else 0,
-        counts_per_rev=tuple(steps),
+        counts_per_rev=encoders.counts,
         current_max_mA=tuple(round(1000.0 * current) for current in device.brakes.current_max),
         force_unit=FORCE_UNIT,
         force_full_scale=FORCE_FULL_SCALE,
@@ -74,8 +72,7 @@ class HeldHand:
         if holds:
             self.hand = spring_hand((400.0, 0.0, 400.0), (20.0, 0.0, 20.0), 40.0, 1.0, tip)
         else:
-            self.hand = new_hand()
-            self.hand.grips["spring"][0] = 1  # without stiffness: only the force that is ordered
+            self.hand = new_hand(spring=1)  # without stiffness: only the force that is ordered
 
     def tick(self, x: float, y: float) -> None:
         """It does nothing by itself."""
@@ -94,10 +91,9 @@ class HeldHand:
 
 def pair(value: object, name: str, most: float) -> tuple[float, float]:
     """Two numbers of at most `most`, from an order. InputError where they are not."""
-    if isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
-        x, y = float(value[0]), float(value[1])
-        if abs(x) <= most and abs(y) <= most:  # false for NaN
-            return x, y
+    if isinstance(value, list) and len(value) == 2:
+        if all(isinstance(number, int | float) and abs(number) <= most for number in value):  # false for NaN
+            return float(value[0]), float(value[1])
     raise InputError(f"{name} must be two numbers of at most {most:g}, not {value!r}")
 
 
@@ -136,12 +132,6 @@ class EmulatedDevice:
         self._ticks += 1
 
 
-def mounting_of(sensor: ForceSensor) -> np.ndarray:
-    """Of a sensor (6,): the mass beyond it (kg), its angle (rad), and that angle's change with each joint's."""
-    changes = [sensor_angle(sensor, tuple(joint)) - sensor.rotation_rad for joint in np.eye(4)]
-    return np.array([sensor.inertia_beyond_kg, sensor.rotation_rad, *changes])
-
-
 class EmulatedSensors:
     """Reads the simulated device at each tick."""
 
@@ -152,7 +142,10 @@ class EmulatedSensors:
         self._gauges = 1e6 / FORCE_UNIT * gauges  # counts per N and N m
         self.noise = NOISE.copy()
         self._counts, self._channels = np.zeros(4, dtype=np.int64), np.zeros(6, dtype=np.int64)
-        self._mounting = np.zeros(6) if self._force is None else mounting_of(self._force)
+        self._mounting = np.zeros(6)  # of the force sensor, as `read_off` takes it
+        if sensor := self._force:
+            changes = [sensor_angle(sensor, tuple(joint)) - sensor.rotation_rad for joint in np.eye(4)]
+            self._mounting[:] = sensor.inertia_beyond_kg, sensor.rotation_rad, *changes
         self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
         self._brakes = hello.brakes
         self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]  # what a faulty amplifier measures
@@ -167,9 +160,9 @@ class EmulatedSensors:
         self._at_power_up = self.theta.copy()
 
     def draw_anew(self, seed: int) -> None:
-        """The noise begins again."""
-        self._random = np.random.default_rng([seed, 2])
-        self._noise, self._drawn = np.zeros((0, 10)), 0
+        """The noise begins again: of each tick six loads (N, N m) and four currents (mA)."""
+        random = np.random.default_rng([seed, 2])
+        self._noise = (tick for _ in count() for tick in self.noise * random.standard_normal((1024, 10)))
 
     def home_counts(self) -> Four:
         """What the counters should stand at now: angle times counts per radian, whole."""
@@ -181,7 +174,7 @@ class EmulatedSensors:
     ) -> Readings:  # fmt: skip
         """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each."""
         wrong = {(fault.kind, fault.value) for fault in faults}
-        noise = self._draw()
+        noise = next(self._noise)
         read_off(
             self._mechanisms, *tip, self._steps, self._at_power_up, self.theta, self._counts,
             hand, acceleration, self._mounting, self._gauges, noise, self._channels,
@@ -198,13 +191,6 @@ class EmulatedSensors:
         good = tuple(("bad-encoder", i) not in wrong for i in range(4))
         self._last = Readings(tuple(counts), tuple(channels), tuple(measured), good)
         return self._last
-
-    def _draw(self) -> np.ndarray:
-        """The noise of one tick: six loads (N, N m), four currents (mA)."""
-        if self._drawn >= len(self._noise):
-            self._noise, self._drawn = self.noise * self._random.standard_normal((1024, 10)), 0
-        self._drawn += 1
-        return self._noise[self._drawn - 1]
 
 
 @kernel

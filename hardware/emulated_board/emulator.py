@@ -210,7 +210,7 @@ class Emulator:
             return
         try:
             answer = self._obey(json.loads(data))
-        except (ValueError, InputError) as error:
+        except (ValueError, RecursionError, InputError) as error:  # brackets in brackets, too many for JSON
             answer = {"error": str(error)}
             self.say(f"order refused: {error}")
         try:

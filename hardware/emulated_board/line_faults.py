@@ -104,7 +104,8 @@ class Line:
                 elif fault.kind == "duplicate":
                     copies += 1
                 else:
-                    frame = self._damage(frame)
+                    at = int(self._random.integers(8 * len(frame)))
+                    frame = b"%b%c%b" % (frame[: at // 8], frame[at // 8] ^ 1 << at % 8, frame[at // 8 + 1 :])
             elif fault.kind in TIMES:
                 arrives += fault.value * (1.0 if fault.kind == "delay" else self._random.random())
             elif fault.kind == "stall":
@@ -130,9 +131,3 @@ class Line:
     def clear(self) -> None:
         """What was on the way is lost (unplugged, powered down)."""
         self._queue.clear()
-
-    def _damage(self, frame: bytes) -> bytes:
-        at = int(self._random.integers(8 * len(frame)))
-        damaged = bytearray(frame)
-        damaged[at // 8] ^= 1 << at % 8
-        return bytes(damaged)

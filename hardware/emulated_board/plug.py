@@ -104,7 +104,13 @@ class TcpPort:
         while piece := self._receive():
             data += piece
         with contextlib.suppress(BlockingIOError):
-            self._greet(self._listener.accept()[0])
+            host = self._listener.accept()[0]
+            if self._host is None:
+                host.setblocking(False)
+                like_a_wire(host)
+                self._host = host
+            else:
+                host.close()
         return data
 
     def _receive(self) -> bytes:
@@ -118,14 +124,6 @@ class TcpPort:
         if not piece:
             self._part()
         return piece
-
-    def _greet(self, host: socket.socket) -> None:
-        if self._host is not None:
-            host.close()
-            return
-        host.setblocking(False)
-        like_a_wire(host)
-        self._host = host
 
     def _part(self) -> None:
         if self._host is not None:

@@ -29,7 +29,6 @@ class Pose(NamedTuple):
     tip: tuple[float, float]  # m
     theta: tuple[float, float, float, float]  # rad
     closed: bool  # False: these counts are of no pose; tip and theta are the last ones
-    apart_m: float  # with four encoders, between the tips that the two arms say
 
 
 class PoseSensing:
@@ -70,11 +69,11 @@ class PoseSensing:
         else:
             tip = self._meet(*(self._circle(i, angle[i]) for i in self.joints))
         if tip is None or apart > OPEN_M:
-            last = self._last or Pose((math.nan, math.nan), (math.nan,) * 4, False, 0.0)
-            return last._replace(closed=False, apart_m=apart)
+            last = self._last or Pose((math.nan, math.nan), (math.nan,) * 4, False)
+            return last._replace(closed=False)
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
         a, e, b, c = self._theta.tolist()
-        self._last = Pose(tip, (a, e, b, c), True, apart)
+        self._last = Pose(tip, (a, e, b, c), True)
         return self._last
 
     def forget(self) -> None:

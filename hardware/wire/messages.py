@@ -6,6 +6,7 @@ as long as the board's Hello says. Values are as on the wire: mA, counts, micros
 
 import struct
 from enum import IntEnum, IntFlag
+from itertools import chain, islice
 from typing import Any, NamedTuple
 
 VERSION = 1
@@ -211,38 +212,21 @@ class Layout:
         self._head, self._kind = bytes([number]), kind
         self._struct = struct.Struct("<" + fields)
         self.bytes = 1 + self._struct.size  # of a payload
-        self._places: list[int | slice] = []  # of each field among the values that `struct` reads
-        at = 0
-        for field in fields.split():
-            if len(field) == 1 or field[-1] == "s":
-                self._places.append(at)
-                at += 1
-            else:
-                width = int(field[:-1])
-                self._places.append(slice(at, at + width))
-                at += width
-        self._wide = [isinstance(place, slice) for place in self._places]
-        self._texts = [i for i, field in enumerate(fields.split()) if field[-1] == "s"]
+        #: of each field how many values it has; None: one, by itself
+        self._widths = [None if len(one) == 1 or one[-1] == "s" else int(one[:-1]) for one in fields.split()]
 
     def pack(self, message: tuple) -> bytes:
         """The payload of a message. struct.error where a value does not fit its field."""
-        flat: list = []
-        for wide, value in zip(self._wide, message, strict=True):
-            if wide:
-                flat.extend(value)
-            else:
-                flat.append(value)
-        return self._head + self._struct.pack(*flat)
+        each = zip(message, self._widths, strict=True)
+        return self._head + self._struct.pack(*chain.from_iterable((v,) if width is None else v for v, width in each))
 
     def unpack(self, payload: bytes) -> tuple | None:
         """The message of a payload; None: of another type, or not as long as its type says."""
         if len(payload) != self.bytes or payload[0] != self._head[0]:
             return None
-        flat = self._struct.unpack_from(payload, 1)
-        values: list[Any] = [flat[place] for place in self._places]
-        for i in self._texts:
-            values[i] = values[i].rstrip(b"\0")
-        return self._kind._make(values)
+        flat = iter(self._struct.unpack_from(payload, 1))
+        values = [next(flat) if width is None else tuple(islice(flat, width)) for width in self._widths]
+        return self._kind._make(v.rstrip(b"\0") if isinstance(v, bytes) else v for v in values)
 
 
 _LAYOUTS = {number: Layout(number, kind, fields) for number, (kind, fields) in LAYOUTS.items()}

@@ -29,7 +29,7 @@ TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_n
 
 @pytest.fixture
 def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    monkeypatch.setattr(discovery.list_ports, "comports", lambda: [])
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
     monkeypatch.setattr(discovery, "list_hid", lambda: [])
     return monkeypatch
 
@@ -68,13 +68,21 @@ def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest
 
 
 def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pytest.CaptureFixture) -> None:
-    nothing.setattr(discovery.list_ports, "comports", lambda: [TEENSY])
+    nothing.setattr("serial.tools.list_ports.comports", lambda: [TEENSY])
     nothing.setattr(discovery, "list_hid", lambda: [NAVIGATOR])
     code, out = said(capsys)
     port, hand = out.splitlines()
     assert code == 0 and "/dev/ttyACM9" in port and "16c0:0483 123 USB Serial" in port
     assert ("not allowed" in port) == (os.name == "posix")  # Windows' ports are open to all
     assert "/dev/hidraw77" in hand and "046d:c626 SpaceNavigator" in hand
+
+
+def test_a_port_that_goes_while_the_system_lists_it_is_none(nothing, capsys: pytest.CaptureFixture) -> None:
+    def vanished() -> list:
+        raise FileNotFoundError("/sys/class/tty/ttyACM9/device")
+
+    nothing.setattr("serial.tools.list_ports.comports", vanished)
+    assert said(capsys) == (0, "nothing attached\n")
 
 
 def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:

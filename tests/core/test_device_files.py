@@ -250,6 +250,7 @@ BAD_DEVICES = {
     "elbows": ('"out"', '"up"', "elbows must be one of out, in, left, right, not 'up'"),
     "one encoder": ("A = 96000, B = 96000", "A = 96000", "two or four"),
     "encoder counts": ("A = 96000,", "A = 0.5,", r"sensing\.encoders\.A must be a whole number"),
+    "more counts than a counter has": ("A = 96000,", "A = 2000000000,", r"encoders\.A must be at most 1e\+09"),
     "sensor body": ('"handle"', '"table"', "on must be one of"),
     "sensor mass": ("beyond_kg = 0.1", "beyond_kg = 0.6", r"part of mass\.tip_kg"),
     "name for a folder": ('name = "four-brake"', 'name = "a/b"', "name must be plain text"),
@@ -281,8 +282,9 @@ def test_an_unknown_device_is_named_with_those_that_exist_and_an_unknown_brake_w
         load_device("five-brake")
     with pytest.raises(InputError, match="unknown device"):
         load_device(tmp_path)
-    with pytest.raises(InputError, match="unknown device"):
-        load_device("")
+    for name in ("", "x" * 5000, "a\0b"):
+        with pytest.raises(InputError, match="unknown device"):
+            load_device(name)
     (tmp_path / "mine.toml").write_text(changed(FOUR.text, ('B = "mrb-2107-3"', 'B = "nope"')))
     with pytest.raises(InputError, match=r"mine\.toml: brakes: unknown brake 'nope'"):
         load_device(tmp_path / "mine.toml")

@@ -12,10 +12,9 @@ from app.cli import main
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.error_bars import STEP
-from experiments.benchmark.bench import Row, creep, simulated, with_order
+from experiments.benchmark.bench import Row, creep, simulated, table, with_order, work_precision
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
-from experiments.benchmark.reference import brakes_of, reference_tips, time_constant, torque_gain
-from experiments.benchmark.report import table, work_precision
+from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
 BRIEF_S = 0.4
@@ -84,7 +83,7 @@ def test_event_motion_with_lagging_brakes_nears_dop853_on_eq_1_and_eq_5_with_sec
 
 
 def test_the_reference_has_the_torque_gain_and_time_constant_of_the_brake_model():
-    brake = next(one for one in brakes_of(bench_devices()[0]) if one is not None)
+    brake = bench_devices()[0].brake_files["A"]
     packed = pack_brakes(bench_devices()[0].brakes, backlash=False)[0]
     for current in (0.0, 0.1, 0.2, 0.7, 1.0):
         assert torque_gain(brake, current) == pytest.approx(core.brake.torque_gain(packed, 0, current), rel=1e-14)

@@ -16,8 +16,7 @@ from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, wri
 from app.cli import main
 from core.device_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.files import InputError
-from experiments.identify.fit import fit_linear, undetermined
-from experiments.identify.identification import identify_steps
+from experiments.identify.fit import fit_linear, identify_steps, undetermined
 from experiments.identify.identify import brake_text, summary
 from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
 
@@ -355,6 +354,7 @@ def test_command_writes_a_brake_file_and_figures_and_never_overwrites(folder, qu
 
 HEADER = "t_s,current_from_A,current_to_A,speed_rpm,torque_N_m,step_index\n"
 WRONG_FILES = {
+    "a scene": ('device = "three-brake"\nduration_s = 2.0\n', "line 1: the header lacks t_s, .*step_index"),
     "column missing": ("t_s,torque_N_m\n0,1\n", "line 1: the header lacks current_from_A, .*step_index"),
     "no rows": (HEADER, "has no rows"),
     "not a number": (HEADER + "0,0,1,2,x,0\n", "line 2: torque_N_m must be a number, not 'x'"),

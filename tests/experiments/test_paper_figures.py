@@ -28,13 +28,14 @@ from experiments.paper_figures.brake import brake_of, step_response, torque_as_w
 from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
     achievable_span,
+    displays,
     force_lines,
     gaps,
     mean_unachievable,
+    measure_display,
     worst_unachievable,
 )
-from experiments.paper_figures.displays import displays, measure_display
-from experiments.paper_figures.release import RELEASE_S, places, release
+from experiments.paper_figures.motion import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
 from experiments.recording.atomic_files import write_new_files

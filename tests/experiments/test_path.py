@@ -240,6 +240,7 @@ def test_on_a_segment_the_end_is_reached_wherever_it_is_near(path, fraction, ang
         ),
         ({"kind": "polyline", "points_m": [[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1], [0, 0]]}, "ends 0.0 cm from where"),
         ({"kind": "polyline", "points_m": [[0, 0], [20, 0], [20, 1]]}, "21 m long"),
+        ({"kind": "segment", "start_m": [1e6, 0.4], "end_m": [0.1, 0.4]}, "at most 10 m can be followed"),
         ({"kind": "polyline", "points_m": [[0, 0]]}, "points_m"),
         ({"kind": "polyline", "points_m": [[0, 0], [math.nan, 0]]}, "finite"),
         ({"kind": "segment", "start_m": [0, 0], "end_m": [0, 0]}, "no length"),

@@ -7,9 +7,9 @@ import pytest
 from people import AVERAGE, somebody
 from scipy import stats
 
-from core.files import InputError
+from core.files import InputError, shipped_names
 from experiments.trial.operator import Person
-from experiments.trial.population import LIMITS, load_population, shipped_populations
+from experiments.trial.population import LIMITS, SHIPPED_FOLDER, load_population
 
 #: what a name may end in; the rest are pure numbers
 UNITS = ("_N_m", "_N_s_m", "_N_s", "_N", "_kg", "_m_s", "_per_s", "_s", "_m", "_Hz")
@@ -32,7 +32,7 @@ def refused(tmp_path):
     return refusal
 
 
-@pytest.mark.parametrize("name", shipped_populations())
+@pytest.mark.parametrize("name", shipped_names(SHIPPED_FOLDER))
 def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assumed(name):
     population = load_population(name)
     assert population.name == name and tuple(population.spreads) == Person._fields == tuple(LIMITS)
@@ -58,7 +58,7 @@ def test_people_whose_error_comes_from_the_device_have_no_error_of_their_own_and
     assert population.changed_after_findings == ()
 
 
-@pytest.mark.parametrize("name", shipped_populations())
+@pytest.mark.parametrize("name", shipped_names(SHIPPED_FOLDER))
 def test_the_same_seed_is_the_same_person_and_everybody_lies_within_the_file(name):
     population = load_population(name)
     people = [population.draw(np.random.default_rng(seed)) for seed in range(40)]
@@ -120,6 +120,6 @@ def test_a_file_that_cannot_be_meant_is_refused_by_file_key_and_reason(refused, 
 
 
 def test_a_population_that_does_not_exist_is_refused_and_the_shipped_ones_are_named():
-    assert shipped_populations() == ["average", "from-device", "steady", "tremulous"]
+    assert shipped_names(SHIPPED_FOLDER) == ["average", "from-device", "steady", "tremulous"]
     with pytest.raises(InputError, match="nobody.*average, from-device, steady, tremulous"):
         load_population("nobody")

@@ -182,6 +182,7 @@ def test_english_and_german_are_shipped_with_the_same_sentences() -> None:
         (GERMAN.replace("{seconds} Sekunden", "Sekunden"), "time must be a text"),
         (GERMAN.replace("{seconds} Sekunden", "{seconds Sekunden"), "time must be a text"),
         ("hold = 3", "approach is missing"),
+        ("hold = " + "[" * 3000, "mine.toml: is not valid TOML"),
     ],
 )
 def test_a_translation_that_lacks_a_sentence_or_a_placeholder_is_refused(text: str, what: str) -> None:
@@ -210,6 +211,8 @@ def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> No
     assert protocol_from_json(stored, "session.json").pages == (("Hold the handle.", b"picture"), ("Go on.", b""))
     with pytest.raises(InputError, match="instruction: .*grip.png: no such file"):
         load_protocol(path)
+    with pytest.raises(InputError, match="instruction: picture: the path is not valid"):
+        load_protocol(with_lines(tmp_path, text=PAPER + pages.replace("grip", "\\u0000")))
 
 
 def shipped(name: str) -> dict:

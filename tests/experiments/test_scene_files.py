@@ -256,6 +256,7 @@ def test_a_unicycle_is_a_cobot_too_and_a_long_scene_is_the_same_in_chunks(tmp_pa
         (WALL.replace("at_m = [0.0, 0.4]", "at_m = [0.0, -0.4]"), "behind the wall"),
         (WALL.replace("normal = [0.0, -1.0]", "normal = [0.0, 0.0]"), "direction"),
         (PATH.replace("within_m = 0.3", "within_m = 0.0"), "within_m"),
+        (PATH.replace("heading_rad = 0.0", f"heading_rad = {10**400}"), "heading_rad"),
         (PATH.replace('"segment"', '"spiral"'), "spiral"),
         (FREE + 'file = "gone.csv"\n', "gone.csv"),
     ],

@@ -207,10 +207,9 @@ def test_no_trial_changes_the_draws_that_the_others_take_which_are_those_of_the_
     assert kept._drawn, "the trial took others"
     for size in (6, (NOISE_DRAWS, 2)):
         assert np.array_equal(kept.standard_normal(size), generator.standard_normal(size))
-    drawn = Normals([3, 1])
+    drawn = Normals(3, 1)
     generator = np.random.default_rng(np.random.SeedSequence([3, 1]))
     expected = generator.standard_normal(6), generator.standard_normal((100, 2))
     for _ in range(2):
-        again = drawn.from_the_first()
-        assert np.array_equal(again.standard_normal(6), expected[0])
-        assert np.array_equal(again.standard_normal((100, 2)), expected[1])
+        assert np.array_equal(drawn.standard_normal(6), expected[0])
+        assert np.array_equal(drawn.standard_normal((100, 2)), expected[1])

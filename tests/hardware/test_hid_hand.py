@@ -7,7 +7,7 @@ from hid_bus import NAVIGATOR, Bus
 from waiting import wait_until
 
 from core.files import InputError
-from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layout_of, layouts
+from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layouts
 
 COMPACT = {**NAVIGATOR, "product_id": 0xC635, "vendor_id": 0x256F, "product_string": "SpaceMouse Compact"}
 WIRELESS = {**NAVIGATOR, "product_id": 0xC62E, "vendor_id": 0x256F, "product_string": "SpaceMouse Wireless"}
@@ -31,7 +31,7 @@ NOT_AXES = [
 
 
 def layout(entry: dict):
-    return layout_of(entry["vendor_id"], entry["product_id"])
+    return attached([entry])[0].layout
 
 
 @pytest.mark.parametrize("entry, report, axes", GOLDEN)

@@ -30,7 +30,11 @@ class Emulated:
 
     def order(self, **order) -> dict:
         """An order; the truth."""
-        self._socket.send(json.dumps(order).encode())
+        return self.send(json.dumps(order))
+
+    def send(self, text: str) -> dict:
+        """An order as it goes over the wire; the answer."""
+        self._socket.send(text.encode())
         return json.loads(self._socket.recv(1 << 16))
 
     def end(self, number: int = signal.SIGTERM) -> int:

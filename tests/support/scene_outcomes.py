@@ -95,7 +95,7 @@ def _outcome(name, device, scene, tips, step, integrator, folder: Path) -> Outco
     try:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("experiments.simulate.simulate.SceneRun", Kept)
-            warnings = simulate(read_scene(path), out).warnings
+            warnings = simulate(read_scene(path), out)["warnings"]
         got = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2))[::THINNED]
         off = float(np.hypot(*(got - tips).T).max())
     except FloatingPointError as error:
