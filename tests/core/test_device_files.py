@@ -250,6 +250,7 @@ BAD_DEVICES = {
     "elbows": ('"out"', '"up"', "elbows must be one of out, in, left, right, not 'up'"),
     "one encoder": ("A = 96000, B = 96000", "A = 96000", "two or four"),
     "encoder counts": ("A = 96000,", "A = 0.5,", r"sensing\.encoders\.A must be a whole number"),
+    "a centre of mass far off": (r"com_m = \S+,", "com_m = -1e300,", r"mass\.AE\.com_m must be at least -1e\+06"),
     "more counts than a counter has": ("A = 96000,", "A = 2000000000,", r"encoders\.A must be at most 1e\+09"),
     "sensor body": ('"handle"', '"table"', "on must be one of"),
     "sensor mass": ("beyond_kg = 0.1", "beyond_kg = 0.6", r"part of mass\.tip_kg"),
