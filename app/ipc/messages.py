@@ -314,6 +314,11 @@ class Snapshot(NamedTuple):
                     return f"{check.name}: {check.text}" + (f". {check.advice}" if check.advice else "")
         return ""
 
+    @property
+    def can_leave(self) -> bool:
+        """Whether the session can be closed: one is open, and no trial of it is running."""
+        return self.stage not in (PREPARING, NO_SESSION, RUNNING, FAILED)
+
     def why_no_session(self, real_device: bool) -> str:
         """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
         if not real_device:

@@ -14,7 +14,7 @@ from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
-from experiments.session.files import other_protocol
+from experiments.session.files import other_protocol, refuse_study
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
 from experiments.trial.population import load_population
@@ -52,6 +52,7 @@ def _open(state: State, command: m.Open) -> None:
     if command.resume:
         session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
+        refuse_study(setup.data_dir)
         person = person_at(setup, state.protocol, name)
         blind = (command.blind or None) if person is None else False
         operators = load_population().operators if person else None

@@ -12,9 +12,8 @@ from app.window.keys import Key
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
 from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
-from app.window.plan_grid import newest_rows
-from app.window.words import clock
-from experiments.analysis.trials_table import COUNTED
+from app.window.words import LEAVE, clock
+from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
@@ -225,6 +224,10 @@ class Cards:
         card.inside.addLayout(grid)
         self.put(card)
 
+    def ask_to_leave(self, close: Callable[[], None]) -> None:
+        buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
+        self.put(Card("Close the session?", LEAVE, buttons, self._parent), "leave")
+
     def ask_to_close(self, close: Callable[[], None]) -> None:
         card = Card(*CLOSE, [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)], self._parent)
         card.key("Alt+C", close)
@@ -296,7 +299,7 @@ class Cards:
             return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
-        lacking = sum(row.status not in COUNTED for row in newest_rows(opened.plan, snapshot.rows).values())
+        lacking = len(settled_cells(snapshot.rows)[1])
         if lacking:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]

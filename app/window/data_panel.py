@@ -31,7 +31,7 @@ from app.window.painting.parts import (
     scrolled,
     word,
 )
-from app.window.words import from_home, show_folder
+from app.window.words import LACKING, LEAVE, from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.plan import counted
@@ -64,12 +64,14 @@ class DataPanel(QFrame):
 
     folder_chosen = Signal(Path)
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
+    close_asked = Signal()  # the session that is open
+    looked = Signal()  # something in the folder has changed
     page_asked = Signal(str, object)  # as of a page
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._why, self._open = "", ""
+        self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
         self._recent = Recent("folders")
         self._looking, self._export, self._out = Work(), Verb(), Path()
@@ -121,11 +123,12 @@ class DataPanel(QFrame):
             self._looking.forget()
             self.look()
 
-    def show_session(self, participant: str, why_not: str) -> None:
-        """Whose session is open, and why no other one can be opened now."""
-        if (participant, why_not) != (self._open, self._why):
-            self._open, self._why = participant, why_not
+    def show_session(self, participant: str, why_not: str, can_leave: bool) -> None:
+        """Whose session is open and whether it can be closed, and why no other one can be opened now."""
+        if (participant, why_not, can_leave) != (self._open, self._why, self._can_leave):
+            self._open, self._why, self._can_leave = participant, why_not, can_leave
             self.choose.setEnabled(not participant)
+            self.choose.setToolTip(why_not if participant else "")
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
@@ -142,6 +145,7 @@ class DataPanel(QFrame):
         if overview != self.overview:
             self.overview = overview
             self._fill()
+            self.looked.emit()
 
     def _fill(self) -> None:
         overview = self.overview
@@ -168,12 +172,15 @@ class DataPanel(QFrame):
     def _row(self, session: SessionOverview) -> QLayout:
         """A session: who and when, how far, what to do with it."""
         is_open = session.participant == self._open
-        if session.complete:
+        if is_open:
+            main = button("Close", self.close_asked.emit, hint=LEAVE)
+            main.setEnabled(self._can_leave)
+        elif session.complete:
             main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
         else:
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
-            main.setEnabled(not is_open and not self._why and not session.problem)
-            main.setToolTip("This session is open." if is_open else self._why)
+            main.setEnabled(not self._why and not session.problem)
+            main.setToolTip(self._why)
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.name_anew(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
@@ -181,7 +188,11 @@ class DataPanel(QFrame):
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
         about = column(name, word(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
-        return row((about, 3), (column(done, bar, spacing=3), 3), main, self._more(session, is_open), spacing=6)
+        how_far = column(done, bar, spacing=3)
+        if session.lacking:
+            how_far.addWidget(line(f"{session.lacking} without a result", "quiet", theme.SMALL))
+            how_far.itemAt(2).widget().setToolTip(LACKING)
+        return row((about, 3), (how_far, 3), main, self._more(session, is_open), spacing=6)
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")

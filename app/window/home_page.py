@@ -46,6 +46,7 @@ from app.window.painting.parts import (
 from app.window.painting.plane import Sizes
 from app.window.preflight import Checklist
 from app.window.protocol_editor import TOML, ProtocolEditor
+from app.window.words import LEAVE
 from app.window.work import Work
 from core.device import shipped_devices
 from core.files import InputError
@@ -53,13 +54,14 @@ from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
-from experiments.session.files import free_participant
+from experiments.session.files import free_participant, look_into
 from hardware.discovery import BoardFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
 LOOK_MS = 2000  # between two looks at the ports
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
+NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
 PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 HANDS = {name: INPUTS[name].title for name in CHOICES}
@@ -71,7 +73,7 @@ class Loaded(NamedTuple):
     protocol: Protocol
     summary: str
     trials: int  # of a participant
-    participant: str  # that was asked for, else the first without a session; "": none is left
+    participant: str  # that was asked for, else whose session goes on or comes next; "": none is left
 
 
 def load(setup: m.Setup) -> Loaded:
@@ -80,11 +82,19 @@ def load(setup: m.Setup) -> Loaded:
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )
     protocol.refuse_unsettled()
-    participant = setup.participant
-    if not participant:
-        with contextlib.suppress(InputError):
-            participant = free_participant(setup.data_dir, protocol.participants)
+    participant = setup.participant or proposed(setup.data_dir, protocol)
     return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
+
+
+def proposed(data_dir: Path, protocol: Protocol) -> str:
+    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
+    overview = look_into(data_dir)
+    for newest in overview.sessions[:1]:
+        if not (newest.complete or newest.problem or overview.operators):
+            return newest.participant
+    with contextlib.suppress(InputError):
+        return free_participant(data_dir, protocol.participants)
+    return ""
 
 
 class HomePage(Page):
@@ -97,7 +107,7 @@ class HomePage(Page):
         self._ports: tuple[BoardFound, ...] = ()
         self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
-        self._named = ""  # who comes next, as the command line says; "": the first without a session
+        self._named = ""  # who comes next, as the command line says; "": as `proposed`
         self._loading, self._planning, self._looking = Work(), Work(), Work()
         self._loading.done.connect(self._show_loaded)
         self._planning.done.connect(self._show_plan)
@@ -111,7 +121,9 @@ class HomePage(Page):
         self._lay_out()
         self.data.folder_chosen.connect(self._take_folder)
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.data.close_asked.connect(lambda: self.send(m.Leave()))
         self.data.page_asked.connect(self.page_asked)
+        self.data.looked.connect(self._refresh)
         self.editor.saved.connect(self._take_protocol)
         for inner in (self.editor, self.device):
             inner.left.connect(self._show_columns)
@@ -196,6 +208,8 @@ class HomePage(Page):
     def show_opened(self, opened: m.Opened) -> None:
         ended = self.opened is not None and self.opened.participant and not opened.participant
         super().show_opened(opened)
+        if opened.participant:
+            self.participant.setText(opened.participant)
         if ended:  # another participant comes next
             self._typed, self._named = False, ""
             self._load()
@@ -203,7 +217,6 @@ class HomePage(Page):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         super().show_snapshot(snapshot)
-        self.checks.show_checks(snapshot.checks)
         self.device.show_session(self.opened, snapshot)
         self._refresh()
 
@@ -385,18 +398,32 @@ class HomePage(Page):
     def _hindrance(self) -> str:
         """Why no session can be opened whatever it is, one sentence; "": nothing stands in the way."""
         snapshot = self.snapshot
+        if self._session_open:
+            return f"The session of {self._session_open} is open: close it to open or choose another. {LEAVE}"
         if snapshot.stage == m.PREPARING:
             return "Preparing …"
-        if self.on_board and not self.chosen.link:
-            return "Connect to a board first."
-        if snapshot.stage == m.FAILED:
+        if snapshot.stage == m.FAILED and not self._no_board:
             return ""  # the start begins with another session server
-        skipped = () if self._same_setup else ("Device", "Hand")  # of the server that is there, not of the one to come
-        checks = tuple(check for check in snapshot.checks if check.name not in skipped)
-        return snapshot._replace(checks=checks).why_no_session(bool(self.setup.link))
+        return snapshot._replace(checks=self._checks).why_no_session(bool(self.setup.link))
+
+    @property
+    def _no_board(self) -> bool:
+        """Whether a board was chosen, and none is connected yet."""
+        return self.on_board and not self.chosen.link
+
+    @property
+    def _checks(self) -> tuple[m.Check, ...]:
+        """The checks of what was chosen: device and hand of another session server are not looked at yet."""
+        if self._same_setup and not self._no_board:
+            return self.snapshot.checks
+        others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
+        return (NO_BOARD, *others) if self._no_board else others
 
     def _why_no_new_session(self, label: str) -> str:
-        loaded = self.loaded
+        loaded, overview = self.loaded, self.data.overview
+        if overview is not None and overview.operators:
+            study = f"a study of {counted(overview.operators, 'simulated operator')}"
+            return f"This folder holds {study}, which takes no other session. Choose another folder."
         if not isinstance(loaded, Loaded):
             return "This protocol cannot be run." if loaded else "Reading the protocol …"
         if loaded.protocol.participants and label not in loaded.protocol.participants:
@@ -415,7 +442,7 @@ class HomePage(Page):
         there = self.data.session_of(label)
         trials = self.loaded.trials if isinstance(self.loaded, Loaded) else 0
         if is_open:
-            text, why = f"Go to the session   {is_open}", ""
+            text, why = f"Go to the session   {is_open}", self._hindrance()
         elif there is None:
             text = f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
         elif there.complete:
@@ -424,7 +451,7 @@ class HomePage(Page):
             text = f"Resume session   {label} · {counted(there.planned - there.done, 'trial')} left"
         self.standing.setText("" if not label else f"{there.done} of {there.planned} done" if there else "new")
         self.start.setText(text)
-        self.start.setEnabled(not why)
+        self.start.setEnabled(bool(is_open) or not why)
         bad = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
         wrong = self.snapshot.notice if bad else ""
         self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
@@ -438,7 +465,8 @@ class HomePage(Page):
         self._ports_box.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
-        self.data.show_session(is_open, self._hindrance())
+        self.checks.show_checks(self._checks)
+        self.data.show_session(is_open, self._hindrance(), self.snapshot.can_leave)
 
     def _start(self) -> None:
         if self._session_open:

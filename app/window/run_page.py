@@ -80,6 +80,7 @@ class RunPage(Page):
             (self.panel.skip.clicked, self.skip),
             (self.panel.pause.clicked, self.pause),
             (self.panel.abort.clicked, self.abort),
+            (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
             (self.panel.note.written, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._keep),
@@ -209,8 +210,10 @@ class RunPage(Page):
             self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
             self._judged = {row.run for row in snapshot.rows}  # of an earlier sitting
-        if before.stage != snapshot.stage:
-            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "skip"})
+        if snapshot.stage == m.NO_SESSION:
+            self.cards.leave()  # what it asks is of a session that is closed
+        elif before.stage != snapshot.stage:
+            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "skip", "leave"})
         self._refresh()
         self._show_trial(before)
 

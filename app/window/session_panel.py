@@ -12,8 +12,9 @@ from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, c
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
-from app.window.words import cell, minutes, place
-from experiments.analysis.trials_table import SETTLED, TrialRow
+from app.window.words import LACKING, cell, done_of, minutes, place
+from experiments.analysis.trials_table import TrialRow
+from experiments.session.files import settled_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
@@ -24,7 +25,7 @@ SILENT = (
 
 
 class SessionPanel(QFrame):
-    """Plan, next, Start, Redo, Skip, Pause, Abort, notes."""
+    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session."""
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
@@ -41,6 +42,7 @@ class SessionPanel(QFrame):
         self.pause = KeyButton("Pause after this trial", "Ctrl+P")
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
+        self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
         self.note = NoteLine()
         self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
         self.notes.setFont(theme.font(theme.SMALL))
@@ -53,8 +55,8 @@ class SessionPanel(QFrame):
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
-            self.notice, self.start, self.pause, self.abort, self.redo, self.skip, self.note, (self.notes, 20), 1,
-            spacing=5, margins=(14, 10, 14, 12),
+            self.notice, self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note,
+            (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self.follow_text()
 
@@ -70,11 +72,9 @@ class SessionPanel(QFrame):
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
-        statuses = list(self.grid.statuses.values())
-        over, valid = sum(status in SETTLED for status in statuses), statuses.count("done")
-        missing = f" · {over - valid} without a result" if over > valid else ""
-        self.done.setText(f"{valid} of {len(opened.plan)} done{missing}" if opened.participant else "")
-        self.done.setToolTip("Without a result: timed out, aborted (×), skipped (–) or excluded" if missing else "")
+        settled, lacking = map(len, settled_cells(snapshot.rows))
+        self.done.setText(done_of(settled, len(opened.plan), lacking) if opened.participant else "")
+        self.done.setToolTip(LACKING if lacking else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
         self._say(opened, snapshot)
@@ -119,6 +119,9 @@ class SessionPanel(QFrame):
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
         self.abort.setEnabled(runs)
+        self.abort.setVisible(runs)
+        self.leave.setVisible(not runs)
+        self.leave.setEnabled(snapshot.can_leave)
         self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 
 

@@ -44,6 +44,8 @@ SERVER_DIED = (
     "The session server has stopped: the brakes are off and the recordings are kept. "
     "Close this window, start again and resume the session."
 )
+LEAVE = "What is recorded stays, and Home resumes the session where it stands."
+LACKING = "Without a result: aborted (×), skipped (–) or excluded (x)"
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
 
 
@@ -138,6 +140,11 @@ def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
 def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
     """Whether two trials are of one cell of the plan."""
     return all(getattr(a, field) == getattr(b, field) for field in CELL)
+
+
+def done_of(settled: int, planned: int, lacking: int) -> str:
+    """How far a session is: trials that are settled, of the plan; those without a result."""
+    return f"{settled} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
 
 
 def minutes(seconds: float | None) -> str:

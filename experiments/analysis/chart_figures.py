@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -21,6 +22,7 @@ from experiments.analysis.charts import (
     Box,
     Chart,
     View,
+    coloured,
     controllers_shown,
     left_out,
     legend,
@@ -85,6 +87,10 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
         figure = new_figure(width, HEIGHT)
         axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
         draw_chart(axes, chart, view.logarithmic)
+        named = coloured([chart], view)
+        dots = [Line2D([], [], marker="o", ls="", color=colour_of(one), label=name) for one, name in named.items()]
+        if 0 < len(dots) <= len(CONTROLLER_COLOURS):  # further ones would begin again, and have no room in a row
+            legend_at(figure, dots, 0.6, 0.1, fontsize=7.0, handletextpad=0.0, columnspacing=0.8)
         small_print(figure, lines, 0.6)
     return figure
 

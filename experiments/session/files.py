@@ -36,7 +36,7 @@ import filelock
 
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import SETTLED, TrialRow, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, codes, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.atomic_files import reading_stored, replace_file, write_new_file
@@ -204,11 +204,18 @@ def cell(trial: PlannedTrial | TrialRow) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
+def settled_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
+    """The cells of the plan that trials have settled, and those of them that are without a result."""
+    rows = list(rows)
+    settled = {cell(row) for row in rows if row.status in SETTLED}
+    return settled, settled - {cell(row) for row in rows if row.status in COUNTED}
+
+
 def open_trials(
     plan: tuple[PlannedTrial, ...], rows: list[TrialRow], postponed: Sequence[int] = ()
 ) -> list[PlannedTrial]:
     """The planned trials, in order, that no trial has settled yet; those of postponed runs end their configuration."""
-    settled = {cell(row) for row in rows if row.status in SETTLED}
+    settled, _ = settled_cells(rows)
     waiting = [trial for trial in plan if cell(trial) not in settled]
     if postponed:
         cells = [cell(row) for run in postponed for row in rows if row.run == run]
@@ -286,6 +293,12 @@ class StudyPlan:
     population: Population
 
 
+def refuse_study(folder: Path) -> None:
+    """InputError if the folder is a study's: its tables and statistics are of its simulated operators alone."""
+    if (folder / STUDY).exists():
+        raise InputError(f"{folder}: holds a study, which takes no other session; choose another data folder")
+
+
 def write_study(folder: Path, study: StudyPlan) -> None:
     """Store it in a folder that has none yet. OSError if it cannot be written."""
     about = {
@@ -346,6 +359,7 @@ class SessionOverview(NamedTuple):
     done: int  # trials of the plan that are settled
     planned: int
     changed_s: float  # s since 1970, of the newest trial
+    lacking: int = 0  # settled trials without a result: aborted, skipped, excluded
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -407,7 +421,7 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         with reading_stored(folder / STORED):
             about = json.loads((folder / STORED).read_text(encoding="utf-8"))
             planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
-            done = len({cell(row) for row in rows_of(folder) if row.status in SETTLED})
-            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s)
+            done, lacking = map(len, settled_cells(rows_of(folder)))
+            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
     except InputError as error:
         return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))

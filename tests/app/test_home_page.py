@@ -4,7 +4,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from fake_client import GREEN, RED, before, opened, ready
+from fake_client import GREEN, RED, before, opened, ready, running
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
@@ -185,8 +185,9 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page._link_chosen(BOARD)
     shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)
     assert "answers, three-brake" in texts(shown)
-    shown.qtbot.waitUntil(lambda: page.why.text() == "Connect to a board first.", timeout=60_000)
-    assert not page.start.isEnabled()
+    shown.qtbot.waitUntil(lambda: "no board is connected" in page.why.text(), timeout=60_000)
+    assert not page.start.isEnabled() and page.start.isVisible()
+    assert {check.text for check in page.checks._shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
     shown.type(page.port, "/tmp/port")
     QTest.keyClick(page.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
@@ -242,16 +243,41 @@ def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_
     assert page.participant.text() == "02" and page.setup == page.chosen
 
 
+def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_left(shown: Shown) -> None:
+    page = shown.page
+    closed_session(shown.setup.data_dir, 2, participant="07")
+    page.show_setup(shown.setup._replace(seed=2))
+    shown.qtbot.waitUntil(lambda: page.start.text() == "Resume session   07 · 58 trials left", timeout=60_000)
+    shown.type(page.participant, "08")
+    assert page.start.text() == "Start session   08 · 60 trials"
+
+
+def test_a_studys_folder_takes_no_session_of_a_person(shown: Shown) -> None:
+    shown.look(session(shown.setup.data_dir, "02", 60), operators=2)
+    assert not shown.page.start.isEnabled() and "holds a study of 2 simulated operators" in shown.page.why.text()
+
+
+def test_trials_without_a_result_stand_beside_those_that_are_over(shown: Shown) -> None:
+    shown.look(session(shown.setup.data_dir, "02", 60)._replace(lacking=3))
+    assert "60 of 60" in texts(shown) and "3 without a result" in texts(shown)
+
+
 def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
     page, folder = shown.page, shown.setup.data_dir
     page.show_opened(opened("01"))
-    page.show_snapshot(ready(3))
-    shown.look(session(folder, "02", 14), session(folder, "01", 3))
+    for stage in (running(3), ready(3)):
+        page.show_snapshot(stage)
+        shown.look(session(folder, "02", 14), session(folder, "01", 3))
+        settle(page)
+        buttons = {button.text(): button for button in page.data.findChildren(QPushButton) if button.isVisible()}
+        assert not buttons["Resume"].isEnabled() and "session of 01 is open" in buttons["Resume"].toolTip()
+        assert buttons["Close"].isEnabled() == (stage.stage == m.READY), "not in mid-trial"
     assert not page.protocol.isEnabled() and not page.data.choose.isEnabled()
-    assert not any(b.isEnabled() for b in page.data.findChildren(QPushButton) if b.text() == "Resume" and b.isVisible())
-    assert page.start.text() == "Go to the session   01"
+    assert page.start.text() == "Go to the session   01" and "close it" in page.why.text()
     shown.click(page.start)
     assert shown.pages == [(RUN, None)] and shown.sent == []
+    shown.click(buttons["Close"])
+    assert shown.sent == [m.Leave()]
 
 
 def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_path: Path, monkeypatch) -> None:

@@ -93,17 +93,12 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
-def test_escape_closes_what_is_asked_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
+def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
     assert screens.client.off_causes == [] and screens.run.cards.question is None
-    screens.press(KEY.Key_Escape)
-    assert len(screens.client.off_causes) == 1
-
-
-def test_escape_in_a_note_leaves_the_note_and_nothing_else(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
+    screens.hear(ready(3))
     screens.press(KEY.Key_N, modifier=CTRL)
     screens.press(KEY.Key_Escape, screens.run.panel.note)
     assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()
@@ -147,6 +142,18 @@ def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
     assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(False)]
 
 
+def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
+    screens.hear(opened(), running(3))
+    assert not screens.run.panel.leave.isVisible()
+    screens.hear(ready(3))
+    QTest.mouseClick(screens.run.panel.leave, Qt.MouseButton.LeftButton)
+    assert "What is recorded stays" in " ".join(visible_texts(screens.main))
+    QTest.keyClick(screens.run.cards.question.buttons[0], KEY.Key_Return)
+    assert screens.client.sent[-1] == m.Leave()
+    screens.hear(opened(""), before())
+    assert screens.run.cards.question is None and not screens.run.panel.leave.isEnabled()
+
+
 def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.press(KEY.Key_N, modifier=CTRL)
@@ -163,7 +170,7 @@ def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> N
     grid = screens.run.panel.grid
     assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
     assert grid.marked == 6 and grid.running
-    assert screens.run.panel.done.text() == "1 of 60 done · 2 without a result"  # the others come again
+    assert screens.run.panel.done.text() == "3 of 60 done · 1 without a result"  # the others come again
 
 
 def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:

@@ -161,6 +161,31 @@ def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
         assert seen.until(lambda s: s.notes).stage == m.READY
 
 
+def test_a_session_is_not_left_in_mid_trial_and_what_it_recorded_stays(tmp_path: Path) -> None:
+    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
+        seen.open()
+        seen.client.send(m.Start())
+        seen.until_stage(m.RUNNING)
+        seen.client.send(m.Leave())
+        refused = seen.until(lambda s: s.notice_bad)
+        assert refused.stage == m.RUNNING and refused.notice == "A trial is running." and not refused.can_leave
+        seen.client.send(m.Abort("enough", again="now"))
+        assert seen.until_stage(m.READY).can_leave
+        seen.client.send(m.Leave())
+        assert not seen.until_stage(m.NO_SESSION).can_leave
+        seen.client.send(m.Open("01", resume=True))
+        assert [row.status for row in seen.until(lambda s: s.rows).rows] == ["redone"]
+
+
+def test_a_studys_folder_takes_no_other_session(tmp_path: Path) -> None:
+    (tmp_path / "study.json").write_text('{"operators": 2}')
+    with local_window(Setup(tmp_path, sync=False)) as seen:
+        seen.until_stage(m.NO_SESSION)
+        seen.client.send(m.Open("03"))
+        assert "holds a study, which takes no other session" in seen.until(lambda s: s.notice_bad).notice
+    assert not list(tmp_path.glob("sub-*"))
+
+
 def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()

@@ -28,6 +28,7 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
     overview = look_into(tmp_path)
     newest, oldest = overview.sessions
     assert (newest.participant, newest.done, newest.planned, newest.complete) == ("02", 3, 20, False)
+    assert (newest.lacking, oldest.lacking) == (1, 0), "a skipped trial is over without a result"
     assert (oldest.participant, oldest.done, oldest.complete, oldest.protocol) == ("01", 20, True, "paper")
     assert (overview.done, overview.planned, overview.operators, overview.problem) == (23, 40, 0, "")
     session = Session.resume(tmp_path, "02", sync=False)
