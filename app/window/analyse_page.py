@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.ipc import messages as m
-from app.window.box_plot import ChartPlot, trial_of
+from app.window.box_plot import ChartPlot, colour_of, trial_of
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.parts import (
@@ -44,7 +44,18 @@ from app.window.trial_view import TrialView
 from app.window.words import show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
-from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, View, charts, left_out, legend
+from experiments.analysis.charts import (
+    ORDER,
+    PERSON,
+    POOLED,
+    QUESTIONS,
+    SPEED,
+    View,
+    charts,
+    coloured,
+    left_out,
+    legend,
+)
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.participants import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
@@ -156,11 +167,11 @@ class Verdicts(QScrollArea):
             self._text.setText("The statistics are being computed …")
             return
         warned = filter(None, (*conclusions.warnings, conclusions.refusal))
-        parts = [f"<p>{coloured(text, theme.CAUTION)}</p>" for text in warned]
+        parts = [f"<p>{in_colour(text, theme.CAUTION)}</p>" for text in warned]
         if conclusions.found:
             parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
             for one in conclusions.found:
-                verdict, why = coloured(one.verdict, VERDICT[one.verdict]), coloured(one.sentence, theme.QUIET)
+                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, theme.QUIET)
                 parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
             parts.append("</table>")
         if conclusions.sentences:
@@ -168,7 +179,7 @@ class Verdicts(QScrollArea):
         self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in conclusions.sentences]))
 
 
-def coloured(text: str, colour: str) -> str:
+def in_colour(text: str, colour: str) -> str:
     """A text as HTML; no line ends within a unit such as m/s."""
     return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
 
@@ -196,7 +207,9 @@ class AnalysePage(Page):
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(3)]
         self.empty, self.verdicts = line("", "quiet", theme.TITLE), Verdicts()
-        self._charts = holder(row(*self.plots))
+        self.colours = line("", size=theme.SMALL)  # which controller is which
+        self.colours.setTextFormat(Qt.TextFormat.RichText)
+        self._charts = holder(column((row(*self.plots), 1), self.colours))
         self.stack = stack(self._charts, self.verdicts, self.empty)
         self.side = TrialView()
         self._reading.done.connect(self._show_results)
@@ -214,6 +227,7 @@ class AnalysePage(Page):
         self.bar, self.cancel_button = QProgressBar(textVisible=False), button("Cancel", self.cancel_export, "small")
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
+        self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
         self._export, self._cancelled = Verb(), False
         self._job: Job | None = None  # the newest
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
@@ -221,7 +235,8 @@ class AnalysePage(Page):
         QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
         self._show_busy()
-        self.side.hide()
+        for absent in (self.side, self._foot):
+            absent.hide()
         self._show_empty(NO_FOLDER)
 
     def _lay_out(self) -> None:
@@ -239,7 +254,7 @@ class AnalysePage(Page):
         self.setLayout(column(
             head, Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14),
             (row((self.stack, 1), self.side), 1), row(self.caption, self.warning, self.summary, spacing=14),
-            row(self.message, self.folder_button, self.bar, self.cancel_button), spacing=8,
+            self._foot, spacing=8,
         ))  # fmt: skip
 
     # what the main window hands over
@@ -381,6 +396,9 @@ class AnalysePage(Page):
             return
         self.stack.setCurrentWidget(self._charts)
         self.caption.setText(" ".join(legend(shown[0], self.view)))
+        named = {one: escape(f" {name}").replace(" ", "\u00a0") for one, name in coloured(shown, self.view).items()}
+        self.colours.setText(" &nbsp; ".join(in_colour("●", colour_of(one)) + name for one, name in named.items()))
+        self.colours.setVisible(bool(named))
         if self.page != QUESTIONS:
             self.warning.setText(left_out(rows, *self.view.timeouts_on(shown[0])))
         for plot, chart in zip(self.plots, shown, strict=False):
@@ -483,6 +501,7 @@ class AnalysePage(Page):
         self._cancelled = False
         self._export.begin(module="app.window.export", given=pickle.dumps(self._job))
         self._show_busy()
+        self._tell(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
 
     def cancel_export(self) -> None:
         """Stop now; nothing is left behind."""
@@ -502,7 +521,7 @@ class AnalysePage(Page):
     def _tell(self, text: str, look: str) -> None:
         theme.name_anew(self.message, look)
         self.message.setText(text)
-        self.message.setVisible(bool(text))
+        self._foot.setVisible(bool(text) or self._export.busy)
 
     def _show_busy(self) -> None:
         """Whether an export is being written."""

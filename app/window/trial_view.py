@@ -209,7 +209,7 @@ class TrialView(QFrame):
 
     def go_on(self, seconds: float) -> None:
         """So much further in the trial (s, > 0)."""
-        self._played_s += seconds
+        self._played_s = min(self._played_s + seconds, float(self.trial.t[-1]))
         at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
         if at > self.at:
             self.workspace.add(self.trial.ticks[self.at + 1 : at + 1])

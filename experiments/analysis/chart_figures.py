@@ -8,9 +8,10 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from experiments.analysis.charts import GROUP_SHARE, Box, Chart, View, left_out, legend
+from experiments.analysis.charts import GROUP_SHARE, Box, Chart, View, coloured, left_out, legend
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     LINE,
@@ -19,6 +20,7 @@ from experiments.analysis.sheet import (
     STYLE,
     TEXT,
     figure_bytes,
+    legend_at,
     new_figure,
     small_print,
 )
@@ -66,6 +68,10 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
         figure = new_figure(width, HEIGHT)
         axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
         draw_chart(axes, chart, view.logarithmic)
+        named = coloured([chart], view)
+        dots = [Line2D([], [], marker="o", ls="", color=colour_of(one), label=name) for one, name in named.items()]
+        if 0 < len(dots) <= len(CONTROLLER_COLOURS):  # further ones would begin again, and have no room in a row
+            legend_at(figure, dots, 0.6, 0.1, fontsize=7.0, handletextpad=0.0, columnspacing=0.8)
         small_print(figure, lines, 0.6)
     return figure
 

@@ -110,6 +110,12 @@ class View(NamedTuple):
         """Which of `LOOKS` a configuration has."""
         return self.configurations.index(configuration) % len(LOOKS)
 
+    def name(self, controller: Controller) -> str:
+        """A controller in one line; a code without the participant that it may be of."""
+        if isinstance(controller, str):
+            return controller.rpartition(" ")[2]
+        return self.names.get(controller, f"controller {controller}").replace("\n", " ")
+
     def timeouts_on(self, chart: Chart) -> tuple[bool, bool]:
         """Whether trials whose time was up are in a chart's boxes, and else above its scale: they have no speed."""
         has_speed = chart.name.endswith(SPEED)
@@ -315,8 +321,8 @@ def _chart(
             if value is not None:
                 value *= metric.scale
                 status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
-                code = f" · {row.controller.rpartition(' ')[2]}" if isinstance(row.controller, str) else ""
-                text = f"Participant {row.participant}{code} · run {row.run} · {value:.3g} {metric.shown_unit}{status}"
+                who = f"Participant {row.participant} · {view.name(row.controller)} · run {row.run}"
+                text = f"{who} · {value:.3g} {metric.shown_unit}{status}"
                 found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)
 
@@ -341,8 +347,7 @@ def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
     placed: list[tuple[float, Point]] = []
     for n, (a, question, value) in enumerate(each):
         middle = _middle(questions.index(question), members.index((a.configuration, a.controller)), len(members))
-        name = str(view.names.get(a.controller, a.controller)).replace("\n", " ")
-        after = f"after block {a.block}" if a.block else f"after {name}"
+        after = f"after block {a.block}" if a.block else f"after {view.name(a.controller)}"
         text = f"Participant {a.participant} · {after} on {a.configuration} · {value:g}"
         x = middle + _beside(n, room)
         placed.append((middle, Point(x, value, a.controller or "", view.look(a.configuration), text)))
@@ -351,6 +356,12 @@ def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
     span = (-0.5, len(questions) - 0.5)
     points = tuple(point for _, point in placed)
     return Chart(QUESTIONS, "Answers to the questionnaire", "0 to 100", ticks, "", span, points, boxes=boxes)
+
+
+def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:
+    """Controller -> its name: of those that charts tell apart by their colours. Codes have none."""
+    there = {point.controller for chart in shown for point in (*chart.points, *chart.timeouts)}
+    return {one: view.name(one) for one in sorted(one for one in there if isinstance(one, int))}
 
 
 def legend(chart: Chart, view: View) -> list[str]:

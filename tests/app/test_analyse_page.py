@@ -22,7 +22,7 @@ from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.box_plot import ChartPlot, colour_of
 from app.window.painting import theme
 from app.window.trial_card import REASONS
-from experiments.analysis.charts import PERSON, POOLED, QUESTIONS
+from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
 from experiments.session.session import Session
@@ -147,10 +147,22 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         write_table(table_of(data, who), rows, replacing=True)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {theme.QUIET.lower()}
-    assert colour_of("K3") == theme.QUIET
+    assert colour_of("K3") == theme.QUIET and not page.colours.isVisible()
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
+
+
+@pytest.mark.parametrize("name", [POOLED, PERSON, ORDER, SPEED])
+def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, tmp_path: Path, name: str) -> None:
+    closed_session(tmp_path / "data", 2, protocol=short())
+    page = page_on(qtbot, tmp_path / "data")
+    page.show_page(name)
+    drawn = {point.data().controller: point.pen().color().name() for point in page.plots[0].points.points()}
+    shown = page.colours.text().replace("\u00a0", " ")
+    assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
+    for controller, colour in drawn.items():
+        assert f'color: {colour}">●</span> {page.view.name(controller)}'.lower() in shown.lower()
 
 
 def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:
@@ -228,12 +240,12 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     assert page.cancel() and not page.side.isVisible() and not page.cancel() and not ringed(page.plots[0])
 
 
-def test_what_is_under_the_pointer_is_named_by_participant_run_and_value(qtbot, data: Path) -> None:
+def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_value(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     row = page.rows[60]
     point = next(p for p in page.plots[0].points.points() if p.data().row == row)
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
-    assert tip == f"Participant 02 · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
+    assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
 
 
 @pytest.fixture
@@ -318,9 +330,13 @@ def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data:
 def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     (data / "results-1").mkdir()
     page = page_on(qtbot, data)
+    page._tell("10 files written", "good")  # of an export before
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     page.keys()["export"]()
     assert page.cancel_button.isVisible() and not page.export_button.isEnabled()
+    settle(page)
+    assert page.message.text().startswith("Writing") and page.message.objectName() == "quiet"
+    assert page.cancel_button.width() == page.cancel_button.sizeHint().width() and page.bar.width() == 160
     qtbot.waitUntil(lambda: "results-2" in page.message.text(), timeout=120_000)
     folder = data / "results-2"
     assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".pdf", ".csv"}

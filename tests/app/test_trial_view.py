@@ -97,6 +97,8 @@ def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
     view.go_on(1.0)
     view.frame()
     assert view.at == len(view.trial.ticks) - 1 and not view.playing
+    now, end = view.clock.text().removesuffix(" s").split(" / ")
+    assert now == end, "no time is shown that the trial does not have"
     view.play_or_pause()
     assert view.at <= 1 and view.playing
     view.play_or_pause()
@@ -144,8 +146,8 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     low, high = (curve.getData()[1] for curve in trace.bands[0])
     assert np.all(low[1:-1] == 0.0) and np.all(high[1:-1] == 0.8)
     trace.show_cursor(1500)
-    assert "A 0.80 2" in trace.value  # 25 % of the time, within a tick
-    assert "E 0.00 0%" in trace.value and "C" not in trace.value
+    assert "A 0.80 on 2" in trace.value  # 25 % of the time, within a tick
+    assert trace.value.endswith("E 0.00 B 0.00")  # C has no brake
     trace.show_currents(t, currents, hidden=True)
     trace.show_cursor(1500)
     assert "blind" in trace.value and trace.means[0].getData()[0] is None

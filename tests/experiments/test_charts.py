@@ -9,6 +9,7 @@ from protocols import short
 from sessions import new_session, run_trials
 
 from core.files import InputError
+from experiments.analysis.chart_figures import chart_figure, colour_of
 from experiments.analysis.charts import (
     LEAST_IN_A_BOX,
     ORDER,
@@ -19,6 +20,7 @@ from experiments.analysis.charts import (
     Answers,
     View,
     charts,
+    coloured,
     left_out,
     legend,
 )
@@ -105,6 +107,21 @@ def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_part
     answers = [Answers(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert len(chart.boxes) == 2
+
+
+@pytest.mark.parametrize("page", [PERSON, ORDER, SPEED])
+def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controller(page):
+    view, rows = VIEW._replace(names={**VIEW.names, 4: "Proportional,\nhigh gain"}), study()
+    chart = charts(page, rows, view)[0]
+    named = coloured([chart], view)
+    assert list(named) == [1, 2, 3, 4, 5] and named[4] == "Proportional, high gain"
+    assert all(f" · {view.name(point.row.controller)} · run {point.row.run} · " in point.text for point in chart.points)
+    (key,) = chart_figure(chart, rows, "", view).legends
+    looks = {text.get_text(): dot.get_color() for text, dot in zip(key.get_texts(), key.get_lines(), strict=True)}
+    assert looks == {name: colour_of(controller) for controller, name in named.items()}
+    coded = [replace(row, controller=f"K{row.controller}") for row in rows]
+    assert coloured(charts(page, coded, view), view) == {}
+    assert not chart_figure(charts(page, coded, view)[0], coded, "", view).legends
 
 
 def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
