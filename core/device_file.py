@@ -161,7 +161,7 @@ class Link(Table, frozen=True):
     """One link; a uniform rod where com (from the proximal joint) or inertia (about the com) is left out."""
 
     mass_kg: NotNegative
-    com_m: float | None = None
+    com_m: Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)] | None = None
     inertia_kg_m2: NotNegative | None = None
 
 

@@ -93,17 +93,12 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
-def test_escape_closes_what_is_asked_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
+def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
     assert screens.client.off_causes == [] and screens.run.cards.question is None
-    screens.press(KEY.Key_Escape)
-    assert len(screens.client.off_causes) == 1
-
-
-def test_escape_in_a_note_leaves_the_note_and_nothing_else(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
+    screens.hear(ready(3))
     screens.press(KEY.Key_N, modifier=CTRL)
     screens.press(KEY.Key_Escape, screens.run.panel.note)
     assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()

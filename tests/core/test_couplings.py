@@ -132,8 +132,7 @@ def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar
             one.device, START, (0.0, 0.0), integrator=integrator, hand=new_hand(forces=np.array([force]))
         )
         rows = simulation.run(0.6, 1e-3, yields(replace(bar, braked="AB"), 0.3))
-        for p in rows[::10, 1:3]:
-            assert stops_of(one.device, *p).min() > -1e-9
+        assert stops_of(one.device, *rows[::10, 1:3]).min() > -1e-9
         found.append((rows, simulation.ledger()))
     (rows, ledger), (expected, as_it_is) = found
     assert as_it_is.lost_at_stops > 1e-3, "it has struck"

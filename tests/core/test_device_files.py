@@ -190,7 +190,7 @@ def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
 @given(st.floats(-0.7, 0.7), st.floats(0.001, 0.7), st.sampled_from(["three-brake", "four-brake"]))
 def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
     dev = {"three-brake": THREE, "four-brake": FOUR}[name]
-    nearest = stops_of(dev, x, y).min()
+    nearest = stops_of(dev, (x, y)).min()
     if abs(nearest) > 1e-9:
         assert bool(tip_is_free(dev.mechanism, x, y)) == (nearest > 0.0)
 
@@ -250,6 +250,7 @@ BAD_DEVICES = {
     "elbows": ('"out"', '"up"', "elbows must be one of out, in, left, right, not 'up'"),
     "one encoder": ("A = 96000, B = 96000", "A = 96000", "two or four"),
     "encoder counts": ("A = 96000,", "A = 0.5,", r"sensing\.encoders\.A must be a whole number"),
+    "a centre of mass far off": (r"com_m = \S+,", "com_m = -1e300,", r"mass\.AE\.com_m must be at least -1e\+06"),
     "more counts than a counter has": ("A = 96000,", "A = 2000000000,", r"encoders\.A must be at most 1e\+09"),
     "sensor body": ('"handle"', '"table"', "on must be one of"),
     "sensor mass": ("beyond_kg = 0.1", "beyond_kg = 0.6", r"part of mass\.tip_kg"),
@@ -300,9 +301,9 @@ def test_a_theta_stop_means_the_same_in_every_turn():
     allowed = tip_is_free(across.mechanism, x, y)
     np.testing.assert_array_equal(allowed, tip_is_free(lower.mechanism, x, y))
     assert 0 < tip_is_free(short.mechanism, x, y).sum() < allowed.sum()
-    for px, py in list(zip(x[allowed], y[allowed], strict=True))[::25]:
-        np.testing.assert_allclose(stops_of(across, px, py), stops_of(lower, px, py), atol=1e-12)
-        assert stops_of(across, px, py).min() >= -1e-12
+    tips = np.column_stack((x[allowed], y[allowed]))[::25]
+    np.testing.assert_allclose(stops_of(across, *tips), stops_of(lower, *tips), atol=1e-12)
+    assert stops_of(across, *tips).min() >= -1e-12
 
 
 

@@ -110,8 +110,7 @@ def test_tip_never_passes_a_hard_stop(bar, push):
     rows = simulation.run(1.0, 1e-3, yields(bar, 0.3))
     assert np.all(np.isfinite(rows))
     assert simulation.ledger().lost_at_stops > 0.0
-    for x, y in rows[::10, 1:3]:
-        assert stops_of(bar.device, x, y).min() > -1e-6
+    assert stops_of(bar.device, *rows[::10, 1:3]).min() > -1e-6
 
 
 @pytest.mark.parametrize("fidelity", ["static", "mr"])

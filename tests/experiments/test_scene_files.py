@@ -69,16 +69,11 @@ def test_constants_hold_for_the_whole_scene_and_unnamed_joints_are_zero(scene):
     assert np.all(s.force == [10.0, -1.0])
 
 
-def test_a_schedule_overrides_the_constants_and_its_columns_may_stand_in_any_order(scene):
+def test_a_schedule_overrides_the_constants_in_columns_of_any_order_that_may_be_zero_without_a_brake(scene):
     more = '[brakes]\ntorque_N_m = {A = 1}\nschedule = "brakes.csv"\n'
-    s = scene(more, brakes="t_s,B,A\n-1,0.1,0.2\n0.005,0.3,0.4\n")
+    s = scene(more, brakes="t_s,B,C,A\n-1,0.1,0,0.2\n0.005,0.3,0,0.4\n")
     assert s.schedule_t.tolist() == [-1.0, 0.005]
     assert s.schedule.tolist() == [[0.2, 0.0, 0.1, 0.0], [0.4, 0.0, 0.3, 0.0]]
-
-
-def test_a_column_of_a_joint_without_a_brake_may_be_zero(scene):
-    s = scene('[brakes]\nschedule = "brakes.csv"\n', brakes="t_s,A,E,B,C\n0,1,2,3,0\n")
-    assert s.schedule.tolist() == [[1.0, 2.0, 3.0, 0.0]]
 
 
 def test_currents_go_with_the_real_brake(scene):

@@ -121,14 +121,13 @@ class FiveBar:
         a, e, b, c = self.angles(p)
         both = []
         for base, elbow, (one, two) in ((a, e, self.lengths[:2]), (b, c, self.lengths[2:])):
-            end = np.array([-two * math.sin(base + elbow), two * math.cos(base + elbow)])
-            both.append(np.column_stack([end + one * np.array([-math.sin(base), math.cos(base)]), end]))
+            x, y = -two * math.sin(base + elbow), two * math.cos(base + elbow)
+            both.append(np.array([[x - one * math.sin(base), x], [y + one * math.cos(base), y]]))
         return both[0], both[1]
 
     def joint_rows(self, p: np.ndarray) -> np.ndarray:
         """g (4, 2): joint rates = g v."""
-        one, two = self.jacobians(p)
-        return np.vstack([np.linalg.inv(one), np.linalg.inv(two)])
+        return np.linalg.inv(np.array(self.jacobians(p))).reshape(4, 2)
 
     def brake_rates(self, of_joints: np.ndarray) -> np.ndarray:
         """What the brakes act on (4, ...), from the same of the joints: these, or combinations of A and B."""
@@ -143,16 +142,15 @@ class FiveBar:
 
     def kinetic(self, p: np.ndarray, v: np.ndarray) -> float:
         """Kinetic energy (J) summed over bodies: four links, elbow masses, rotors, tip."""
-        a, e, b, c = self.angles(p)
+        _, e, _, c = self.angles(p)
         rates = self.joint_rows(p) @ v
-        total = 0.5 * self.tip * (v @ v) + 0.5 * float(self.rotors @ self.brake_rates(rates) ** 2)
-        for theta, bend, rate, bending, k in ((a, e, rates[0], rates[1], 0), (b, c, rates[2], rates[3], 2)):
+        total = 0.5 * self.tip * float(v @ v) + 0.5 * float(self.rotors @ self.brake_rates(rates) ** 2)
+        for bend, rate, bending, k in ((e, *rates[:2].tolist(), 0), (c, *rates[2:].tolist(), 2)):
             (m1, c1, i1), (m2, c2, i2) = self.links[k], self.links[k + 1]
-            u1 = np.array([-math.sin(theta), math.cos(theta)]) * rate
-            u2 = np.array([-math.sin(theta + bend), math.cos(theta + bend)]) * (rate + bending)
-            elbow, com = self.lengths[k] * u1, self.lengths[k] * u1 + c2 * u2
-            total += 0.5 * (m1 * c1**2 + i1) * rate**2 + 0.5 * self.elbow_masses[k // 2] * (elbow @ elbow)
-            total += 0.5 * m2 * (com @ com) + 0.5 * i2 * (rate + bending) ** 2
+            elbow, second = self.lengths[k] * rate, rate + bending  # m/s of the elbow; rad/s of the second link
+            com = elbow**2 + (c2 * second) ** 2 + 2.0 * elbow * c2 * second * math.cos(bend)  # square of its speed
+            total += 0.5 * (m1 * c1**2 + i1) * rate**2 + 0.5 * self.elbow_masses[k // 2] * elbow**2
+            total += 0.5 * m2 * com + 0.5 * i2 * second**2
         return total
 
 
@@ -248,10 +246,10 @@ def switching(bar: FiveBar, duration: float, high: float = 5.0, low: float = 0.3
     return times, np.array([yields(bar, low, **{order[k % len(order)]: high}) for k in range(len(times))])
 
 
-def stops_of(device: Device, x: float, y: float) -> np.ndarray:
-    """Distance (7,) of each place to its nearest hard stop at a tip; negative: the tip is not allowed."""
-    gap, side = np.zeros(7), np.zeros(7)
+def stops_of(device: Device, *tips: np.ndarray) -> np.ndarray:
+    """Distance (n, 7) of each place to its nearest hard stop at each tip; negative: the tip is not allowed."""
+    gaps, side, theta = np.zeros((len(tips), 7)), np.zeros(7), np.zeros(4)
     mechanism = pack_mechanism(device.mechanism)[0]
-    sign = math.copysign(1.0, distal_sine(mechanism, x, y))
-    stop_gap(mechanism, sign, x, y, np.zeros(4), gap, side)
-    return gap
+    for gap, (x, y) in zip(gaps, tips, strict=True):
+        stop_gap(mechanism, math.copysign(1.0, distal_sine(mechanism, x, y)), x, y, theta, gap, side)
+    return gaps
