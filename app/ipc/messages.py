@@ -270,6 +270,7 @@ class SandboxState(NamedTuple):
     by_start: bool  # a pass waits for Start, and a change for the next pass: currents flow in real brakes
     least_gain_N_s_m: float  # a guide of less gain does less than the brakes' own drag
     passes: tuple[Pass, ...] = ()  # the newest last
+    saved: str = ""  # the protocol file that was written last; "": none yet
 
 
 class Snapshot(NamedTuple):

@@ -219,6 +219,9 @@ class HomePage(Page):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         super().show_snapshot(snapshot)
         self.device.show_session(self.opened, snapshot)
+        if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
+            self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
+            self._choose()
         self._refresh()
 
     def show_pulse(self, pulse: m.Pulse) -> None:

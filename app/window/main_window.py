@@ -16,7 +16,7 @@ from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.cards import Cards
-from app.window.keys import KEYS, bind
+from app.window.keys import KEYS, SESSION, WINDOW, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
@@ -199,7 +199,13 @@ class MainWindow(QWidget):
         self.client.send(command)
 
     def show_keys(self) -> None:
-        self.cards.show_keys(KEYS)
+        """Those of every page, then those of the page at the front."""
+        groups = {
+            title: {" or ".join(key.keys): key.does for key in table.values()}
+            for title, table in (("In a session", SESSION), ("In the window", WINDOW))
+        }
+        own = self.pages[self.shown].own_keys()
+        self.cards.show_keys(groups | ({f"On {self.shown}": own} if own else {}))
 
     # ------------------------------------------------------------------------------------------- brakes
 

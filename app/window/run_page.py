@@ -99,6 +99,9 @@ class RunPage(Page):
             "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
         }  # fmt: skip
 
+    def own_keys(self) -> dict[str, str]:
+        return self.workspace.keys if self.workspace is not None else {}
+
     # ------------------------------------------------------------------------------------------- what is asked for
 
     def start(self) -> None:

@@ -332,11 +332,11 @@ class TryPage(Page):
         over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
-        workspace, passes = Layered(self.canvas, LAYERS), QFrame(objectName="panel")
-        workspace.foot.addWidget(self.start)
+        self.workspace, passes = Layered(self.canvas, LAYERS), QFrame(objectName="panel")
+        self.workspace.foot.addWidget(self.start)
         head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
-        left = column((workspace, 3), (passes, 2), spacing=theme.GAP)
+        left = column((self.workspace, 3), (passes, 2), spacing=theme.GAP)
         self.setLayout(row((left, 1), self._controls, spacing=theme.GAP))
         self.start.hide()
 
@@ -396,6 +396,10 @@ class TryPage(Page):
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"start": self._start}
+
+    def own_keys(self) -> dict[str, str]:
+        guides = {one.key: f"{one.feel.text()}: {one.accessibleName()}" for one in self.guides.values() if one.key}
+        return guides | self.workspace.keys
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """A digit chooses the controller in that place."""

@@ -190,6 +190,18 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
         QApplication.setOrganizationName("")
 
 
+def test_a_protocol_that_was_saved_in_try_can_be_chosen_at_once(shown: Shown, tmp_path: Path) -> None:
+    saved, tried = str(tmp_path / "tried.toml"), m.SandboxState(None, None, (), False, 0.0)
+    before_it = shown.page.protocol.count()
+    shown.page.show_snapshot(before(sandbox=tried))
+    assert shown.page.protocol.count() == before_it
+    for _ in range(2):
+        shown.page.show_snapshot(before(sandbox=tried._replace(saved=saved)))
+        shown.wait()
+        assert shown.page.protocol.count() == before_it + 1 and shown.page.protocol.findText("tried.toml") > 0
+        assert shown.page.protocol.currentText() == "Paper", "nothing is chosen in place of the person"
+
+
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
