@@ -79,6 +79,7 @@ class Sandbox:
         self._changed = self._asked = self._taken = False  # asked: a Start; taken: the pointer still has the handle
         self._number, self._least_gain = 0, 0.0
         self._passes: list[Pass] = []
+        self._saved = ""
         self.failure: BaseException | None = None  # of the preparation
         self.prepared, self.loop_ready = self.real, threading.Event()  # the loop needs the processors more
         threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
@@ -146,6 +147,7 @@ class Sandbox:
             mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
         backlash = None if self._own_backlash() else s.backlash_deg
         save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
+        self._saved = str(path)
         left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
         self._notify(f"Saved as {path}.{left_out}", False)
 
@@ -168,7 +170,8 @@ class Sandbox:
         if not self.on:
             return None
         initial = self._initial(self.settings.device, self.settings.path)
-        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, tuple(self._passes))
+        passes = tuple(self._passes)
+        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes, self._saved)
 
     @property
     def waits(self) -> bool:

@@ -299,6 +299,10 @@ class AnalysePage(Page):
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"export": self.export, **({"start": self.side.play_or_pause} if self.side.isVisible() else {})}
 
+    def own_keys(self) -> dict[str, str]:
+        """Those of the player, which has them from a click on it on."""
+        return {key: does for key, (does, _) in self.side.keys().items()} if self.side.isVisible() else {}
+
     def _of_session(self) -> Path:
         """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""
         if self.opened is None or not self.opened.folder:

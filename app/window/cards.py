@@ -8,7 +8,6 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QButtonGroup, QFrame, QGridLayout, QLineEdit, QPushButton, QWidget
 
 from app.ipc import messages as m
-from app.window.keys import Key
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
 from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
@@ -210,18 +209,19 @@ class Cards:
         """Something that has to be read."""
         self.put(Card(title, text, [("Close  Enter", self.leave)], self._parent))
 
-    def show_keys(self, keys: Mapping[str, Key]) -> None:
+    def show_keys(self, groups: Mapping[str, Mapping[str, str]]) -> None:
+        """Title of a group -> key -> what it does."""
         card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
         card.wide = KEYS_PX
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(14)
-        half = -(-len(keys) // 2)
-        for place, key in enumerate(keys.values()):
-            across, down = divmod(place, half)
-            grid.addWidget(word(" or ".join(key.keys), bold=True), down, 2 * across)
-            grid.addWidget(line(key.does, "quiet"), down, 2 * across + 1)
-            grid.setColumnStretch(2 * across + 1, 1)
-        card.inside.addLayout(grid)
+        columns = row(spacing=24)
+        for title, keys in groups.items():
+            grid = QGridLayout(horizontalSpacing=14, verticalSpacing=4)
+            grid.setColumnStretch(1, 1)
+            for down, (key, does) in enumerate(keys.items()):
+                grid.addWidget(word(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
+                grid.addWidget(line(does, "quiet"), down, 1)
+            columns.addLayout(column(word(title, size=theme.TITLE), grid, 1), 1)
+        card.inside.addLayout(columns)
         self.put(card)
 
     def ask_to_leave(self, close: Callable[[], None]) -> None:

@@ -1,4 +1,4 @@
-"""The keys of both windows: one table, from which F1 shows them all."""
+"""The keys of both windows, which act on every page: two tables, from which F1 shows them beside those of its page."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -14,7 +14,8 @@ class Key(NamedTuple):
     does: str
 
 
-KEYS = {
+#: in a session
+SESSION = {
     "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
     "escape": Key(("Esc",), "close a question; else brakes off at once"),
     "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
@@ -24,6 +25,8 @@ KEYS = {
     "pause": Key(("Ctrl+P",), "pause after this trial, or resume"),
     "abort": Key(("Ctrl+A",), "abort the running trial"),
     "note": Key(("Ctrl+N",), "write a note"),
+}
+WINDOW = {
     "export": Key(("Ctrl+E",), "export what is shown"),
     "home": Key(("Ctrl+1",), "Home"),
     "try": Key(("Ctrl+2",), "Try"),
@@ -33,8 +36,9 @@ KEYS = {
     "participant": Key(("F11",), "show or hide the participant's view"),
     "larger": Key(("Ctrl++", "Ctrl+="), "larger text"),
     "smaller": Key(("Ctrl+-",), "smaller text"),
-    "keys": Key(("F1", "?"), "show all keys"),
+    "keys": Key(("F1", "?"), "show the keys"),
 }
+KEYS = SESSION | WINDOW
 
 
 def bind(window: QWidget, commands: Mapping[str, Callable[[], object]]) -> None:

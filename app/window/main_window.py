@@ -8,15 +8,15 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.cards import Cards
-from app.window.keys import KEYS, bind
+from app.window.keys import KEYS, SESSION, WINDOW, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
@@ -33,6 +33,7 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 LARGEST = (1920, 1080)
+RECORDING_PX = 300  # wide, at least, the proof of recording
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
@@ -41,8 +42,10 @@ class Footer(QFrame):
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
-        self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
-        self.folder.setMaximumWidth(320)
+        self.folder = OneLine("", "", theme.NORMAL, bold=True)
+        self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
+        self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
+        self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
@@ -71,7 +74,7 @@ class Footer(QFrame):
         if proof is None:
             self._light(theme.GOOD if verified else theme.BRAKE_OFF)
             runs = "1 run" if verified == 1 else f"{verified} runs"
-            kept = f" · {runs} of this session recorded and verified" if verified else ""
+            kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
         self._light(theme.BAD if proof.age_s < STALE_S else theme.CAUTION)
@@ -196,7 +199,13 @@ class MainWindow(QWidget):
         self.client.send(command)
 
     def show_keys(self) -> None:
-        self.cards.show_keys(KEYS)
+        """Those of every page, then those of the page at the front."""
+        groups = {
+            title: {" or ".join(key.keys): key.does for key in table.values()}
+            for title, table in (("In a session", SESSION), ("In the window", WINDOW))
+        }
+        own = self.pages[self.shown].own_keys()
+        self.cards.show_keys(groups | ({f"On {self.shown}": own} if own else {}))
 
     # ------------------------------------------------------------------------------------------- brakes
 

@@ -63,3 +63,7 @@ class Page(QWidget):
     def keys(self) -> dict[str, Callable[[], object]]:
         """Actions by their names in `keys.KEYS`, valid while this page is at the front."""
         return {}
+
+    def own_keys(self) -> dict[str, str]:
+        """The keys that act on this page alone, and what each does."""
+        return {}

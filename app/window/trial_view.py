@@ -4,10 +4,12 @@ The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
 """
 
 import gc
+import math
 import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -76,11 +78,11 @@ class TrialView(QFrame):
         self.workspace: Workspace | None = None
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
-        keys = "Space; arrows: 0.1 s; Home, End; up and down: faster, slower"
-        self.play_button, self.clock = button("", self.play_or_pause, hint=keys), word("")
+        self.play_button, self.clock = button("", self.play_or_pause), word("")
         self.decision = OneLine("", "quiet")
         self.speed, self.beside = Choice(), Choice()
         self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
+        self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
         self.replay, self._reading = Verb(), Work()
@@ -292,23 +294,25 @@ class TrialView(QFrame):
 
     # keys and the end
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Keys of a player, while the focus is here."""
-        key, index = event.key(), self.speed.currentIndex()
-        end = float(self.trial.t[-1]) if self.trial is not None else 0.0
-        actions = {
-            Qt.Key.Key_Space: self.play_or_pause,
-            Qt.Key.Key_Left: lambda: self.go_to(self._played_s - STEP_S),
-            Qt.Key.Key_Right: lambda: self.go_to(self._played_s + STEP_S),
-            Qt.Key.Key_Home: lambda: self.go_to(0.0),
-            Qt.Key.Key_End: lambda: self.go_to(end),
-            Qt.Key.Key_Up: lambda: self.speed.setCurrentIndex(min(index + 1, len(SPEEDS) - 1)),
-            Qt.Key.Key_Down: lambda: self.speed.setCurrentIndex(max(index - 1, 0)),
+    def keys(self) -> dict[str, tuple[str, Callable[[], object]]]:
+        """The keys of a player, while the focus is here: what each does, in words and in deed."""
+        index = self.speed.currentIndex()
+        return {
+            "Space": ("play or pause", self.play_or_pause),
+            "Left": (f"{STEP_S:g} s back", lambda: self.go_to(self._played_s - STEP_S)),
+            "Right": (f"{STEP_S:g} s on", lambda: self.go_to(self._played_s + STEP_S)),
+            "Home": ("to the beginning", lambda: self.go_to(0.0)),
+            "End": ("to the end", lambda: self.go_to(math.inf)),
+            "Up": ("faster", lambda: self.speed.setCurrentIndex(min(index + 1, len(SPEEDS) - 1))),
+            "Down": ("slower", lambda: self.speed.setCurrentIndex(max(index - 1, 0))),
         }
-        if key in actions:
-            actions[Qt.Key(key)]()
-        else:
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        _, act = self.keys().get(QKeySequence(event.key()).toString(), ("", None))
+        if act is None:
             super().keyPressEvent(event)
+        else:
+            act()
 
     def end(self) -> None:
         """Nothing plays, nothing is computed."""

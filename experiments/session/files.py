@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import filelock
 
@@ -137,12 +137,19 @@ def seen_from(folder: Path, sentence: str) -> str:
     return sentence.replace(f"{folder}{os.sep}", "")
 
 
+class _HeldLock(filelock.FileLock):
+    """A lock that `with` releases; it is held already."""
+
+    def __enter__(self) -> Self:
+        return self
+
+
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
-    """The folder's lock, held until it is released or the process ends.
+    """The folder's lock, held until it is released, `with` it ends, or the process ends.
 
     InputError if a live process holds it, after `wait_s`.
     """
-    lock = filelock.FileLock(folder / LOCK)
+    lock = _HeldLock(folder / LOCK)
     try:
         lock.acquire(timeout=wait_s)
     except filelock.Timeout:

@@ -237,7 +237,9 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     page.show_page(PERSON)
     assert len(ringed(page.plots[2])) == 1
     page.show_page(POOLED)
+    assert page.own_keys()["Left"] == "0.1 s back"
     assert page.cancel() and not page.side.isVisible() and not page.cancel() and not ringed(page.plots[0])
+    assert page.own_keys() == {}, "the player is not there"
 
 
 def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_value(qtbot, data: Path) -> None:

@@ -219,6 +219,7 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     change(window, path=2, rules="literal", controller=3, parameters={"gap_m": 0.008}, spring_N_m=800.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert str(plain) in window.until(lambda s: "Saved" in s.notice).notice
+    assert window.snapshot.sandbox.saved == str(plain)
     saved = load_protocol(plain)
     assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
     assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced(gap_m=0.008)}

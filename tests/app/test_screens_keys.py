@@ -1,15 +1,19 @@
 """Every key does what the screen says that it does: brakes off in any window, cards, questions, the start page."""
 
+from itertools import pairwise
+
 import pytest
-from fake_client import opened, ready, running
+from fake_client import PRESETS, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from screens import Screens, cut_texts, settle
 
 from app.cli import main
 from app.ipc import messages as m
 from app.window.cards import ABORT_REASONS
+from app.window.keys import KEYS
+from app.window.page import RUN, TRY
 from app.window.painting.theme import show_whole
 from app.window.questionnaire import ITEMS
 
@@ -74,6 +78,26 @@ def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_cl
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
     screens.run.workspace.view.setFocus()
     assert screens.press(KEY.Key_Return, screens.run.workspace.view) == [m.Confirm()]
+
+
+@pytest.mark.parametrize("name", [RUN, TRY])
+def test_f1_lists_every_key_of_the_window_and_of_its_page_each_with_what_it_does(screens: Screens, name: str) -> None:
+    screens.hear(opened(), ready(3))
+    screens.main.show_page(name)
+    screens.press(KEY.Key_F1)
+    settle(screens.main)
+    card, page = screens.main.cards.question, screens.main.page(name)
+    read = [label.text() for label in card.findChildren(QLabel)]
+    named = dict(pairwise(read))
+    for key in KEYS.values():
+        assert named[" or ".join(key.keys)] == key.does
+    chips = {button.text().split()[-1]: button.toolTip() for button in page.workspace.buttons.values()}
+    assert len(chips) >= 4 and all(named[key].endswith(shows[1:]) for key, shows in chips.items())
+    if name == TRY:
+        assert [(named[str(n)].partition(": ")[2]) for n in range(1, 6)] == [p.name for p in PRESETS.values()]
+    assert cut_texts(card) == []
+    screens.press(KEY.Key_Escape)
+    screens.main.show_page(RUN)
 
 
 def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_answer(screens: Screens) -> None:

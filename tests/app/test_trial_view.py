@@ -129,6 +129,7 @@ def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
     for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
         QTest.keyClick(view, key)
         assert view.at == pytest.approx(at, abs=2)
+    assert all(f"{key}: {does}" in view.play_button.toolTip() for key, (does, _) in view.keys().items())
     speed = view.speed.value()
     QTest.keyClick(view, Qt.Key.Key_Up)
     assert view.speed.value() == SPEEDS[SPEEDS.index(speed) + 1]

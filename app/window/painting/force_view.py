@@ -177,6 +177,7 @@ class Layered(QFrame):
         """layers: name -> its key, what it shows."""
         super().__init__(objectName="canvas")
         self.view = view
+        self.keys = {key: f"show or hide {shows[0].lower()}{shows[1:]}" for key, shows in layers.values()}
         self.buttons = {layer: self._button(layer, *about) for layer, about in layers.items()}
         self.foot = row((Flow(*self.buttons.values(), gap=5), 1), spacing=4, margins=(8, 0, 8, 8))
         self.setLayout(column((view, 1), *([self.foot] if layers else []), spacing=4, margins=(2, 2, 2, 2)))
