@@ -18,9 +18,7 @@ from core.files import InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
-VERBS = (
-    "run", "study", "worlds", "fit_operator", "models", "replay", "folders", "bench", "machine", "emulate", "bundle",
-)  # fmt: skip
+VERBS = ("run", "study", "models", "folders", "bench", "machine", "bundle")
 #: What the file system refuses because of what was asked for, not because something broke.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 

@@ -15,17 +15,16 @@ from core.kernel import INTERPRETED
 
 def compile_trials() -> None:
     """A trial of a simulated operator on one path, with its measures; then a trial on a real device."""
+    from experiments.plan import PlannedTrial
     from experiments.protocol import load_protocol
-    from experiments.study.sweep import Job
+    from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
     from experiments.trial.population import load_population
     from experiments.trial.trial import load_kernels
 
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]
-    Job(
-        0, load_population("average"), device, protocol.rules, protocol.trial, preset, 1, protocol.seed, 1,
-        {1: protocol.paths[1]}, (),
-    ).run()  # fmt: skip
+    person, planned = person_of(load_population(), protocol.seed, 1), PlannedTrial(1, 1, device.name, 1, 1, 1)
+    run_measured(trial_of(protocol, person, 1, planned, switched_on(device, protocol), preset), "01")
     load_kernels()
 
 

@@ -159,9 +159,6 @@ def kernels() -> Check:
     return check("kernels", f"not compiled yet ({cache_folder()})", advice)
 
 
-# ------------------------------------------------------------------------------------- what is attached, and our rights
-
-
 def board_check(board: BoardFound) -> Check:
     """The board that answers at a port."""
     if board.problem:

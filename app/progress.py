@@ -60,13 +60,7 @@ class Progress:
         minutes = round((1.0 - share) / (share - at_first) * (time.perf_counter() - begun) / 60.0)
         return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
 
-    def __enter__(self) -> "Progress":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.clear()
-
-    def clear(self) -> None:
+    def close(self) -> None:
         """Take it off the terminal."""
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
@@ -87,7 +81,7 @@ class Compiling:
         if name:
             self._bar(number / max(of, 1), f"{number} of {of}")
             return
-        self._bar.clear()
+        self._bar.close()
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None
 
 

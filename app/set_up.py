@@ -28,7 +28,7 @@ DONE, FAILED, TO_INSTALL = 0, 1, 2
 NOT_READY = 75  # to phd.cmd: the system's Python must set up, while no Python of the .venv runs
 
 #: What compiling the kernels imports: installed first, the rest while they are compiled.
-KERNEL_PACKAGES = "numpy numba msgspec scipy pyarrow fastcrc corncobs pyserial filelock joblib".split()
+KERNEL_PACKAGES = "numpy numba msgspec scipy pyarrow fastcrc corncobs pyserial filelock".split()
 
 #: Shared library and Debian package: what Qt loads for any window, then what it loads on X.
 QT_LIBRARIES = {

@@ -208,6 +208,7 @@ NOT_NOW = {
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
 
+BRAKES_OFF = "brakes off"  # what the check of the device finds while it is there and no current may flow
 GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
 
 
@@ -319,6 +320,12 @@ class Snapshot(NamedTuple):
     def can_leave(self) -> bool:
         """Whether the session can be closed: one is open, and no trial of it is running."""
         return self.stage not in (PREPARING, NO_SESSION, RUNNING, FAILED)
+
+    @property
+    def place_known(self) -> bool:
+        """Whether the place of the handle is measured: the device is there and homed."""
+        device = next((check for check in self.checks if check.name == "Device"), None)
+        return device is None or device.state not in (BAD, WAITING) or device.text == BRAKES_OFF
 
     def why_no_session(self, real_device: bool) -> str:
         """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
+from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
 from experiments.inputs import INPUTS, is_person
@@ -29,7 +29,7 @@ def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
     if why_off:
         what = advice(why_off) or FAULTS["brakes-off"].advice
-        return Check("Device", BAD, "brakes off", f"Brakes off: {why_off}. {what}")
+        return Check("Device", BAD, BRAKES_OFF, f"Brakes off: {why_off}. {what}")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 

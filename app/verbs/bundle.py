@@ -5,6 +5,7 @@ stands: `sitecustomize.py`, which its Python reads first, puts the folders besid
 """
 
 import argparse
+import contextlib
 import importlib.metadata
 import os
 import re
@@ -42,27 +43,6 @@ sys.path[:] = [path for path in sys.path if not path or os.path.abspath(path).st
 sys.path += [os.path.join(_here, "program"), os.path.join(_here, "libraries")]
 '''
 
-START_LINUX = """\
-#!/bin/sh
-# Starts phd; words after it are its arguments: ./phd study --operators 1 --out results
-here=$(dirname "$(readlink -f -- "$0")")
-unset PYTHONHOME PYTHONPATH
-# Libraries of the system that this one lacks come from the folder system.
-if ldd "$here"/libraries/PySide6/Qt/plugins/platforms/libqxcb.so "$here"/python/lib/python3*/lib-dynload/*.so \\
-    2>/dev/null | grep -q 'not found'; then
-    export LD_LIBRARY_PATH="$here/system${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
-fi
-exec "$here/python/bin/python3" -m app.cli "$@"
-"""
-START_WINDOWS = """\
-@echo off
-rem Starts phd; words after it are its arguments: phd study --operators 1 --out results
-setlocal
-set "PYTHONHOME="
-set "PYTHONPATH="
-"%~dp0python\\python.exe" -m app.cli %*
-"""
-
 
 def add(verbs: argparse._SubParsersAction) -> None:
     verb = add_verb(
@@ -82,7 +62,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
     made = not args.folder.exists()
     try:
-        with Progress("copying") as bar:
+        with contextlib.closing(Progress("copying")) as bar:
             bundle(args.folder, bar)
     except BaseException:  # half a bundle is of no use
         shutil.rmtree(args.folder, ignore_errors=True)
@@ -93,7 +73,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
 
 
-def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
+def bundle(folder: Path, progress: Callable[[float], None]) -> None:
     """Copy it all into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:
@@ -105,9 +85,10 @@ def bundle(folder: Path, progress: Callable[[float], None] = lambda share: None)
         copy_library(name, folder / "libraries")
         progress((number + 1) / len(names))
     if os.name == "nt":
-        (folder / "phd.cmd").write_text(START_WINDOWS, encoding="utf-8", newline="\r\n")
+        start = Path(__file__).with_name("bundle_phd.cmd").read_text(encoding="utf-8")
+        (folder / "phd.cmd").write_text(start, encoding="utf-8", newline="\r\n")
         return
-    (folder / "phd").write_text(START_LINUX, encoding="utf-8")
+    shutil.copy2(Path(__file__).with_name("bundle_phd.sh"), folder / "phd")
     (folder / "phd").chmod(0o755)
     copy_system_libraries(folder)
 

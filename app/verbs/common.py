@@ -35,9 +35,6 @@ PORTS: dict[str, Any] = {
 Do = Callable[[argparse.Namespace], int | None]
 
 
-# ------------------------------------------------------------------------------------------------------- its arguments
-
-
 def add_verb(
     verbs: argparse._SubParsersAction, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
@@ -102,14 +99,11 @@ def devices_of(args: argparse.Namespace) -> list:
     return devices
 
 
-# ---------------------------------------------------------------------------------------------- its call and its answer
-
-
 def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compiles: bool = False) -> Any:
     """Make the verb's one call, with a bar; compiles: another bar shows first which kernels are compiled."""
     if compiles:
         watch_compiling()
-    with Progress(doing) as progress:
+    with contextlib.closing(Progress(doing)) as progress:
         return call(*arguments, progress=progress)
 
 

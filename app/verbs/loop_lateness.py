@@ -5,9 +5,7 @@ Timed figures depend on what else runs: they are shown, never judged.
 
 import contextlib
 import os
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -20,10 +18,11 @@ from app.session_server.loop_process import LoopProcess
 from app.session_server.lost_time import lost_time
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun, TrialRunner
-from core.path import build_path
-from core.simulator.simulated_device import SimulatedDevice
-from experiments.plan import PlannedTrial
+from experiments.plan import make_plan
+from experiments.progress import Progress, unseen
 from experiments.protocol import load_protocol
+from experiments.study.helpers import end_with
+from experiments.study.unrecorded import person_of, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 
@@ -31,7 +30,7 @@ LOOK_S = 0.02
 WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
 
 
-def measure_all(seconds: float, progress: Callable[[float], None] = lambda share: None) -> list[dict]:
+def measure_all(seconds: float, progress: Progress = unseen) -> list[dict]:
     """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
     cores = len(program_cores()) or os.cpu_count() or 1
     found: list[dict] = []
@@ -43,9 +42,7 @@ def measure_all(seconds: float, progress: Callable[[float], None] = lambda share
     return found
 
 
-def measure(
-    seconds: float, busy: int = 0, real_time: bool = True, progress: Callable[[float], None] = lambda share: None
-) -> dict:
+def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = unseen) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
@@ -102,18 +99,13 @@ def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
 
 
 def endless_trials() -> Iterator[Trial]:
-    """Trials of one simulated operator, without end."""
+    """Trials of one simulated operator on one device, without end."""
     protocol = load_protocol()
-    generator = np.random.default_rng(1)
-    person = load_population().draw(generator)
-    device = protocol.devices[0]
-    start = build_path(next(iter(protocol.paths.values())), "path")
-    simulation = SimulatedDevice(device, (start.x0, start.y0))
+    person, device = person_of(load_population(), protocol.seed, 1), switched_on(protocol.devices[0], protocol)
     while True:
-        for segment, path in protocol.paths.items():
-            for number, preset in protocol.controllers.items():
-                planned = PlannedTrial(0, 0, device.name, number, segment, 1)
-                yield Trial(simulation, planned, path, preset, protocol.rules, protocol.trial, person, generator)
+        for planned in make_plan(protocol, "01", coded=False):
+            if planned.configuration == protocol.devices[0].name:
+                yield trial_of(protocol, person, 1, planned, device, protocol.controllers[int(planned.controller)])
 
 
 def table(found: list[dict]) -> str:
@@ -132,25 +124,19 @@ def table(found: list[dict]) -> str:
 @contextlib.contextmanager
 def hogs(n: int) -> Iterator[None]:
     """Processes that only compute; they end with us."""
-    processes = [start_python("app.verbs.loop_lateness", stdin=subprocess.PIPE) for _ in range(n)]
+    processes = [start_python("app.verbs.loop_lateness", str(os.getpid())) for _ in range(n)]
     try:
         yield
     finally:
         for process in processes:
             process.kill()
-            process.communicate()
+            process.wait()
 
 
 def main() -> None:
-    """The process of `hogs`: compute until the input ends, on any core as a foreign program would."""
+    """The process of `hogs`: compute as long as its parent lives, on any core as a foreign program would."""
     leave_core(-1)
-    threading.Thread(target=end_with_input, daemon=True).start()
+    end_with(int(sys.argv[1]))
     number = 1
     while True:
         number = number * 1_664_525 % 4_294_967_291
-
-
-def end_with_input() -> None:
-    """End the process when the input ends, for then the process that started it is gone."""
-    sys.stdin.buffer.read()
-    os._exit(0)

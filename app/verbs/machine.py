@@ -1,12 +1,17 @@
-"""The verbs on this machine: `phd devices` lists what is attached, `phd doctor` checks whether trials can be run."""
+"""The verbs on this machine: `phd devices` lists what is attached, `phd doctor` checks whether trials can be run, `phd
+emulate` stands for a board.
+"""
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any
 
-from app.verbs.common import DATA_DIR, PORTS, add_verb, answer
+from app.progress import watch_compiling
+from app.verbs.common import DATA_DIR, DEFAULT_DEVICES, PORTS, add_verb, answer, whole_number_of
+from core.files import InputError
 
 #: state -> mark, colour on a terminal
 MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
@@ -28,6 +33,40 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option("--data-dir", **DATA_DIR)
     option("--port", **PORTS)
+    option = add_verb(
+        verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",
+        "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
+        "The log names a UDP port of this computer that takes orders as JSON objects: "
+        '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
+        'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
+        '{"clear": true},\n{"device": "three-brake"} to be wired to that one; each is answered with\nthe truth.\n\n'
+        "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
+        "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
+        "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nover-current=A@5+1, saturated-force@5+1.",
+        "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",
+    ).add_argument  # fmt: skip
+    option(
+        "--device", metavar="NAME|PATH",
+        help="the device behind it (default: the shipped one that a session asks for, as if the bench were re-rigged)",
+    )  # fmt: skip
+    option(
+        "--hand", choices=("operator", "still", "none"), default="still",
+        help="what holds the handle: a simulated operator who goes to and fro on the path, a hand that holds it still "
+        "on a spring, or nothing (default: still)",
+    )  # fmt: skip
+    path = "m, from start to end; the handle is at the start at first (default: segment 1)"
+    option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
+    fault = "KIND[=VALUE][@START][+LENGTH]"
+    option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
+    has_terminals = hasattr(os, "openpty")
+    option(
+        "--socket", metavar="NUMBER",
+        nargs="?", type=whole_number_of(1, 65535), const=0, default=None if has_terminals else 0,
+        help="a TCP port of this computer, in place of a pseudo-terminal (default: a free one); its address, "
+        "socket://127.0.0.1:NUMBER, stands for a serial port" + ("" if has_terminals else "; always so on this system"),
+    )  # fmt: skip
+    option("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
+    option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
 
 
 def devices_verb(args: argparse.Namespace) -> int:
@@ -70,3 +109,61 @@ def doctor_verb(args: argparse.Namespace) -> int:
     found = [dict(zip(("name", "state", "found", "advice"), check, strict=True)) for check in checks]
     answer(args, found, "\n".join(lines))
     return 1 if any(check.state == BAD for check in checks) else 0
+
+
+def emulate(args: argparse.Namespace) -> None:
+    from hardware.emulated_board.line_faults import read_fault
+
+    faults = [read_fault(text) for text in args.fault]
+    from core.device import load_device, shipped_devices
+    from core.path import Segment, build_path
+    from experiments.protocol import load_protocol
+
+    every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
+    device, *others = map(load_device, [args.device] if args.device else every)
+    if device.castor:
+        raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
+    path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
+    path = build_path(path_file, "--path")
+    tip = (path.x0, path.y0)
+    watch_compiling()
+    from app.emulated_operator import drawn_operator
+    from hardware.emulated_board.device import HeldHand
+    from hardware.emulated_board.emulator import Emulator
+
+    hand = drawn_operator(path, args.seed) if args.hand == "operator" else HeldHand(tip, holds=args.hand == "still")
+    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others, args.socket)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        scheduling = prompt()
+        for number in before:
+            signal.signal(number, lambda *_: emulator.stop())
+        names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
+        orders = f"orders to UDP port {emulator.control}"
+        log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
+        print(emulator.port, flush=True)
+        emulator.run()
+    finally:
+        emulator.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def prompt() -> str:
+    """Ask the system not to let other programs hold this one up, as none holds up a board, on cores that a control
+    loop here leaves free; the scheduling that it got. Called last: garbage collection never looks at what was made
+    before, and is off after it.
+    """
+    from app.ipc.scheduling import leave_core, program_cores, take_scheduling
+
+    got = take_scheduling()
+    leave_core(got.core)
+    if got.core < 0:
+        return got.words
+    cores = " ".join(map(str, sorted(program_cores() - {got.core})))
+    return f"{got.means}, core {cores} (a control loop's own is {got.core})"
+
+
+def log(line: str) -> None:
+    """To stderr at once."""
+    print(line, file=sys.stderr, flush=True)

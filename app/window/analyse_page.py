@@ -57,10 +57,11 @@ from experiments.analysis.charts import (
     legend,
 )
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
-from experiments.analysis.participants import people_of
+from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
-from experiments.export.results import Conclusions, Job, Results, conclude, new_folder, read_results
+from experiments.export.results import Conclusions, Job, Results, conclude, read_results
 from experiments.plan import counted
+from experiments.recording.atomic_files import first_free
 from experiments.session.files import STORED
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
@@ -500,7 +501,7 @@ class AnalysePage(Page):
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = self.page if self.page != FINDINGS else POOLED
         whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
-        folder = new_folder(whole)  # there when all of it has been written
+        folder = first_free(whole, "results")  # there when all of it has been written
         self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
         self._cancelled = False
         self._export.begin(module="app.window.export", given=pickle.dumps(self._job))

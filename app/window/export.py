@@ -1,5 +1,6 @@
 """The process of an export: a pickled Job on its standard input, progress and what went wrong on standard error."""
 
+import contextlib
 import os
 import pickle
 import signal
@@ -19,7 +20,7 @@ def main() -> None:
         os.nice(NICE)
     job = pickle.load(sys.stdin.buffer)
     try:
-        with Progress("writing") as progress:
+        with contextlib.closing(Progress("writing")) as progress:
             count = write_results(job, progress)
     except InputError as error:
         print(error, file=sys.stderr)

@@ -28,6 +28,7 @@ from app.window.painting.layers import SPACING_M
 from app.window.painting.linkage_view import small_view
 from app.window.painting.parts import (
     Choice,
+    Flow,
     OneLine,
     Segments,
     breakable,
@@ -141,11 +142,11 @@ class HomePage(Page):
         self.again = button("Look again", self._look_again)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
-        for wide in (self.protocol, self.devices, self.port):
+        for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
         self._port_rows = column()
-        by_name = row(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again)
+        by_name = Flow(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again, gap=8)
         self._ports_box = holder(column(self._port_rows, by_name))
         self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
         self.participant.textEdited.connect(self._participant_typed)

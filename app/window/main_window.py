@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QStackedWidget, QWidget
+from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -33,6 +33,7 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 LARGEST = (1920, 1080)
+RECORDING_PX = 300  # wide, at least, the proof of recording
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
@@ -41,8 +42,10 @@ class Footer(QFrame):
 
     def __init__(self) -> None:
         super().__init__(objectName="panel")
-        self.folder, self.recording = word("", bold=True), OneLine("Nothing is being recorded")
-        self.folder.setMaximumWidth(320)
+        self.folder = OneLine("", "", theme.NORMAL, bold=True)
+        self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
+        self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
+        self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
@@ -71,7 +74,7 @@ class Footer(QFrame):
         if proof is None:
             self._light(theme.GOOD if verified else theme.BRAKE_OFF)
             runs = "1 run" if verified == 1 else f"{verified} runs"
-            kept = f" · {runs} of this session recorded and verified" if verified else ""
+            kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
         self._light(theme.BAD if proof.age_s < STALE_S else theme.CAUTION)

@@ -91,7 +91,7 @@ def advice(snapshot: m.Snapshot) -> list[str]:
         cause = sentence(snapshot.brakes_off)
         lines.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
     for check in snapshot.checks:
-        if check.state == m.BAD and not (snapshot.brakes_off and check.name == DEVICE):
+        if check.state == m.BAD and not (snapshot.brakes_off and check.text == m.BRAKES_OFF):
             lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
     return lines
 

@@ -16,7 +16,7 @@ from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import Reading
 from app.window.painting.linkage_view import Workspace
-from app.window.painting.parts import OneLine, column, holder, row, stack, word
+from app.window.painting.parts import column, holder, line, row, stack, word
 from app.window.plots import TimingStrip, Traces
 from app.window.questionnaire import Questionnaire
 from app.window.session_panel import SessionPanel, can_be_redone
@@ -38,6 +38,8 @@ RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
 REDO = "It comes next. The recording is kept and marked as redone."
+KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
+UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 SKIP = "It is marked as skipped and does not come again."
 
 
@@ -48,7 +50,7 @@ class RunPage(Page):
         super().__init__(send)
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
-        self.large, self.small = word("", size=theme.LARGE, bold=True), OneLine("", "quiet", theme.TITLE)
+        self.large, self.small = word("", size=theme.LARGE, bold=True), line("", "quiet", theme.TITLE)
         self.workspace: Workspace | None = None  # there once a protocol is
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
         self.card, self.questions = TrialCard(), Questionnaire()
@@ -83,7 +85,7 @@ class RunPage(Page):
             (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
             (self.panel.note.written, self._note),
             (self.panel.grid.clicked, self._show_cell),
-            (self.card.keep.clicked, self._keep),
+            (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
@@ -108,6 +110,10 @@ class RunPage(Page):
             return
         if self.card_shown and not self.card.ready:
             return
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Keep the trial on the card, and start the next one unless an earlier trial was looked at."""
         earlier = self._looked_at is not None
         self._keep()
         if self.panel.start.isEnabled() and not earlier:
@@ -244,6 +250,8 @@ class RunPage(Page):
         elif snapshot.running is None:
             self.show_panels()
             self.workspace.rest(snapshot.tip)
+        if snapshot.running is None and opened.real_device and not snapshot.place_known:
+            self.workspace.view.show_text("", UNMEASURED)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.timing.show_timing(pulse.timing)
@@ -300,7 +308,10 @@ class RunPage(Page):
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card()
         self.panel.show_session(opened, snapshot)
-        self.panel.start.setEnabled(self.panel.start.isEnabled() and not self.card_shown)  # one button for Space
+        can_start = self.panel.start.isEnabled()
+        self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
+        self.panel.start.key.setVisible(not self.card_shown)
+        self.card.keep.setText(CLOSE if self._looked_at is not None else KEEP_AND_START if can_start else KEEP)
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
             self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
@@ -320,7 +331,6 @@ class RunPage(Page):
         if wanted and row is not None and (row != self.card.row or not self.card_shown):
             ticks = np.concatenate(self._ticks) if self._ticks else None
             self.card.show_row(row, rows, ticks, opened, snapshot)
-            self.card.keep.setText("Keep" if looked_at is None else "Close")
         self._right.setCurrentIndex(1 if wanted else 0)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
@@ -116,7 +116,7 @@ class TrialCard(QFrame):
         self.trace = WholeTrace()
         self.flags = line("", "quiet")
         self.keep = KeyButton("Keep", "Space", "main")
-        self.redo = QPushButton("Repeat …", toolTip="Ctrl+R")
+        self.redo = KeyButton("Repeat …", "Ctrl+R")
         self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
         self.reason = Choice()
         self.reason.addItems(REASONS)
@@ -125,8 +125,10 @@ class TrialCard(QFrame):
         for widget in (self.redo, self.out, self.reason):
             widget.setFocusPolicy(NO_FOCUS)
         decide = QGridLayout()
-        for at, widget in enumerate((self.keep, self.redo, self.reason, self.out)):
-            decide.addWidget(widget, at // 2, at % 2)
+        decide.addWidget(self.keep, 0, 0, 1, 2)
+        for at, widget in enumerate((self.reason, self.out)):
+            decide.addWidget(widget, 1, at)
+        decide.addWidget(self.redo, 2, 0, 1, 2)
         decide.setColumnStretch(0, 2)
         decide.setColumnStretch(1, 1)
         head = row(self.dot, self.title, 1, self.outcome)

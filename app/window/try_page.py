@@ -56,6 +56,8 @@ INSET_PX = 180  # wide, at most
 HEAD_PX, FOOT_PX = 70.0, 26.0  # of the canvas, for what stands there in words
 IN_CORNER = Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
+FURTHER = "Pull a little further: the brakes' own drag holds the dot"
+REST_M_S = 0.002  # a handle that is slower is held
 GAIN = "gain_N_s_m"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
@@ -87,6 +89,11 @@ class Canvas(ForceView):
         self._place_inset()
         self.set_extent(extent_of_paths([path], MARGIN_M))
         super().show_trial(device, path, tip)
+
+    def rest(self, tip: m.Point) -> None:
+        super().rest(tip)
+        if self.inset is not None:
+            self.inset.rest(tip)
 
     def show_gap(self, gap_m: float) -> None:
         """The half-width of the band without control."""
@@ -363,7 +370,8 @@ class TryPage(Page):
             made.moved.connect(self._turn)
             parts.append(made)
         self.changed = OneLine("", "quiet", theme.NORMAL)
-        self.reset = button("Reset all", lambda: self._set(**self.snapshot.sandbox.initial._asdict()), "small")
+        hint = "All of these as the protocol has them, for this guidance, device and path"
+        self.reset = button("Reset", lambda: self._set(**self._of_protocol()._asdict()), "small", hint)
         parts += [1, row(self.changed, self.reset)]
         self._controls.setWidget(panel("How should it guide you?", *parts, spacing=5))
         self.follow_text()
@@ -466,7 +474,8 @@ class TryPage(Page):
         if self.opened is None:
             return
         now = snapshot.sandbox
-        self.notice.setText(snapshot.notice)
+        elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
+        self.notice.setText("" if elsewhere else snapshot.notice)
         theme.name_anew(self.notice, "bad" if snapshot.notice_bad else "quiet")
         for part in (self.save, self._controls):
             part.setEnabled(now is not None)
@@ -485,6 +494,8 @@ class TryPage(Page):
             if snapshot.running is None:
                 off = Shown("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
                 self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
+                if off or now.by_start:  # else the next pass begins at once
+                    self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
                 self._phase = -1
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
@@ -503,11 +514,20 @@ class TryPage(Page):
         self.canvas.add(rows, taken)
         if self._reading.due(float(now[tick_log.T])):
             self.canvas.word()
-        self._say(words.moving(phase, held, words.language_of(self.opened)) or BACK)
+        shown = words.moving(phase, held, words.language_of(self.opened)) or BACK
+        further = phase == tick_log.APPROACH and held and self._held_by_drag(now)
+        self._say(shown._replace(small=FURTHER) if further else shown)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
                 self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+
+    def _held_by_drag(self, now: np.ndarray) -> bool:
+        """Whether the handle rests outside the start though the hand pulls it there (a tick, (tick_log.WIDTH,))."""
+        start, radius_m = self.canvas.outline[0], self.canvas.radii_m[0]
+        tip, target = (now[at : at + 2] - start for at in (tick_log.TIP_X, tick_log.TARGET_X))
+        slow = np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]) < REST_M_S
+        return bool(slow and np.hypot(*target) <= radius_m < np.hypot(*tip))
 
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()
@@ -520,6 +540,8 @@ class TryPage(Page):
         if self._place != (s.device, s.path):
             assert self.opened is not None
             self._place = s.device, s.path
+            self.error.setText("–")
+            self.time.setText("–")
             protocol = self.opened.protocol
             self.canvas.show_trial(protocol.device(s.device), protocol.paths[s.path], snapshot.tip)
 
@@ -543,10 +565,17 @@ class TryPage(Page):
         drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
         self.canvas.show_gap(own.get("gap_m", 0.0))
-        protocols = now.initial.with_parameters(**opened.protocol.controllers[s.controller].named)
-        changed = [dial.label.lower() for dial in dials_of(opened) if dial.setting(s) != dial.setting(protocols)]
-        changed += ["sensing"] if s.sensing != now.initial.sensing else []
+        protocols = self._of_protocol()
+        changed = [field for field in ("rules", "sensing") if getattr(s, field) != getattr(protocols, field)]
+        changed += [dial.label.lower() for dial in dials_of(opened) if dial.setting(s) != dial.setting(protocols)]
         self.changed.setText(f"Changed: {', '.join(changed)}" if changed else "")
+        self.reset.setEnabled(bool(changed))
+
+    def _of_protocol(self) -> m.SandboxSettings:
+        """The settings as the protocol has them, for the guidance, device and path that are chosen."""
+        s, initial = self.settings, self.snapshot.sandbox.initial
+        chosen = initial._replace(device=s.device, path=s.path, controller=s.controller)
+        return chosen.with_parameters(**self.opened.protocol.controllers[s.controller].named)
 
     def _show_passes(self) -> None:
         now = self.snapshot.sandbox

@@ -1,22 +1,40 @@
 """The charts of the pages of results, printed: what is seen on the screen as PNG, SVG and PDF."""
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from experiments.analysis.charts import GROUP_SHARE, Box, Chart, View, coloured, left_out, legend
+from core.files import InputError
+from experiments.analysis.charts import (
+    GROUP_SHARE,
+    QUARTILE_METHOD,
+    WHISKER,
+    Box,
+    Chart,
+    View,
+    coloured,
+    controllers_shown,
+    left_out,
+    legend,
+    pooled,
+)
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     LINE,
     LINE_IN,
     QUIET,
+    SMALL,
     STYLE,
     TEXT,
     figure_bytes,
@@ -24,24 +42,25 @@ from experiments.analysis.sheet import (
     new_figure,
     small_print,
 )
-from experiments.analysis.trials_table import TrialRow
-from experiments.recording.atomic_files import write_new_files
+from experiments.analysis.trials_table import Controller, TrialRow
+from experiments.progress import Progress, unseen
+from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
+PAPER = "paper"  # the protocol whose figures these are
 #: Of Table I's five, again from the first for further ones. The screen's palette, darker where it would fade on white
 #: paper; place and label tell them apart without colour. A code has no colour of a controller.
 CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
 TIMEOUT_COLOUR = "#c47400"
+#: As `charts.LOOKS`.
+HATCHES = ("", "", "/////", ".....")
 LEAST_WIDTH, BOX_IN, HEIGHT = 6.4, 0.24, 4.8  # inches; a box takes so much of the width
+LABEL_IN, LABEL_LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
+LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
 
 
 def draw_charts(
-    shown: Sequence[Chart],
-    rows: Sequence[TrialRow],
-    folder: Path,
-    note: str,
-    view: View,
-    progress: Callable[[float], None] = lambda share: None,
+    shown: Sequence[Chart], rows: Sequence[TrialRow], folder: Path, note: str, view: View, progress: Progress = unseen
 ) -> list[Path]:
     """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
 
@@ -74,6 +93,114 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
             legend_at(figure, dots, 0.6, 0.1, fontsize=7.0, handletextpad=0.0, columnspacing=0.8)
         small_print(figure, lines, 0.6)
     return figure
+
+
+def draw_boxplots(
+    rows: Sequence[TrialRow],
+    out_folder: str | Path,
+    note: str,
+    labels: Mapping[Controller, str],
+    protocol: str,
+    timeouts: bool = False,
+    pool: Executor | None = None,
+) -> list[Path]:
+    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
+
+    note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
+    Configurations are drawn as `charts.LOOKS` in the order in which the table first names them.
+    labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
+    protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
+    timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
+    pool: processes that draw as well.
+    InputError before anything is written if a file exists already or there is nothing to draw.
+    """
+    folder = Path(out_folder)
+    view = View(tuple(dict.fromkeys(row.configuration for row in rows)), labels, timeouts=timeouts)
+    if not rows:
+        raise InputError(f"{folder}: there are no trials, no box plots to draw")
+    calls: list[tuple] = []
+    for metric in FIGURES:
+        name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
+        calls.append((rows, [metric.name], 6.4, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
+    wide = [metric.name for metric in DRAWN]
+    calls.append((rows, wide, 5.0 * len(wide), note, view, [folder / "boxplots.png"]))
+    refuse_existing_files(path for call in calls for path in call[-1])
+    files: dict[Path, bytes] = {}
+    for of_it in _drawn(calls, pool):
+        files |= of_it
+    write_new_files(files)
+    return list(files)
+
+
+def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path, bytes]]:
+    """The files of each sheet: those that no process of the pool has begun are drawn by this one, the last first."""
+    waiting = [pool.submit(_sheet, *call) for call in calls] if pool else []
+    mine = {i: _sheet(*calls[i]) for i in reversed(range(len(waiting))) if waiting[i].cancel()}
+    for i, call in enumerate(calls):
+        yield mine[i] if i in mine else waiting[i].result() if waiting else _sheet(*call)
+
+
+def _sheet(
+    rows: Sequence[TrialRow], names: Sequence[str], width: float, note: str, view: View, paths: Sequence[Path]
+) -> dict[Path, bytes]:
+    """One figure as its files; names: of the metrics."""
+    figure = draw(rows, [BY_NAME[name] for name in names], width, note, view)
+    return {path: figure_bytes(figure, path.suffix[1:]) for path in paths}
+
+
+def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
+    """One figure with a panel for each metric; more than five controllers make it wider."""
+    shown = controllers_shown(rows, view.names)
+    names = max((len(name.splitlines()) for name in shown.values()), default=0)
+    room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
+    width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
+    inside = width - LEFT_IN - RIGHT_IN
+    found = [pooled(rows, metric, view) for metric in metrics]
+    counts = {placed.box.n for chart in found for placed in chart.boxes}
+    texts = (_method(counts), left_out(rows, view.timeouts), *note.splitlines())
+    lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
+    bottom = 0.66 + LABEL_LINE_IN * len(lines) + room
+    each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(width, height)
+        for i, chart in enumerate(found):
+            place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - TOP_IN - bottom)
+            axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
+            _draw_panel(axes, chart, show_counts=len(counts) > 1)
+        if len(view.configurations) > 1:
+            handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in view.configurations]
+            for patch, look in zip(handles, map(view.look, view.configurations), strict=True):
+                patch.set(facecolor="white" if look else QUIET, hatch=HATCHES[look])
+            legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
+        small_print(figure, lines, LEFT_IN, line_in=LABEL_LINE_IN)
+    return figure
+
+
+def _method(counts: set[int]) -> str:
+    """What a reader must know about the boxes, which hold these numbers of trials."""
+    if counts == {1}:
+        return "1 trial a box, drawn as a square."
+    trials = f"{min(counts)} trials a box." if len(counts) == 1 else "Under each box: the number of its trials."
+    single = "A square: one trial alone. " if 1 in counts else ""
+    return (
+        f"{trials} {single}Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
+        f"Whiskers: furthest trial within {WHISKER:g} box lengths. Circles: trials beyond."
+    )
+
+
+def _draw_panel(axes: Axes, chart: Chart, show_counts: bool) -> None:
+    """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
+
+    def under(x: float, text: str, points: float, **look: Any) -> None:
+        axes.annotate(text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", ha="center", **look)
+
+    draw_chart(axes, chart)
+    axes.set(xticks=[])
+    for placed in chart.boxes if show_counts else ():
+        under(placed.x, f"{placed.box.n}", 4, va="top", fontsize=SMALL, color=QUIET)
+    for x, name in chart.ticks:
+        for j, line in enumerate(name.splitlines()):  # line by line: a tick label's lines shift with their letters
+            under(x, line, (24 if show_counts else 15) + 72.0 * LABEL_IN * j, va="baseline", fontsize=8.0)
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
@@ -112,17 +239,11 @@ def colour_of(controller: int | str) -> str:
     return QUIET if isinstance(controller, str) else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
 
 
-#: As `charts.LOOKS`.
-HATCHES = ("", "", "/////", ".....")
-
-
 def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:
     """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
     face = "white" if look else colour
-    mark: dict[str, Any]
     if box.n == 1:
-        mark = {"markerfacecolor": face, "markeredgecolor": colour, "markeredgewidth": 1.3, "zorder": 4}
-        axes.plot([x], [box.median], "s", markersize=7.0, **mark)
+        axes.plot([x], [box.median], "s", markersize=7.0, mfc=face, mec=colour, mew=1.3, zorder=4)
         return
     body: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3}
     axes.bar(x, box.q3 - box.q1, width, box.q1, zorder=3, **body)
@@ -130,5 +251,4 @@ def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: in
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
     if box.outliers:
-        mark = {"markerfacecolor": "none", "markeredgecolor": colour, "markeredgewidth": 1.1, "zorder": 3}
-        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, **mark)
+        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, mfc="none", mec=colour, mew=1.1, zorder=3)

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 
 from experiments.analysis.metrics import DRAWN, Metric
-from experiments.analysis.participants import people_of
+from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
 
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
@@ -309,9 +309,7 @@ def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
     return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
 
 
-def _chart(
-    page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]
-) -> Chart:
+def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]) -> Chart:
     """The points of a chart: those that are compared, those whose time was up, and those that do not count."""
 
     def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:

@@ -1,23 +1,33 @@
-"""The paper's eleven statements (Sections V-B and VI), each tested within each participant on the trials at hand.
+"""The paper's eleven statements (Sections V-B and VI), judged within each participant and by boxes.
 
-The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims, a claim into comparisons:
-one for each configuration and each measure of one thing. In a comparison every participant gives one difference, first
-minus second, of the medians of their own trials (for "consistent": of their trials' mean distance from the middle of
-the box). `mean_interval` takes the differences as normal, which few people cannot show: below six the report warns.
-"Uncontrolled median": of the participants' scores without control, in the same configuration (between configurations:
-on the three-brake device). Our choices: the difference within a person, where the paper compares boxes; "SDOF" reduces
-path error if it does without and with gap; "proportional" against "SDOF" overall is the mean of the two gains against
-the mean of the two gaps; what four brakes gain is judged over the four controllers that brake.
+The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims.
+
+Within each participant: a claim is split into comparisons, one for each configuration and each measure of one thing.
+In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
+"consistent": of their trials' mean distance from the middle of the box). `mean_interval` takes the differences as
+normal, which few people cannot show: below six the report warns. "Uncontrolled median": of the participants' scores
+without control, in the same configuration (between configurations: on the three-brake device). Our choices: the
+difference within a person, where the paper compares boxes; "SDOF" reduces path error if it does without and with gap;
+"proportional" against "SDOF" overall is the mean of the two gains against the mean of the two gaps; what four brakes
+gain is judged over the four controllers that brake.
+
+By boxes, as the paper judges (our choice: it draws boxes and states no rule): a box holds the trials of everyone
+(three people in the paper) with one controller on one device, by the measure of Fig. 16, 17 or 18. U is the size of
+the uncontrolled box on the first side's device: its median, or its length (q3 - q1) where lengths are compared.
+Several controllers on one side count by the mean of their medians. A rule's margin, in units of U, is not under 0
+where the rule is met; a statement's margin is the least of its claims on all devices.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from core.control.controllers import Preset
-from experiments.analysis.metrics import BY_NAME, compared_for
-from experiments.analysis.participants import (
+from experiments.analysis.charts import QUARTILE_METHOD
+from experiments.analysis.metrics import BY_NAME, DRAWN, compared_for
+from experiments.analysis.statistics import (
     PAPER_CONFIGURATIONS,
     Interval,
     Scores,
@@ -33,13 +43,19 @@ from experiments.analysis.trials_table import TrialRow, to_compare
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
 SIMILAR_SHARE = 0.15  # of the uncontrolled median
+LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
-
 ERROR, FORCE, ROUGHNESS = (compared_for(thing, on_any_device=True) for thing in ("accuracy", "force", "smoothness"))
+IN_BOXES = tuple(metric.name for metric in DRAWN)  # the measures that have boxes
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
 Controllers = tuple[int, ...]  # several: their mean
+
+
+def named(controllers: Controllers) -> str:
+    """One controller, or several that count by their mean."""
+    return CONTROLLER[controllers[0]] if len(controllers) == 1 else GROUP[controllers]
 
 
 class Claim(NamedTuple):
@@ -50,9 +66,17 @@ class Claim(NamedTuple):
     first: Controllers
     second: Controllers
     spread: bool = False  # compare how far trials lie from the middle of the box, not the trials
-    little: bool = False  # "little change": `box_findings` then has a narrower band
-    clear: bool = False  # "significantly": `box_findings` then wants the boxes apart
+    little: bool = False  # "little change": by boxes the band is narrower
+    clear: bool = False  # "significantly": by boxes neither median may lie in the other box
     devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
+
+    def places(self, configurations: Sequence[str]) -> list[tuple[str, str]]:
+        """Each place of the comparison: the device of `first`, and that of `second`."""
+        return [PAPER_CONFIGURATIONS] if self.devices else [(one, one) for one in configurations]
+
+    def sides(self, place: tuple[str, str]) -> tuple[tuple[str, Controllers], tuple[str, Controllers]]:
+        """What is compared at a place: device and controllers, on either side."""
+        return (place[0], self.first), (place[1], self.second)
 
 
 class Statement(NamedTuple):
@@ -153,11 +177,9 @@ class Comparison(NamedTuple):
     @property
     def what(self) -> str:
         """What is compared with what."""
-        first, second = (
-            CONTROLLER[side[0]] if len(side) == 1 else GROUP[side] for side in (self.claim.first, self.claim.second)
-        )
         spread = "spread of " if self.claim.spread else ""
-        return f"{spread}{BY_NAME[self.measure].short}, {first}" + ("" if self.claim.devices else f" against {second}")
+        against = "" if self.claim.devices else f" against {named(self.claim.second)}"
+        return f"{spread}{BY_NAME[self.measure].short}, {named(self.claim.first)}{against}"
 
     @property
     def numbers(self) -> str:
@@ -213,7 +235,7 @@ def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
         compared = [
             _compare(claim, measure, place, error_spread if claim.spread else by_measure[measure], finished, people)
             for claim in statement.claims
-            for place in ([PAPER_CONFIGURATIONS] if claim.devices else [(one, one) for one in configurations])
+            for place in claim.places(configurations)
             for measure in claim.measures
         ]
         fewest = min((one.found.people for one in compared if one.found), default=len(people))
@@ -233,11 +255,10 @@ def _compare(
     here, there = place
     where = here if here == there else f"{here} against {there}"
     uncontrolled = [value for (_, device, k), value in table.items() if (device, k) == (here, 1)]
-    reason = _why_not(measure, ((here, claim.first), (there, claim.second), (here, (1,))), table, finished)
+    reason = _why_not(measure, (*claim.sides(place), (here, (1,))), table, finished)
     differences = []
     for person in people:
-        a = [table.get((person, here, k)) for k in claim.first]
-        b = [table.get((person, there, k)) for k in claim.second]
+        a, b = ([table.get((person, device, k)) for k in controllers] for device, controllers in claim.sides(place))
         if None not in a and None not in b:
             differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
     if not reason and not differences:
@@ -253,10 +274,7 @@ def _compare(
 
 
 def _why_not(
-    measure: str,
-    sides: Sequence[tuple[str, Controllers]],
-    table: Scores,
-    finished: dict[tuple[str, int | str], float],
+    measure: str, sides: Sequence[tuple[str, Controllers]], table: Scores, finished: dict[tuple[str, int | str], float]
 ) -> str:
     """Why trials with these controllers on these devices cannot be compared; "": they can."""
     measured = {cell[1:] for cell in table}
@@ -327,3 +345,132 @@ def _why_unclear(compared: Sequence[Comparison]) -> str:
 def description_only(found: Sequence[Finding]) -> str:
     """The sentence that refuses to claim anything for others; empty if there are people enough."""
     return too_few(min(one.people for one in found))
+
+
+class PooledBox(NamedTuple):
+    """Quartiles of the pooled trials of a controller on a device, in the measure's unit."""
+
+    q1: float
+    median: float
+    q3: float
+
+
+Boxes = Mapping[tuple[str, str, int], PooledBox]  # by measure, configuration and controller
+
+
+class Compared(NamedTuple):
+    """One claim on one device (or between two)."""
+
+    claim: Claim
+    measure: str
+    where: tuple[str, str]  # device of the first side, of the second
+    margin: float  # of the rule, in units of U; nan: a box is missing
+
+
+class BoxFinding(NamedTuple):
+    """A statement's verdict by boxes."""
+
+    statement: Statement
+    verdict: str  # HOLDS, FAILS, CANNOT_TELL
+    margin: float  # the least of its claims, in units of U; nan: one cannot tell
+    sentence: str
+
+
+def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple[str, str, int], PooledBox]:
+    """The boxes of a study; none where under 90 % of the trials reached the end. timeouts: those count as well."""
+    finished = finished_share(rows)
+    values: dict[tuple[str, str, int], list[float]] = {}
+    for row in to_compare(rows, timeouts):
+        if isinstance(row.controller, int) and finished[row.configuration, row.controller] >= LEAST_FINISHED:
+            for measure in IN_BOXES:
+                if (value := getattr(row, measure)) is not None:
+                    values.setdefault((measure, row.configuration, row.controller), []).append(value)
+    return {
+        cell: PooledBox(*np.quantile(of_it, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
+        for cell, of_it in values.items()
+    }
+
+
+def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[BoxFinding]:
+    """All eleven. bands: factor on 15 % and 30 %, to see what hangs on them."""
+    found = []
+    for statement in STATEMENTS:
+        compared = [
+            Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
+            for claim in statement.claims
+            for measure in claim.measures
+            if measure in IN_BOXES
+            for place in claim.places(configurations)
+        ]
+        decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)
+        if decisive is None or math.isnan(decisive.margin):
+            why = _why_missing(decisive, boxes) if decisive else "No trials."
+            found.append(BoxFinding(statement, CANNOT_TELL, math.nan, why))
+        else:
+            verdict = HOLDS if decisive.margin >= 0.0 else FAILS
+            found.append(BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands)))
+    return found
+
+
+def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[BoxFinding]:
+    """All eleven, of a study's trials."""
+    return box_findings(pooled_boxes(rows, timeouts), configurations_of(rows))
+
+
+def _margin(claim: Claim, measure: str, where: tuple[str, str], boxes: Boxes, bands: float) -> float:
+    """By how much a claim is met (not under 0) or missed, in units of U; nan without all its boxes, or with U = 0."""
+    try:
+        first, second = ([boxes[measure, at, k] for k in side] for at, side in claim.sides(where))
+        uncontrolled = _size(claim, boxes[measure, where[0], 1])
+    except KeyError:
+        return math.nan
+    if not uncontrolled > 0.0:
+        return math.nan
+    sizes = [np.mean([_size(claim, box) for box in side]) for side in (first, second)]
+    more = float(sizes[0] - sizes[1]) / uncontrolled
+    band = bands * _band(claim)
+    if claim.kind == AT_MOST:
+        return band - more
+    if claim.kind != BELOW:
+        return band - abs(more)
+    if not claim.clear:
+        return -more - band
+    (one,), (other,) = first, second
+    apart = min(other.q1 - one.median, other.median - one.q3) / uncontrolled
+    return min(-more - band, apart)
+
+
+def _size(claim: Claim, box: PooledBox) -> float:
+    return box.q3 - box.q1 if claim.spread else box.median
+
+
+def _band(claim: Claim) -> float:
+    """Share of U."""
+    return LITTLE_OF_U if claim.kind in (BELOW, AT_MOST) or claim.little else SIMILAR_OF_U
+
+
+def _why_missing(one: Compared, boxes: Boxes) -> str:
+    for at, side in (*one.claim.sides(one.where), (one.where[0], (1,))):
+        for controller in side:
+            if (one.measure, at, controller) not in boxes:
+                return f"No box of {CONTROLLER[controller]!r} on {at}, or too few of its trials reached the end."
+    return f"{BY_NAME[one.measure].title} without control has no size on {one.where[0]}."
+
+
+def _sentence(one: Compared, boxes: Boxes, bands: float) -> str:
+    """The comparison that decides, in numbers, and what was needed."""
+    claim, metric = one.claim, BY_NAME[one.measure]
+    texts = []
+    for at, side in claim.sides(one.where):
+        of_side = [boxes[one.measure, at, k] for k in side]
+        low, middle, high = (metric.scale * float(np.mean(column)) for column in zip(*of_side, strict=True))
+        number = f"{high - low:.2f}" if claim.spread else f"{middle:.2f} ({low:.2f} to {high:.2f})"
+        texts.append(f"{at if claim.devices else named(side)} {number}")
+    what = f"{'length of the box, ' if claim.spread else ''}{metric.title.lower()}"
+    who = named(claim.first) if claim.devices else one.where[0]
+    band = bands * _band(claim)
+    needed = {BELOW: f"lower by {band:.0%}", AT_MOST: f"at most {band:.0%} more"}.get(claim.kind, f"within {band:.0%}")
+    clear = ", neither median in the other's box" if claim.clear else ""
+    size = "length" if claim.spread else "median"
+    text = f"{what}, {who}: {texts[0]} {metric.shown_unit} against {texts[1]} {metric.shown_unit}"
+    return f"{text[:1].upper()}{text[1:]}; needed: {needed} of the uncontrolled {size}{clear}."

@@ -141,11 +141,6 @@ class Movement:
         self.tip = self._columns("tip_x_m", "tip_y_m")  # (n, 2) m
         self.progress, self.deviation = along_path(self.tip, path)  # (n,) m
 
-    @property
-    def made_progress(self) -> bool:
-        """Whether the tip came any way along the path."""
-        return float(self.progress[-1] - self.progress[0]) >= LEAST_PROGRESS_M
-
     @cached_property
     def force(self) -> np.ndarray:
         """Magnitude of the hand force (n,), N."""
@@ -221,24 +216,16 @@ class Movement:
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
 
-    def least_clearance(self) -> float | None:
-        distance = self._from_obstacle
-        return None if distance is None else max(float(distance.min()), 0.0)
-
-    def deepest_entry(self) -> float | None:
-        distance = self._from_obstacle
-        return None if distance is None else max(-float(distance.min()), 0.0)
-
     def guarded_share(self) -> float | None:
-        if self._from_obstacle is None:
+        if self.least_distance is None:
             return None
         return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
 
     @cached_property
-    def _from_obstacle(self) -> np.ndarray | None:
-        """Distance from the nearest obstacle (n,), m; None without one."""
-        distance = self._may_be_missing("obstacle_distance_m")[:, 0]
-        return None if np.isnan(distance).any() else distance
+    def least_distance(self) -> float | None:
+        """Least distance from the nearest obstacle, m, negative inside; None without one."""
+        distance = self._may_be_missing("obstacle_distance_m")
+        return None if np.isnan(distance).any() else float(distance.min())
 
     @cached_property
     def _wanted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -385,13 +372,13 @@ METRICS = (
     Metric(
         "least_clearance_m", "m", "Least clearance", "least clearance",
         "least distance of the handle from the nearest obstacle, 0 inside; none without obstacles",
-        Movement.least_clearance,
+        lambda m: None if m.least_distance is None else max(m.least_distance, 0.0),
         shown_unit="mm", scale=1e3, needs_progress=False, better="higher",
     ),
     Metric(
         "deepest_entry_m", "m", "Deepest entry", "deepest entry",
         "how deep the handle came into an obstacle; none without obstacles",
-        Movement.deepest_entry,
+        lambda m: None if m.least_distance is None else max(-m.least_distance, 0.0),
         shown_unit="mm", scale=1e3, needs_progress=False,
     ),
     Metric(
@@ -437,12 +424,7 @@ def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:
 Metrics = dict[str, float | None]  # the measures of one trial, by name
 
 
-def trial_metrics(recording: "Recording", path: Path) -> Metrics:
-    """Every measure of one trial, as `measures_of`."""
-    return dict(zip(BY_NAME, measures_of(recording, path, METRICS), strict=True))
-
-
-def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -> list[float | None]:
+def trial_metrics(recording: "Recording", path: Path, metrics: Sequence[Metric] = METRICS) -> Metrics:
     """These measures of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
@@ -451,6 +433,7 @@ def measures_of(recording: "Recording", path: Path, metrics: Sequence[Metric]) -
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
-        return [None] * len(metrics)
+        return {one.name: None for one in metrics}
     m = Movement(recording, path)
-    return [one.of(m) if m.made_progress or not one.needs_progress else None for one in metrics]
+    moved = m.progress[-1] - m.progress[0] >= LEAST_PROGRESS_M
+    return {one.name: one.of(m) if moved or not one.needs_progress else None for one in metrics}

@@ -6,17 +6,34 @@ Plain sentences and tables; the same rows and note give the same bytes.
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.box_findings import BoxFinding, box_findings_of
-from experiments.analysis.error_bars import READ as READ_ERRORS
-from experiments.analysis.error_bars import Moved, error_sentence, error_table
-from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, description_only, findings, why_no_findings
-from experiments.analysis.metrics import BY_NAME, DRAWN
-from experiments.analysis.participants import configurations_of, finished_share, people_of, scores, too_few
-from experiments.analysis.sensitivity import Variants, sensitivity, swapped
-from experiments.analysis.statistics import MEASURES, POOLED, Result, least_p_holm, statistics
+from experiments.analysis.findings import (
+    CONTROLLER,
+    HOLDS,
+    BoxFinding,
+    Finding,
+    box_findings_of,
+    description_only,
+    findings,
+    why_no_findings,
+)
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES
+from experiments.analysis.sensitivity import sensitivity, swapped
+from experiments.analysis.statistics import (
+    MEASURES,
+    POOLED,
+    Result,
+    configurations_of,
+    finished_share,
+    least_p_holm,
+    people_of,
+    scores,
+    statistics,
+    too_few,
+)
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
 from experiments.recording.atomic_files import write_new_files
 
@@ -33,23 +50,45 @@ READ = (
     "of the uncontrolled median. It holds only if every device and every measure of one thing says so; where they "
     "disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot tell."
 )
+SUBSTEPS, ASIDE_M = 10, 1e-6
+STEP, HAND = "step of a tenth", "hand 1 um aside"
+READ_ERRORS = (
+    "Trials of one simulated operator's first block again, from the same start, with the same operator and noise, and "
+    "one thing changed; the controller decides once a millisecond as before. Absolute change of a measure: median / "
+    f"largest (the largest share of the measure itself). *{STEP}*: the error of the integration. *{HAND}*: how sure a "
+    "single trial can be at all, an encoder's step being 20 um; where it moves a trial about as far as the step does, "
+    "brakes that switch at 1 kHz carry any difference on, and no finer step settles it. The brakes' row: what lag and "
+    "backlash are worth. Every measure: simulation_errors.csv."
+)
+
+
+class Moved(NamedTuple):
+    """How far one measure of one controller's trials moves by one change, in the measure's unit."""
+
+    controller: int
+    change: str
+    measure: str
+    trials: int
+    median: float
+    worst: float
+    worst_share: float | None  # of the measure itself; None where that is zero
 
 
 def write_report(
     rows: Sequence[TrialRow],
     out_folder: str | Path,
     note: str,
-    variants: Variants | None = None,
-    controllers: Mapping[int, Preset] | None = None,
-    simulated: bool = False,
+    controllers: Mapping[int, Preset],
+    simulated: bool,
     timeouts: bool = False,
     moved: Sequence[Moved] = (),
-) -> list[Path]:
-    """Write the files into `out_folder`; their paths. note: what was used, as on the figures.
+    recordings: Path | None = None,
+) -> list[str]:
+    """Write the files into `out_folder`; the warnings. note: what was used, as on the figures.
 
-    variants: further definitions of smoothness, as `sensitivity.of_recording(folder)` takes them from recordings.
-    controllers: those of the protocol (None: Table I); the paper's statements are tested on Table I's alone. Of coded
-    rows only the means are written: each blind session has a key of its own, so codes cannot be compared.
+    recordings: where the recordings of the rows are named from, for further definitions of smoothness.
+    controllers: those of the protocol; the paper's statements are tested on Table I's alone. Of coded rows only the
+    means are written: each blind session has a key of its own, so codes cannot be compared.
     simulated: operators, not people, moved the handle. timeouts: trials whose time was up count in the statistics.
     moved: how far the measures move when the trials of a sample are simulated otherwise.
     InputError before anything is written if one exists already or no trial counts.
@@ -58,18 +97,19 @@ def write_report(
     if not any(row.status in COUNTED for row in rows):
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
     coded = any(isinstance(row.controller, str) for row in rows)
-    refusal = why_no_findings(controllers or {}, coded)
-    names = CONTROLLER if controllers is None or not refusal else {k: one.name for k, one in controllers.items()}
-    none = 1 if controllers is None else next((k for k, one in controllers.items() if one.kind == "none"), 0)
+    refusal = why_no_findings(controllers, coded)
+    names = {k: one.name for k, one in controllers.items()} if refusal else CONTROLLER
+    none = next((k for k, one in controllers.items() if one.kind == "none"), 0)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
     parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
-    parts += [f"**{warning}**" for warning in warnings(rows, found, simulated)]
+    warned = warnings(rows, found, simulated)
+    parts += [f"**{warning}**" for warning in warned]
     parts.append("## The paper's findings")
     parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
     files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
-        results = [*statistics(rows, timeouts), *sensitivity(rows, variants, timeouts, none)]
+        results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none)]
         files |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         files["statistics.csv"] = _csv(Result._fields, results)
         bar = [error_sentence(moved)] if moved else []
@@ -86,7 +126,7 @@ def write_report(
         parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
     files["report.md"] = ("\n\n".join(parts) + "\n").encode()
     write_new_files({folder / name: content for name, content in files.items()})
-    return [folder / name for name in files]
+    return warned
 
 
 def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> bytes:
@@ -346,3 +386,38 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
         if why:
             parts += [f"**{label}**", "\n".join(why)]
     return "\n\n".join(parts) + "\n"
+
+
+def error_table(moved: Sequence[Moved], names: Mapping[int, str]) -> str:
+    """A line for each controller and change, with the measures of the figures, as Markdown."""
+    of = {(one.controller, one.change, one.measure): one for one in moved}
+    heads = [f"{metric.short} ({metric.shown_unit})" for metric in FIGURES]
+    lines = [f"| controller | changed | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
+    for controller, change in dict.fromkeys(cell[:2] for cell in of):
+        cells = []
+        for metric in FIGURES:
+            one = of.get((controller, change, metric.name))
+            share = f" ({100.0 * one.worst_share:.2g} %)" if one and one.worst_share is not None else ""
+            cells.append(f"{metric.scale * one.median:.1g} / {metric.scale * one.worst:.1g}{share}" if one else "")
+        name = names.get(controller, f"controller {controller}")
+        lines.append(f"| {name} | {change} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def error_sentence(moved: Sequence[Moved]) -> str:
+    """The error bar of a table: what a tenth of the step does at most, to a median and to a single trial."""
+    parts = []
+    for metric in DRAWN:
+        of_step = [one for one in moved if one.change == STEP and one.measure == metric.name]
+        if of_step:
+            median, worst = (
+                metric.scale * max(of_it) for of_it in zip(*((m.median, m.worst) for m in of_step), strict=True)
+            )
+            parts.append(f"{metric.short} {median:.1g} ({worst:.1g}) {metric.shown_unit}")
+    if not parts:
+        return ""
+    trials = sum(one.trials for one in moved if one.change == STEP and one.measure == DRAWN[0].name)
+    return (
+        f"Error bar of the simulation, in a sample of {trials} trials, worst controller, median (single) trial: "
+        f"{', '.join(parts)}."
+    )

@@ -2,26 +2,18 @@
 
 Definitions that the table holds: path error over progress, over time, at its peak; force over time, over progress;
 weighted DFT sum, weighted rms, SPARC, weighted DFT sum of the exact acceleration. Definitions that need the recordings
-(weights of the DFT, its highest frequency, the filter before differentiation, the source of the acceleration) come as
-`variants`: a function from a row to named values, see `of_recording`.
+(weights of the DFT, its highest frequency, the filter before differentiation, the source of the acceleration) stand in
+`SMOOTHNESS`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import (
-    BY_NAME,
-    METRICS,
-    amplitude_sum,
-    columns,
-    tip_acceleration,
-    weighted_amplitudes,
-)
-from experiments.analysis.participants import configurations_of
-from experiments.analysis.statistics import Result
+from experiments.analysis.metrics import BY_NAME, METRICS, amplitude_sum, columns, tip_acceleration, weighted_amplitudes
+from experiments.analysis.statistics import Result, configurations_of
 from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
@@ -31,7 +23,6 @@ DEFINITIONS = {
     thing: tuple(metric.name for metric in METRICS if metric.stands_for == thing)
     for thing in dict.fromkeys(metric.stands_for for metric in METRICS if metric.stands_for)
 }
-Variants = Callable[[TrialRow], Mapping[str, float | None]]
 
 
 class Smoothness(NamedTuple):
@@ -57,16 +48,6 @@ SMOOTHNESS = {
 }
 
 
-def of_recording(folder: str | Path) -> Variants:
-    """The variants of smoothness of a trial, from its recording; rows name it relative to `folder`."""
-
-    def variants(row: TrialRow) -> dict[str, float | None]:
-        recording = read_recording(Path(folder) / row.recording)
-        return {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
-
-    return variants
-
-
 def dft_sum(recording: Recording, how: Smoothness) -> float | None:
     """`metrics.acceleration_dft_sum` by another definition; None where there is nothing to measure."""
     if how.cutoff_hz is None:
@@ -79,19 +60,24 @@ def dft_sum(recording: Recording, how: Smoothness) -> float | None:
 
 
 def sensitivity(
-    rows: Sequence[TrialRow], variants: Variants | None = None, timeouts: bool = False, none: int = 1
+    rows: Sequence[TrialRow], folder: Path | None = None, timeouts: bool = False, none: int = 1
 ) -> list[Result]:
     """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
-    definition's order (1: the same order, -1: reversed). timeouts: trials whose time was up count as well.
+    definition's order (1: the same order, -1: reversed). folder: rows name their recordings relative to it, from which
+    the definitions of `SMOOTHNESS` are taken as well. timeouts: trials whose time was up count as well.
     Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
     rows = to_compare(rows, timeouts)
-    values = [vars(row) | (dict(variants(row)) if variants and row.duration_s else {}) for row in rows]
+    values = [dict(vars(row)) for row in rows]
+    for row, of_row in zip(rows, values, strict=True):
+        if folder and row.duration_s:
+            recording = read_recording(folder / row.recording)
+            of_row |= {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
     results = []
     for thing, named in DEFINITIONS.items():
-        definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and variants else named
+        definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and folder else named
         for configuration in configurations_of(rows):
             here = [of_row for of_row in values if of_row["configuration"] == configuration]
             people = len({of_row["participant"] for of_row in here})

@@ -4,32 +4,35 @@ Means of each participant's trials; Friedman across controllers; Wilcoxon signed
 measure and configuration; Hodges-Lehmann differences and matched-pairs rank-biserial correlations with intervals; the
 trend over the order of trials; path error against speed, and adjusted for it. "pooled": the mean of a participant's
 configurations. Below six participants there are no p-values and no intervals: three people prove nothing for others.
+
+Trials of one person are no independent observations; people are. So each participant's trials in a cell
+(configuration, controller) become one score, and intervals and tests count participants. Which trials count, the
+caller decides (`trials_table.to_compare`), as in the box plots.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from experiments.analysis.metrics import compared_for
-from experiments.analysis.participants import (
-    LEAST_PEOPLE,
-    LEVEL,
-    Interval,
-    configurations_of,
-    mean_interval,
-    people_of,
-    scores,
-)
-from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, to_compare
 
+#: The paper's two, by device name.
+PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
 MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for name in compared_for(thing))
 POOLED = "pooled"
 TREND_TRIALS = 10  # a trend is the change over so many trials
 SEED, RESAMPLES = 1, 2000  # of the bootstrap
-
+#: With fewer, no 95 % interval exists that assumes no distribution (2 / 2^5 > 5 %), nor can a signed-rank test reach
+#: 5 %.
+LEAST_PEOPLE = 6
+LEVEL = 0.95
+_WORDS = ("Nobody is", "One person is", "Two people are", "Three people are", "Four people are", "Five people are")
+Cell = tuple[str, str, int | str]  # participant, configuration, controller
+Scores = dict[Cell, float]
 ByController = dict[int, dict[str, float]]  # controller -> participant -> mean
 
 
@@ -48,6 +51,20 @@ class Result(NamedTuple):
     high: float | None = None
     p: float | None = None
     p_holm: float | None = None
+
+
+class Interval(NamedTuple):
+    """The middle of some values, one a participant, and where that of people like them lies."""
+
+    people: int
+    middle: float
+    low: float  # -inf and inf: these people are too few for an interval
+    high: float
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether there is an interval: of one person there is none."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
 
 
 def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]:
@@ -75,6 +92,92 @@ def _by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[
                 if None not in values:
                     found.setdefault(controller, {})[person] = float(np.mean(values))  # type: ignore[arg-type]
         yield name, found
+
+
+def people_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
+    """The participants, in the order of the rows."""
+    return tuple(dict.fromkeys(row.participant for row in rows))
+
+
+def configurations_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
+    """The configurations: the paper's two first, then any others by name (participants meet them in any order)."""
+    found = {row.configuration for row in rows}
+    return (*(name for name in PAPER_CONFIGURATIONS if name in found), *sorted(found.difference(PAPER_CONFIGURATIONS)))
+
+
+def values_by_cell(rows: Iterable[TrialRow], column: str) -> dict[Cell, list[float]]:
+    """The values of a column by participant, configuration and controller, in the order of the rows."""
+    cells: dict[Cell, list[float]] = {}
+    for row in rows:
+        value = getattr(row, column)
+        if value is not None:
+            cells.setdefault((row.participant, row.configuration, row.controller), []).append(float(value))
+    return cells
+
+
+def scores(rows: Iterable[TrialRow], column: str, average: Callable = np.mean) -> Scores:
+    """Each participant's average of a column in each cell; no entry where there is nothing to average."""
+    return {cell: float(average(values)) for cell, values in values_by_cell(rows, column).items()}
+
+
+def spreads(rows: Iterable[TrialRow], column: str) -> Scores:
+    """How far each participant's trials lie from the middle of their box, on average.
+
+    The middle is the median of all participants' trials of that configuration and controller, the line in the box
+    plot; so the score holds both the spread within a person and the person's own distance (Brown and Forsythe).
+    """
+    cells = values_by_cell(rows, column)
+    boxes = {cell[1:]: [v for other, of in cells.items() if other[1:] == cell[1:] for v in of] for cell in cells}
+    middles = {box: np.median(values) for box, values in boxes.items()}
+    return {cell: float(np.mean(np.abs(np.array(values) - middles[cell[1:]]))) for cell, values in cells.items()}
+
+
+def finished_share(rows: Iterable[TrialRow]) -> dict[tuple[str, int | str], float]:
+    """(configuration, controller) -> share of its counted trials that reached the end of the path."""
+    ends: dict[tuple[str, int | str], list[bool]] = {}
+    for row in rows:
+        if row.status in COUNTED:
+            ends.setdefault((row.configuration, row.controller), []).append(row.status == "done")
+    return {cell: float(np.mean(done)) for cell, done in ends.items()}
+
+
+def too_few(people: int) -> str:
+    """The sentence that refuses to claim anything for others; empty if there are enough people."""
+    if people >= LEAST_PEOPLE:
+        return ""
+    return f"{_WORDS[people]} too few to claim any of this for others; read it as a description."
+
+
+def mean_interval(values: Sequence[float] | np.ndarray) -> Interval:
+    """The mean and its 95 % interval by Student's t: takes the values as normal, holds for two people as for many.
+
+    Fewer people only widen it: the root mean square of its half-widths over all subsets of m of these people is
+    t(m - 1) s / sqrt(m), with s the standard deviation of them all, and that falls with every person more.
+    """
+    from scipy.special import stdtrit  # here: an app that starts has no time for it
+
+    data = np.asarray(values, dtype=float)
+    n, middle = len(data), float(np.mean(data))
+    if n < 2:
+        return Interval(n, middle, -math.inf, math.inf)
+    half = float(stdtrit(n - 1, 0.5 * (1.0 + LEVEL)) * np.std(data, ddof=1) / math.sqrt(n))
+    return Interval(n, middle, middle - half, middle + half)
+
+
+def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
+    """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
+
+    From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
+    95 %. Below six values none does.
+    """
+    data = np.sort(np.asarray(values, dtype=float))
+    n, middle = len(data), float(np.median(data))
+    if n < LEAST_PEOPLE:
+        return Interval(n, middle, -math.inf, math.inf)
+    from scipy import stats  # here: it takes a second, and few studies have so many people
+
+    k = int(stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
+    return Interval(n, middle, float(data[k - 1]), float(data[n - k]))
 
 
 def means(measure: str, configuration: str, table: ByController) -> list[Result]:
@@ -109,10 +212,10 @@ def friedman(measure: str, configuration: str, table: ByController) -> list[Resu
 
 
 def _ranks(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ranks from 1 within each row (m, n), equal values with the mean of theirs; and how many are equal to each."""
-    one, other = samples[:, :, np.newaxis], samples[:, np.newaxis, :]
-    equal = np.count_nonzero(other == one, axis=2)
-    return np.count_nonzero(other < one, axis=2) + 0.5 * (equal + 1), equal
+    """Ranks from 1 within each row (.., n), equal values with the mean of theirs; and how many are equal to each."""
+    one, other = samples[..., :, np.newaxis], samples[..., np.newaxis, :]
+    equal = np.count_nonzero(other == one, axis=-1)
+    return np.count_nonzero(other < one, axis=-1) + 0.5 * (equal + 1), equal
 
 
 def pairs(measure: str, configuration: str, table: ByController) -> list[Result]:
@@ -130,7 +233,7 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
             chances[len(results)] = signed_rank_p(differences)
             ends = shift[2:], rank_biserial_interval(differences)
         results.append(Result(*about, "hodges_lehmann", shift.middle, *ends[0]))
-        results.append(Result(*about, "rank_biserial", rank_biserial(differences), *ends[1]))
+        results.append(Result(*about, "rank_biserial", float(rank_biserial(differences)), *ends[1]))
     for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())), strict=True):
         results[place] = results[place]._replace(p=p, p_holm=p_holm)
     return results
@@ -162,22 +265,6 @@ def least_p_holm(pairs: Sequence[Result]) -> float:
     return min(1.0, len(pairs) * min((2.0 * 0.5**pair.people for pair in pairs), default=1.0))
 
 
-def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
-    """The median and its 95 % interval by counting (the sign test turned round): no distribution is assumed.
-
-    From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
-    95 %. Below six values none does.
-    """
-    data = np.sort(np.asarray(values, dtype=float))
-    n, middle = len(data), float(np.median(data))
-    if n < LEAST_PEOPLE:
-        return Interval(n, middle, -math.inf, math.inf)
-    from scipy import stats  # here: it takes a second, and few studies have so many people
-
-    k = int(stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
-    return Interval(n, middle, float(data[k - 1]), float(data[n - k]))
-
-
 def shift_interval(values: Sequence[float] | np.ndarray) -> Interval:
     """Hodges-Lehmann: the median of all pairwise means, with the interval of the exact signed-rank test.
 
@@ -204,22 +291,19 @@ def signed_rank_distribution(n: int) -> np.ndarray:
     return chances
 
 
-def rank_biserial(differences: np.ndarray) -> float:
-    """Matched pairs: (sum of ranks over 0 minus sum of those under it) / sum of all; 0 if all are 0. In [-1, 1]."""
-    return float(_rank_biserials(np.atleast_2d(differences))[0])
-
-
-def _rank_biserials(samples: np.ndarray) -> np.ndarray:
-    """The same for each row (m, n)."""
-    ranks = _ranks(np.abs(samples))[0] - np.count_nonzero(samples == 0.0, axis=1, keepdims=True)
-    ranks[samples == 0.0] = 0.0
-    total = ranks.sum(axis=1)
-    return np.divide((np.sign(samples) * ranks).sum(axis=1), total, out=np.zeros(len(samples)), where=total > 0.0)
+def rank_biserial(differences: np.ndarray) -> np.ndarray:
+    """Matched pairs, of each row (.., n): (sum of ranks over 0 minus sum of those under it) / sum of all, in [-1, 1]; 0
+    if all are 0.
+    """
+    ranks = _ranks(np.abs(differences))[0] - np.count_nonzero(differences == 0.0, axis=-1, keepdims=True)
+    ranks[differences == 0.0] = 0.0
+    total = ranks.sum(axis=-1)
+    return np.divide((np.sign(differences) * ranks).sum(axis=-1), total, out=np.zeros(total.shape), where=total > 0.0)
 
 
 def rank_biserial_interval(differences: np.ndarray) -> tuple[float, float]:
     """Percentile bootstrap over participants, seeded. All the same way gives +-1 to +-1."""
-    return _middle(_rank_biserials(differences[_resampled(len(differences))]))
+    return _middle(rank_biserial(differences[_resampled(len(differences))]))
 
 
 def _resampled(people: int) -> np.ndarray:

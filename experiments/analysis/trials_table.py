@@ -93,16 +93,11 @@ class Column(NamedTuple):
     unit: str = ""  # "" for text, counts, and numbers without a unit
 
 
-def _columns() -> tuple[str, ...]:
-    """Measures that came after the first version stand at the end."""
-    measures = [metric.name for metric in METRICS]
-    others = [one.name for one in fields(TrialRow) if one.name not in measures]
-    first = measures.index("unreachable_share") + 1
-    place = others.index("recording")
-    return (*others[:place], *measures[:first], *others[place:], *measures[first:])
-
-
-COLUMNS = _columns()
+_MEASURES = [metric.name for metric in METRICS]
+_OTHERS = [one.name for one in fields(TrialRow) if one.name not in _MEASURES]
+_PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
+#: Measures that came after the first version stand at the end.
+COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:])
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
 _TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}

@@ -10,7 +10,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,17 +22,17 @@ from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation, run_rows
-from experiments.analysis.error_bars import Moved, error_table
 from experiments.analysis.findings import CONTROLLER
+from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes
 from experiments.plan import make_plan
+from experiments.progress import Progress, unseen
 from experiments.protocol import load_protocol
-from experiments.study.simulation_errors import simulation_errors
-from experiments.study.unrecorded import person_of
+from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial, load_kernels
 
@@ -68,7 +68,7 @@ class Row:
     order: float | None = None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Callable[[float], None] = lambda share: None) -> dict:
+def run_bench(quick: bool = False, progress: Progress = unseen) -> dict:
     """All of it; the JSON of DESIGN section 6 with more beside the rows. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S

@@ -10,6 +10,7 @@ Text does not go into a motion file: phases are events; `stuck` is a channel of 
 a number, its words are in _motion.json. File names hold device and run, never the controller.
 """
 
+import contextlib
 import csv
 import re
 from collections.abc import Sequence
@@ -19,13 +20,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from core.files import InputError
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
-from experiments.export.answers import Form, answers_and_notes, forms_of, write_phenotype
-from experiments.export.columns import PHASE_LEVELS, recording_column
-from experiments.export.files import Exported, ExportedTrial, write_columns, write_json, write_rows
+from experiments.export.files import (
+    PHASE_LEVELS,
+    Exported,
+    ExportedTrial,
+    answers_and_notes,
+    recording_column,
+    write_columns,
+    write_json,
+    write_phenotype,
+    write_rows,
+)
 from experiments.inputs import INPUTS, is_person
 from experiments.recording.schema import Recording
+from experiments.session.files import read_stored
 from experiments.session.session import version_of
 
 BIDS_VERSION = "1.11.1"
@@ -37,24 +48,6 @@ _SCANNED = tuple(name for name in COLUMNS if name not in ("participant", "record
 _EMULATED = "EMULATED"  # begins the number of a board that `phd emulate` stands for, whose hand is simulated too
 #: The specification's type of a channel; it has none for forces, currents and torques (MISC).
 _KINDS = (("t_s", "LATENCY"), ("tip_v", "VEL"), ("tip_a", "ACCEL"), ("tip_", "POS"))
-
-_README = """\
-# {name}
-
-Trials on a planar five-bar whose joints carry brakes (a passive haptic display): a hand moves the handle along a
-path while a controller switches the brakes. One motion file a trial, 1000 samples a second, SI units. Frame:
-x to the participant's right, y away from the participant.
-
-- `*_motion.tsv`: first the time since the start (LATENCY), then the handle, the hand force (MISC, N), the brakes.
-- `*_motion.json`, `Trial`: the path in m, rules and gain of the controller, whether numbers of the device are assumed
-  (`assumed`), the seed; `Outcome`: how it ended; `Decisions`: the words of the channel `decision`.
-- `*_events.tsv`: the phases of the trial. Every measure is taken over `move`.
-- `*_scans.tsv`: controller (its number in Table I), device, path, status and the measures of each trial.
-
-`SimulatedDevice` and `SimulatedOperator` in `*_motion.json` say what was no real device and no person; with a
-simulated operator, times of day are those of the computation.
-To be added before it is shared: authors, licence (dataset_description.json), who the participants are.
-"""
 
 
 class _Channel(NamedTuple):
@@ -103,12 +96,17 @@ class BidsDataset:
         for (subject, session), lines in self._scans.items():
             place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
             write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
-        forms = {f"sub-{form.participant}": form for form in forms_of(exported.sessions)}
-        asked = {name: kind for form in forms.values() for name, kind in form.asked.items()}
+        forms: dict[str, dict[str, str | float]] = {}  # subject -> what was answered before the session
+        asked: dict[str, tuple[str, ...] | str] = {}
+        for folder in exported.sessions:
+            with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+                stored = read_stored(folder)
+                forms[f"sub-{stored.participant}"] = stored.about.get("form", {})
+                asked |= stored.protocol.form
         header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
         write_rows(self.folder / "participants.tsv", [
             header,
-            *([subject, *(_answer(forms.get(subject), name) for name in header[1:-1]), hand]
+            *([subject, *(_answer(forms.get(subject, {}).get(name, MISSING)) for name in header[1:-1]), hand]
               for subject, hand in self._hands.items()),
         ])  # fmt: skip
         answers, _ = answers_and_notes(exported.sessions)
@@ -133,11 +131,10 @@ class BidsDataset:
         }
         for name, content in about.items():
             write_json(self.folder / name, content)
-        (self.folder / "README.md").write_bytes(exported.readme(_README))
+        (self.folder / "README.md").write_bytes(exported.readme("bids"))
 
 
-def _answer(form: Form | None, name: str) -> str:
-    answer = form.answers.get(name, MISSING) if form else MISSING
+def _answer(answer: str | float) -> str:
     return f"{answer:g}" if isinstance(answer, float) else str(answer)
 
 

@@ -9,32 +9,45 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 import contextlib
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations
-from pathlib import Path
-from typing import NamedTuple
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import pyarrow as pa
 
 from core.files import InputError
-from experiments.analysis.trials_table import TrialRow, row_of
+from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, row_of, write_table
 from experiments.export.bids import BidsDataset
-from experiments.export.csv import CsvTables
-from experiments.export.files import Exported, ExportedTrial
+from experiments.export.files import (
+    DECISION_READING,
+    PHASE_LEVELS,
+    Exported,
+    ExportedTrial,
+    answers_and_notes,
+    recording_column,
+    write_answers_and_notes,
+    write_columns,
+    write_json,
+)
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.files import HIDDEN, STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
-FORMS: dict[str, type[BidsDataset] | type[CsvTables]] = {"bids": BidsDataset, "csv": CsvTables}
 #: What an export shows of a trial while its session is blind.
 _SHOWN_WHILE_BLIND = (
     "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
     "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
     "warnings",
 )  # fmt: skip
+_LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
-def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None] = lambda share: None) -> dict:
+def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
@@ -54,7 +67,7 @@ def export(folder: Path, outs: dict[str, Path], progress: Callable[[float], None
     ]
     trials = 0
     with _new_folders(outs) as partial:
-        forms = [FORMS[form](place) for form, place in partial.items()]
+        forms = [BidsDataset(place) if form == "bids" else CsvTables(place) for form, place in partial.items()]
         for number, path in enumerate(paths, start=1):
             trial = _look_at(path, sessions[path.parent.parent])
             if isinstance(trial, str):
@@ -127,10 +140,14 @@ def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
     for a, b in permutations(places.values(), 2):
         if a == b or b in a.parents:
             raise InputError(f"{a}: two exports need two folders, neither inside the other")
-    partial: dict[str, Path] = {}
+    partial = {form: out.with_name(f".{out.name}.partial") for form, out in places.items()}
     try:
         for form, out in places.items():
-            partial[form] = _begin(out)
+            with refusing(out, "cannot be created"):
+                if out.exists() and any(out.iterdir()):
+                    raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
+                shutil.rmtree(partial[form], ignore_errors=True)  # left by a kill
+                partial[form].mkdir(parents=True)
         yield partial
         for form, out in places.items():
             if out.exists():
@@ -144,12 +161,54 @@ def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _begin(out: Path) -> Path:
-    """A new folder beside `out`, which must be new or empty; InputError otherwise."""
-    partial = out.with_name(f".{out.name}.partial")
-    with refusing(out, "cannot be created"):
-        if out.exists() and any(out.iterdir()):
-            raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
-        shutil.rmtree(partial, ignore_errors=True)  # left by a kill
-        partial.mkdir(parents=True)
-    return partial
+class CsvTables:
+    """Tidy CSV, in a folder that exists and is empty: a file a recording, a row a tick; and what every column means.
+
+    OUT/README.md
+        trials.csv                  as in the data folder; `recording` names the CSV file
+        questionnaire.csv           a row for each block that was asked about, if any was
+        notes.csv                   what the experimenter wrote down, if anything
+        columns.json                file -> column -> unit and description
+        sub-01/ses-01/run-001.csv   every tick
+                      run-001.json  what is known of the trial: its path, rules, gain, how it ended
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._rows: list[TrialRow] = []
+        self._columns: dict[str, Column] = {}
+
+    def add(self, trial: ExportedTrial) -> None:
+        """Write one recording and what is known of it."""
+        place = PurePosixPath(trial.subject, trial.session, f"run-{trial.row.run:03d}.csv")
+        path = self.folder / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording = trial.recording
+        unit = recording.metadata.get("command_unit", "A")
+        self._columns |= {name: recording_column(name, unit) for name in trial.names}
+        columns = {
+            name: pa.array(recording.text(name), pa.string()) if name in TEXT_COLUMNS else recording.column(name)
+            for name in trial.names
+        }
+        write_columns(path, columns, ",", header=True, missing="")
+        about = {"trial": trial.about, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
+        write_json(path.with_suffix(".json"), about)
+        self._rows.append(replace(trial.row, recording=str(place)))
+
+    def finish(self, exported: Exported) -> None:
+        """Write the table, the dictionary and the README."""
+        order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
+        write_table(self.folder / "trials.csv", order)
+        tables: dict[str, Mapping[str, Column]] = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
+        tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
+        write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
+        (self.folder / "README.md").write_bytes(exported.readme("csv"))
+
+
+def _described(columns: Mapping[str, Column]) -> dict[str, dict]:
+    entries: dict[str, dict[str, Any]] = {}
+    for name, (meaning, unit) in columns.items():
+        more = f" ({DECISION_READING})" if name == "decision" else ""
+        entries[name] = {"unit": unit, "description": meaning + more}
+        entries[name] |= {"levels": _LEVELS[name]} if name in _LEVELS else {}
+    return entries

@@ -1,4 +1,4 @@
-"""What an export holds, each trial as it may be shown, and how columns, tables and objects become text."""
+"""What an export holds: trials as they may be shown, answers, notes; what its columns mean; how they become text."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,11 +9,79 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.csv import WriteOptions, write_csv
 
-from experiments.analysis.trials_table import TrialRow, csv_bytes
+from core import tick_log
+from core.control.controllers import DECISIONS
+from core.files import InputError
+from experiments.analysis.charts import Answers
+from experiments.analysis.trials_table import DICTIONARY, Column, TrialRow, csv_bytes
 from experiments.recording.schema import Recording
+from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
+#: What the ticks of a recording hold.
+RECORDING = {
+    one.name: Column(one.meaning, one.unit) for column in tick_log.COLUMNS for one in column.spread()
+}  # fmt: skip
+#: The scales of the questionnaire after a block, 0 to 100.
+SCALES = {
+    "mental_demand": Column("NASA-TLX mental demand, 0 very little to 100 very much"),
+    "physical_demand": Column("NASA-TLX physical demand, 0 very little to 100 very much"),
+    "temporal_demand": Column("NASA-TLX temporal demand, 0 not at all hurried to 100 very hurried"),
+    "performance": Column("NASA-TLX performance, 0 followed the lines perfectly to 100 not at all"),
+    "effort": Column("NASA-TLX effort, 0 very little to 100 very hard"),
+    "frustration": Column("NASA-TLX frustration, 0 not at all to 100 very irritated or discouraged"),
+    "smoothness": Column("how the movement felt, 0 smooth to 100 jerky"),
+}
+#: What questionnaire.csv holds besides the scales, one row for each block that was asked about.
+QUESTIONNAIRE = {
+    **{name: DICTIONARY[name] for name in ("participant", "configuration", "block", "controller")},
+    "time": Column("when it was answered, UTC, ISO 8601"),
+}
+#: What notes.csv holds, one row a note.
+NOTES = {
+    "time": Column("when it was written, UTC, ISO 8601"),
+    "participant": Column("in whose session"),
+    "text": Column("what the experimenter wrote"),
+}
+QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
+_TOOL = {
+    "Description": "after a block or a controller: the six scales of the raw NASA-TLX in words of our own, and one on "
+    "the smoothness of the movement; 0 to 100 in steps of 5, nothing set beforehand",
+    "TermURL": "https://doi.org/10.1016/S0166-4115(08)62386-9",
+}
+PHASE_LEVELS = {
+    "approach": "brakes off, the hand moves to the start",
+    "hold": "the hand waits at the start, brakes off",
+    "move": "the movement along the path: every measure is taken here",
+    "end": "after the movement, brakes off",
+}
+#: How the words of the column `decision` are to be read.
+DECISION_READING = (
+    "off: brakes off outside the movement; none: controller 1; gap: inside the band without control; "
+    "release / lock: no or full current on all brakes, and why; "
+    "sdof J / prop J: the brake at joint J is used, by the SDOF or the proportional rule. All words: "
+    + "; ".join(DECISIONS)
+)
 #: Columns of the ticks that show what the brakes did, and with it which controller it was.
 _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
+
+
+def recording_column(name: str, command_unit: str = "A") -> Column:
+    """What a column of a recording means. InputError if it is not described: another version wrote it.
+
+    command_unit: of what was commanded to the brakes, where it was no current.
+    """
+    if name not in RECORDING:
+        raise InputError(f"recording: column {name} is not described, it cannot be exported")
+    column = RECORDING[name]
+    if column.unit == "A" and command_unit != "A":
+        meaning = column.meaning.replace("current", f"value ({command_unit})", 1)
+        return column._replace(meaning=meaning, unit=command_unit)
+    return column
+
+
+def scale_column(name: str) -> Column:
+    """What a scale of the questionnaire means; one of another version is only named."""
+    return SCALES.get(name) or Column(f"answer on the scale {name}, 0 to 100")
 
 
 class ExportedTrial(NamedTuple):
@@ -44,8 +112,9 @@ class Exported(NamedTuple):
     unrecorded: list[TrialRow]  # rows of trials that left no recording
     sessions: list[Path]  # their folders
 
-    def readme(self, text: str) -> bytes:
-        """README.md: `text` with the name in it, and what is missing."""
+    def readme(self, form: str) -> bytes:
+        """README.md of this form ("bids", "csv"): with the name in it, and what is missing."""
+        text = Path(__file__).with_name(f"readme_{form}.md").read_text(encoding="utf-8")
         lines = [text.format(name=self.name)]
         if self.blind:
             lines += [
@@ -85,3 +154,80 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write one JSON object, in the order given."""
     text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     path.write_text(text, encoding="utf-8", newline="\n")
+
+
+class Note(NamedTuple):
+    """What the experimenter wrote down."""
+
+    time: str  # ISO, UTC
+    participant: str
+    text: str
+
+
+def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Note]]:
+    """The answers and notes in the journals of these session folders (.../sub-01/ses-01), in their order."""
+    answers, notes = [], []
+    for folder in sessions:
+        participant = folder.parent.name.removeprefix("sub-")
+        for event, at, about in read_events(folder):
+            if event is ANSWERS:
+                answers.append(Answers(participant, about["configuration"], about["block"], 0, about["values"], at))
+            elif event is CONTROLLER_ANSWERS:
+                whose = about["configuration"], 0, about["controller"]
+                answers.append(Answers(participant, *whose, about["values"], at))
+            elif event is NOTE:
+                notes.append(Note(at, participant, about["text"]))
+    return answers, notes
+
+
+def write_answers_and_notes(
+    folder: Path, answers: Sequence[Answers], notes: Sequence[Note]
+) -> dict[str, dict[str, Column]]:
+    """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
+    written = {}
+    if answers:
+        scales = _scales(answers)
+        part = ["block"] + ["controller"] * any(a.controller for a in answers)
+        names = ["participant", "configuration", *part, *scales, "time"]
+        lines = [
+            [a.participant, a.configuration, *(str(getattr(a, name) or "") for name in part),
+             *(str(a.values.get(scale, "")) for scale in scales), a.time]
+            for a in answers
+        ]  # fmt: skip
+        write_rows(folder / QUESTIONNAIRE_CSV, [names, *lines], ",")
+        written[QUESTIONNAIRE_CSV] = {name: QUESTIONNAIRE.get(name) or scale_column(name) for name in names}
+    if notes:
+        write_rows(folder / NOTES_CSV, [Note._fields, *notes], ",")
+        written[NOTES_CSV] = {name: NOTES[name] for name in Note._fields}
+    return written
+
+
+def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
+    """The answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json. Nothing without answers.
+
+    A participant has one row there, so a column is a scale after one block: "three-brake_block-1_effort", or after one
+    controller: "three-brake_controller-3_effort".
+    """
+    if not answers:
+        return
+    rows: dict[str, dict[str, str]] = {}
+    about: dict[str, dict[str, str]] = {}
+    scales = _scales(answers)
+    for a in answers:
+        kind, which = ("block", a.block) if a.block else ("controller", a.controller)
+        place = f"{a.configuration}_{kind}-{which}_"
+        rows.setdefault(f"sub-{a.participant}", {}).update({place + name: str(v) for name, v in a.values.items()})
+        for scale in scales:
+            meaning = f"{scale_column(scale).meaning}; after {kind} {which} on {a.configuration}"
+            about[place + scale] = {"Description": meaning}
+    lines = [[person, *(row.get(column, "n/a") for column in about)] for person, row in rows.items()]
+    phenotype = folder / "phenotype"
+    phenotype.mkdir()
+    write_rows(phenotype / "tlxsmoothness.tsv", [["participant_id", *about], *lines])
+    write_json(phenotype / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
+
+
+def _scales(answers: Iterable[Answers]) -> list[str]:
+    """Every scale that was answered: ours in their order, then any other."""
+    there = dict.fromkeys(scale for a in answers for scale in a.values)
+    return [*(scale for scale in SCALES if scale in there), *(scale for scale in there if scale not in SCALES)]

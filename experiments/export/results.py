@@ -16,7 +16,7 @@ from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare
-from experiments.export.answers import answers_and_notes
+from experiments.export.files import answers_and_notes
 from experiments.protocol import label
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
 from experiments.session.journal import journal_summary
@@ -155,11 +155,3 @@ class Job(NamedTuple):
     def partial(self) -> Path:
         """Where the files are until they are all there."""
         return self.folder.with_name(self.folder.name + PARTIAL)
-
-
-def new_folder(data_dir: Path) -> Path:
-    """DATA/results-1, -2, ..: the first that is not there."""
-    number = 1
-    while (data_dir / f"results-{number}").exists():
-        number += 1
-    return data_dir / f"results-{number}"

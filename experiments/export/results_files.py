@@ -21,8 +21,9 @@ from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import QUIET, STYLE, new_figure
 from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, write_table
-from experiments.export.answers import answers_and_notes, write_answers_and_notes
+from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Job, Results, read_results
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import rename, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session import journal
@@ -51,7 +52,7 @@ LISTED = {
 }
 
 
-def write_results(job: Job, progress: Callable[[float], None] = lambda share: None) -> int:
+def write_results(job: Job, progress: Progress = unseen) -> int:
     """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.

@@ -9,7 +9,6 @@ shown as assumed. Numbers that are hardly in the units of their columns are take
 import contextlib
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from core.device_file import BrakeFile, parse_brake
 from core.files import InputError
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 #: Our choice: Eq. (4) is extrapolated below the lowest measured speed by this factor, then held.
@@ -34,7 +34,7 @@ def identify(
     figures: Path | None = None,
     omega_0_rpm: float | None = None,
     backlash_deg: float | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
 

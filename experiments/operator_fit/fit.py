@@ -5,7 +5,6 @@ a value; of several, mean and sd of people.
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,9 +12,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from core.files import InputError
-from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, half_width
+from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, fit_unrest, half_width
 from experiments.operator_fit.motions import LEAST_TRIALS, Motion, read_motions
-from experiments.operator_fit.unrest import fit_unrest
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.trial.operator import Person
 from experiments.trial.population import ASSUMED, LIMITS, Population, Spread, load_population
@@ -72,8 +71,7 @@ class Fitted(NamedTuple):
 
 
 def fit_operator(
-    folder: Path, participant: str | None, out: Path | None, like: Population,
-    progress: Callable[[float], None] = lambda share: None,
+    folder: Path, participant: str | None, out: Path | None, like: Population, progress: Progress = unseen
 ) -> list[Fitted]:  # fmt: skip
     """Every person of a session or study folder, or one; written to `out` where it is given. InputError: as of
     `read_motions`, or the trials do not determine an arm."""

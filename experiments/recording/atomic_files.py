@@ -6,6 +6,7 @@ removed: `patiently` tries again.
 
 import contextlib
 import errno
+import itertools
 import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -96,6 +97,11 @@ def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -
         folder.mkdir(parents=True, exist_ok=True)
         if {path.name for path in folder.iterdir()} - set(besides):
             raise InputError(f"{folder}: is not empty, {needs}")
+
+
+def first_free(folder: Path, name: str) -> Path:
+    """NAME-1, -2, .. in a folder: the first that is not there."""
+    return next(place for number in itertools.count(1) if not (place := folder / f"{name}-{number}").exists())
 
 
 def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:

@@ -4,7 +4,6 @@ The fields of `CobotSceneFile` are its keys; docs/examples holds two such scenes
 """
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +30,7 @@ from core.kernel import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
 from core.simulator.state import new_record
+from experiments.progress import Progress, unseen
 from experiments.simulate.scene import StepLength, hand_force, whole_number
 from experiments.simulate.simulate import new_csv, run_beside
 
@@ -212,9 +212,7 @@ class CobotRun:
         return rows
 
 
-def simulate_cobot(
-    scene: CobotScene, out_path: Path, progress: Callable[[float], None] = lambda share: None
-) -> dict[str, Any]:
+def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = unseen) -> dict[str, Any]:
     """Run a scene into a new CSV file, as `simulate` does; the summary."""
     wheels = len(scene.cobot.hubs_m)
     limited_rows, nearest = 0, math.inf

@@ -19,6 +19,7 @@ from core.mechanism import JOINTS
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
+from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
 
@@ -65,7 +66,7 @@ def new_simulation(scene: Scene) -> Simulation:
 
 
 def simulate(
-    scene: Scene, out_path: str | Path, progress: Callable[[float], None] = lambda share: None
+    scene: Scene, out_path: str | Path, progress: Progress = unseen
 ) -> dict[str, Any]:
     """Run a scene into a new CSV file; what the run did. `progress` gets the share done (0 to 1) after each chunk.
 

@@ -5,24 +5,22 @@ session was opened. What is damaged or was cut off is left out and named; the bo
 the table in DIR.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count
 from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.boxplots import draw_boxplots
+from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.charts import boxes, told_apart
-from experiments.analysis.error_bars import Moved
-from experiments.analysis.findings import findings, why_no_findings
+from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
-from experiments.analysis.report import side_by_side, warnings, write_report
-from experiments.analysis.sensitivity import of_recording
+from experiments.analysis.report import Moved, side_by_side, write_report
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
+from experiments.progress import Progress, unseen
 from experiments.protocol import label
-from experiments.recording.atomic_files import make_empty_folder, write_new_file
+from experiments.recording.atomic_files import first_free, make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.files import TABLE, hold_lock, opened, read_key, read_stored, recordings_in
 from experiments.session.journal import (
@@ -34,7 +32,7 @@ from experiments.session.journal import (
     write_event,
 )
 from experiments.session.session import operators_from_json, preset_from_json
-from experiments.study.simulation_errors import errors_in
+from experiments.study.unrecorded import errors_in
 
 
 @dataclass
@@ -64,11 +62,7 @@ class Found:
 
 
 def analyze(
-    folder: Path,
-    out: Path | None = None,
-    unblind: str = "",
-    timeouts: bool = False,
-    progress: Callable[[float], None] = lambda share: None,
+    folder: Path, out: Path | None = None, unblind: str = "", timeouts: bool = False, progress: Progress = unseen
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
@@ -82,7 +76,8 @@ def analyze(
     recordings = sum(map(len, sessions.values()))
     if not recordings:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
-    out = new_folder(folder, out)
+    out = out or first_free(folder, "analysis")
+    make_empty_folder(out, "results are never overwritten")
     found, done = Found(), 0
     try:
         for session, paths in sessions.items():
@@ -113,14 +108,6 @@ def analyze(
         "changed": changed_boxes(folder / TABLE, found, timeouts) if found.left_out else [],
         "warnings": warned,
     }
-
-
-def new_folder(folder: Path, out: Path | None) -> Path:
-    """The folder for the results: `out`, which must be new or empty, or the first free DIR/analysis-N."""
-    if out is None:
-        out = next(place for n in count(1) if not (place := folder / f"analysis-{n}").exists())
-    make_empty_folder(out, "results are never overwritten")
-    return out
 
 
 def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found: Found) -> JournalSummary:
@@ -163,7 +150,7 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
     without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
     label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
     protocol, rows = " and ".join(sorted(found.protocols)), told_apart(found.rows)
-    draw_boxplots(rows, out / "figures", label, labels=found.controllers, protocol=protocol, timeouts=timeouts)
+    draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts)
     if not any(row.status in COUNTED for row in found.rows):
         return []
     presets = dict(sorted(found.presets.items()))
@@ -174,9 +161,8 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]
             moved = errors_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    write_report(found.rows, out / "report", note, of_recording(out), presets, found.simulated, timeouts, moved)
-    judged = [] if why_no_findings(presets, bool(found.coded)) else findings(found.rows, timeouts)
-    return [*warnings(found.rows, judged, found.simulated), *unsure]
+    warned = write_report(found.rows, out / "report", note, presets, found.simulated, timeouts, moved, out)
+    return [*warned, *unsure]
 
 
 def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:

@@ -9,20 +9,23 @@ A job's rows depend on nothing but the job, so the table is the same, byte by by
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import joblib
 
+from core.device import Device
 from core.files import InputError
-from experiments.recording.atomic_files import give_new_name, make_empty_folder, rename, written_beside
+from experiments.analysis.trials_table import csv_bytes
+from experiments.progress import Progress, unseen
+from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
 
@@ -36,16 +39,6 @@ class Done(NamedTuple):
     ticks: int  # simulated
 
 
-class Job(Protocol):
-    """What one process does at a time."""
-
-    @property
-    def number(self) -> int:
-        """Its place in the table, from 1."""
-
-    def run(self) -> Done: ...
-
-
 @dataclass(frozen=True)
 class Work:
     """Jobs whose rows make one table."""
@@ -54,7 +47,7 @@ class Work:
     name: str
     texts: Mapping[str, str]  # everything that decides it, in full
     columns: tuple[str, ...]
-    jobs: Sequence[Job]
+    jobs: Sequence[Any]  # each has its `number`, its place in the table from 1, and `run`, which makes it `Done`
 
 
 class Finished(NamedTuple):
@@ -67,11 +60,7 @@ class Finished(NamedTuple):
 
 
 def run_work(
-    work: Work,
-    out: Path,
-    resume: bool = False,
-    cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    work: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
 ) -> Finished:
     """Run every job that is not done yet, then write the table. InputError for wrong input.
 
@@ -87,7 +76,11 @@ def run_work(
     elif not out.is_dir():
         raise InputError(f"{out}: holds no {work.kind} to resume")
     with workers, hold_lock(out):
-        (_compare if resume else _store)(stored, work)
+        if resume:
+            _compare(stored, work)
+        else:
+            about = {"name": work.name, "texts": dict(work.texts)}
+            write_new_file(stored, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
         parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
         there = {path.name for path in (out / PARTS).glob("*.csv")}
         waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in there]
@@ -101,23 +94,44 @@ def run_work(
                     rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
                 progress(done / len(work.jobs))
-        _gather(table, work.columns, list(parts.values()))
+        if not table.exists():
+            rows = b"".join(part.read_bytes() for part in parts.values())
+            write_new_file(table, csv_bytes([work.columns]) + rows, sync=True)
+        shutil.rmtree(out / PARTS, ignore_errors=True)
     return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
+
+
+def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
+    """Lines of the table; the cell of a number that is missing or not finite is empty."""
+    return csv_bytes([["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in one]
+                      for one in lines])  # fmt: skip
+
+
+def device_texts(devices: Iterable[Device]) -> dict[str, str]:
+    """The files of devices and their brakes, in full, by what they are."""
+    texts = {}
+    for device in devices:
+        texts[f"device {device.name}"] = device.text
+        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
+    return texts
+
+
+def beside(path: Path, name: str) -> str | Path:
+    """A file beside the work's own where there is one of that name, else the shipped thing of that name."""
+    there = path.parent / name
+    return there if there.is_file() else name
 
 
 def _a(work: Work) -> str:
     return work.kind if work.kind.endswith("s") else f"a {work.kind}"
 
 
-# --------------------------------------------------------------------------------------------------------- the workers
-
-
-def _results(jobs: Sequence[Job], on_cluster: bool) -> Iterator[tuple[int, Done]]:
+def _results(jobs: Sequence[Any], on_cluster: bool) -> Iterator[tuple[int, Done]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
     if not on_cluster:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
             yield _run(jobs[0])
-        calls = (joblib.delayed(_run_beside_parent)(job, os.getpid()) for job in jobs[1:])
+        calls = (joblib.delayed(_run)(job, os.getpid()) for job in jobs[1:])
         workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
         yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
         return
@@ -139,15 +153,11 @@ def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
 
 
-def _run(job: Job) -> tuple[int, Done]:
-    return job.number, job.run()
-
-
-def _run_beside_parent(job: Job, parent: int) -> tuple[int, Done]:
-    """A job in a worker of this machine, which ends when the work does, however that ends."""
-    if os.getpid() != parent:
+def _run(job: Any, parent: int | None = None) -> tuple[int, Done]:
+    """A job; in a worker of this machine, which ends when its parent does, however that ends."""
+    if parent is not None and parent != os.getpid():
         end_with(parent)
-    return _run(job)
+    return job.number, job.run()
 
 
 @contextlib.contextmanager
@@ -155,25 +165,12 @@ def _ending_at_once() -> Iterator[None]:
     """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
     is gone. An orderly end would wait for them, sometimes for ever.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-# ----------------------------------------------------------------------------------------------------------- the files
-
-
-def _store(path: Path, work: Work) -> None:
-    """Write what the work is into its folder."""
-    about = json.dumps({"name": work.name, "texts": dict(work.texts)}, indent=1, sort_keys=True).encode() + b"\n"
-    with written_beside(path, about) as partial:
-        give_new_name(partial, path)
 
 
 def _compare(path: Path, work: Work) -> None:
@@ -187,12 +184,3 @@ def _compare(path: Path, work: Work) -> None:
     changed = sorted(key for key in {*stored, *work.texts} if stored.get(key) != work.texts.get(key))
     if changed:
         raise InputError(f"{path}: {_a(work)} was begun with another {', '.join(changed)}; use a new folder")
-
-
-def _gather(table: Path, columns: Sequence[str], parts: Sequence[Path]) -> None:
-    """Write the table from the parts if it is not there yet; the parts then go."""
-    if not table.exists():
-        data = (",".join(columns) + "\n").encode() + b"".join(part.read_bytes() for part in parts)
-        with written_beside(table, data) as partial:
-            give_new_name(partial, table)
-    shutil.rmtree(table.parent / PARTS, ignore_errors=True)

@@ -3,25 +3,31 @@
 Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
 """
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import ALGORITHMS, DECISIONS
+from core.control.controllers import ALGORITHMS, DECISIONS, Preset, make_controller
+from core.control.guard import NOTHING, Around, make_around
+from core.control.velocity_field import new_memory
 from core.device import Device, load_device
+from core.device_interface import velocity_noise
 from core.files import InputError
+from core.mechanism import JOINTS
 from core.path import Path as PathAhead
+from core.path import point_at
+from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
+from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
-from experiments.study.decisions import Checked, check_decisions
 from experiments.study.replay_motion import (
     Recorded,
     RecordedHand,
@@ -32,6 +38,8 @@ from experiments.study.replay_motion import (
     recorded_arm,
     run_replay,
 )
+from experiments.trial.encoder_sensing import REAL_AGE, decision_noise, new_sensing, sensed_age
+from experiments.trial.tick import decide_again
 
 A_PERSON_WOULD_REACT = (
     "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
@@ -41,6 +49,16 @@ OTHER_VERSION = (
     "another version recorded the trial, without all that an equal replay needs: it begins with the movement and only "
     "comes near the recorded motion"
 )
+#: What a decision is taken from, in the order in which `decide_again` reads it.
+GIVEN = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "sensed_fx_N", "sensed_fy_N")
+WANTED = ("wanted_fx_N", "wanted_fy_N")  # n/a in the recordings of earlier versions, which had no force to show
+
+
+class Checked(NamedTuple):
+    """What came of it."""
+
+    decisions: int  # that were taken again
+    different: int  # of them, by the decision or by any current
 
 
 def replay(
@@ -50,7 +68,7 @@ def replay(
     protocol: str | None = None,
     hand: str | None = None,
     out: Path | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> dict[str, Any]:
     """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
 
@@ -141,7 +159,7 @@ def choose_device(trial: Recorded, device: str) -> Device:
     onto = load_device(device)
     paths = {segment: protocol.paths[segment]}
     check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
-    x, y = trial.start
+    x, y = (float(trial.recording.column(name)[trial.first]) for name in ("tip_x_m", "tip_y_m"))
     if not tip_is_free(onto.mechanism, x, y):
         raise InputError(f"device {device}: cannot be at ({x:.3f}, {y:.3f}) m, where the recorded movement begins")
     return onto
@@ -235,14 +253,54 @@ def named(protocol: Protocol, controller: int | str) -> str:
 
 def write_ticks(replayed: Recording, first: int, out: Path) -> None:
     """The replayed ticks as a new CSV file, whole or not at all."""
-    arrays = [
-        pa.array(replayed.text(name)[first:].tolist(), pa.string())
-        if name in TEXT_COLUMNS
-        else pa.array(replayed.columns[name][first:] + 0.0)  # no "-0"
-        for name in replayed.columns
-    ]
+    columns = {
+        name: replayed.text(name)[first:].tolist() if name in TEXT_COLUMNS else column[first:] + 0.0  # no "-0"
+        for name, column in replayed.columns.items()
+    }
     sink = pa.BufferOutputStream()
-    sink.write((",".join(replayed.columns) + "\n").encode())
-    table = pa.table(arrays, names=list(replayed.columns))
-    pa_csv.write_csv(table, sink, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
+    pa_csv.write_csv(pa.table(columns), sink, pa_csv.WriteOptions(quoting_style="needed", quoting_header="none"))
     write_new_file(out, sink.getvalue().to_pybytes())
+
+
+def check_decisions(
+    recording: Recording, path: PathAhead, device: Device, preset: Preset, rules: str,
+    assumed: Assumptions = DEFAULTS, around: Around = NOTHING,
+) -> Checked | None:  # fmt: skip
+    """Take each decision of the movement again, from the recording and the session's device and controller alone.
+
+    The controller is given what it was given then: tip, velocity and sensed force of each tick; or what the encoders of
+    a simulated device made of the tip's motion until then. Nothing is simulated. None: an earlier version recorded the
+    trial, without the sensed force.
+
+    assumed: of a simulated device; a real one is as its file has it. around: the obstacles of the trial.
+    """
+    if not all(name in recording.columns for name in GIVEN):
+        return None
+    taken = recording.in_phase("move")
+    if recording.sensors:
+        taken &= recording.column("decided") == 1.0
+    without = np.full(recording.rows, np.nan)
+    wanted = [recording.columns.get(name, without) for name in WANTED]
+    given = np.column_stack((*map(recording.column, GIVEN), *wanted))
+    middle = point_at(path, 0.5 * path.length)[:2]
+    if recording.sensors:
+        noise, sensing, age = velocity_noise(device, middle), new_sensing(device, DEFAULTS), REAL_AGE
+    else:
+        device = assumed.applied_to(device)
+        noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
+        age = sensed_age(assumed)
+    controller = make_controller(
+        preset, device.force_normalised_N, rules, velocity_noise=noise,
+        around=make_around(around, device.brakes, age),
+    )  # fmt: skip
+    codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
+    decide_again(
+        path, controller, pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False),
+        new_state(0.0, 0.0), sensing, new_memory(), given, taken, codes, currents,
+    )  # fmt: skip
+    codes, currents = codes[taken], currents[taken]
+    words = np.array(DECISIONS, dtype=object)
+    different = words[codes] != recording.text("decision")[taken]
+    for joint in device.braked:
+        different |= currents[:, JOINTS.index(joint)] != recording.column(f"current_{joint}_A")[taken]
+    return Checked(len(codes), int(np.count_nonzero(different)))

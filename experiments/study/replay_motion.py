@@ -18,7 +18,6 @@ there leaves it on this device. The trial comes out as it was to rounding, or, w
 to fractions of a millimetre.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,6 +38,7 @@ from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
+from experiments.progress import Progress, unseen
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
@@ -48,9 +48,6 @@ from experiments.trial.trial import Trial
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
-
-
-# ------------------------------------------------------------------------------------------------- the recorded trial
 
 
 @dataclass(frozen=True)
@@ -63,11 +60,6 @@ class Recorded:
     path_file: PathFile
     path: PathAhead
     first: int  # first tick of `move`
-
-    @property
-    def start(self) -> tuple[float, float]:
-        """The tip at the first tick of `move`, m."""
-        return float(self.recording.column("tip_x_m")[self.first]), float(self.recording.column("tip_y_m")[self.first])
 
 
 def read_recorded(file: Path) -> Recorded:
@@ -86,9 +78,6 @@ def read_recorded(file: Path) -> Recorded:
     where = f"{file}: path"
     path_file = path_from(recording.metadata["path"], where)
     return Recorded(recording, row, stored, path_file, build_path(path_file, where), int(move[0]))
-
-
-# ------------------------------------------------------------------------------------------------- the recorded hand
 
 
 class RecordedHand(NamedTuple):
@@ -143,9 +132,6 @@ def _finite(recording: Recording, first: int, *names: str) -> np.ndarray:
     return found
 
 
-# -------------------------------------------------------------------------------------------------- device and run
-
-
 class ReplayedDevice(SimulatedDevice):
     """Begins its trial where the recording begins, and not where an earlier trial has left it."""
 
@@ -179,7 +165,7 @@ def run_replay(
     preset: Preset,
     rules: str,
     whole: bool,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 

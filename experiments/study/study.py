@@ -4,20 +4,20 @@ import contextlib
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from core import tick_log
-from experiments.analysis.boxplots import draw_boxplots
-from experiments.analysis.error_bars import Moved
+from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
-from experiments.analysis.report import warnings, write_report
+from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, participant_index
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
 from experiments.recording.writer import RecordingWriter
@@ -36,8 +36,7 @@ from experiments.session.files import (
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
-from experiments.study.low_gain import settled
-from experiments.study.simulation_errors import errors_in
+from experiments.study.unrecorded import errors_in, person_of, settled
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial, load_kernels
@@ -48,11 +47,7 @@ FIGURES, REPORT = "figures", "report"
 
 
 def run_study(
-    out: Path,
-    operators: int,
-    protocol: Protocol,
-    population: Population,
-    progress: Callable[[float], None] = lambda share: None,
+    out: Path, operators: int, protocol: Protocol, population: Population, progress: Progress = unseen
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
@@ -64,9 +59,7 @@ def run_study(
         return Run(out, study, beside.shared, progress).carry_out(beside)
 
 
-def resume_study(
-    out: Path, asked: Mapping[str, object], progress: Callable[[float], None] = lambda share: None
-) -> dict:
+def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = unseen) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -84,28 +77,15 @@ def resume_study(
 
 
 @dataclass
-class Done:
-    """What a process has done of a study."""
-
-    simulating_s: float = 0.0
-    ticks: int = 0
-    trials: int = 0
-    doubted: int = 0  # trials whose energy ledger contradicts their motion
-
-    def add(self, other: "Done") -> None:
-        for name, value in vars(other).items():
-            setattr(self, name, getattr(self, name) + value)
-
-
 class Run:
     """One process's part of a study: each takes on the next operator that no other has."""
 
-    def __init__(
-        self, out: Path, study: StudyPlan, shared: Shared, progress: Callable[[float], None] = lambda share: None
-    ) -> None:
-        self.out, self.study, self.shared, self.progress = out, study, shared, progress
-        self.rows = np.empty((CHUNK_TICKS, tick_log.WIDTH))
-        self.done = Done()
+    out: Path
+    study: StudyPlan
+    shared: Shared
+    progress: Progress = unseen
+    done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
+    rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, beside: Helpers) -> dict:
         """Run what is not done yet, with the helpers, then the table and the figures."""
@@ -119,19 +99,21 @@ class Run:
                     others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.processes)]
                 self.run_operator(session)
         for other in others:
-            self.done.add(other.result())
+            self.done.update(other.result())
         table = write_pooled_table(self.out)
-        if self.done.trials or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
+        if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, beside, errors or beside.pool.submit(errors_in, self.out))
+        ended = {number: [row.status == "done" for row in table if row.controller == number]
+                 for number in protocol.controllers}  # fmt: skip
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
         return {
             "out": str(self.out),
             "trials": len(table),
-            "trials_run_now": self.done.trials,
-            **{f"done_controller_{number}": share_done(table, number) for number in protocol.controllers},
+            "trials_run_now": self.done["trials"],
+            **{f"done_controller_{number}": float(np.mean(of_it)) if of_it else 0.0 for number, of_it in ended.items()},
             "recovered": sum(row.status == "recovered" for row in table),
-            "in_doubt": self.done.doubted,
+            "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": population.name,
@@ -139,8 +121,8 @@ class Run:
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
             "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
-            "simulated_s": self.done.ticks * TICK_S,
-            "simulation_wall_s": self.done.simulating_s,
+            "simulated_s": self.done["ticks"] * TICK_S,
+            "simulation_wall_s": 1e-9 * self.done["simulating_ns"],
             "wall_s": time.perf_counter() - began,
             "warnings": warnings(table, found, simulated=True),
         }
@@ -150,8 +132,7 @@ class Run:
         if (session_folder(self.out, label) / STORED).exists():
             return Session.resume(self.out, label, sync=False)
         protocol, population = self.study.protocol, self.study.population
-        generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, participant_index(label)]))
-        person = population.draw(generator)
+        person = person_of(population, protocol.seed, participant_index(label))
         return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
 
     def run_operator(self, session: Session) -> None:
@@ -183,17 +164,17 @@ class Run:
                 f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
                 str(self.out),
             ) from error
-        self.done.trials += 1
-        self.done.doubted += bool(trial.outcome()["warnings"])
+        self.done["trials"] += 1
+        self.done["in_doubt"] += bool(trial.outcome()["warnings"])  # its energy ledger contradicts its motion
 
     def run_ticks(self, trial: Trial, writer: RecordingWriter) -> None:
         """Every tick of a trial into its recording."""
         while not trial.finished:
-            start = time.perf_counter()
+            start = time.perf_counter_ns()
             n = trial.run(self.rows)
-            self.done.simulating_s += time.perf_counter() - start
+            self.done["simulating_ns"] += time.perf_counter_ns() - start
             writer.write(self.rows[:n])
-        self.done.ticks += trial.ticks
+        self.done["ticks"] += trial.ticks
 
     def conclude(self, table: Sequence[TrialRow], beside: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
@@ -205,18 +186,15 @@ class Run:
             shutil.rmtree(folder, ignore_errors=True)
             if name == FIGURES:
                 label = f"{note}, {operators.label}"
-                draw_boxplots(
-                    table, folder, label, labels=protocol.labels(), protocol=protocol.name, pool=beside.pool
-                )
+                draw_boxplots(table, folder, label, protocol.labels(), protocol.name, pool=beside.pool)
             else:
-                about = f"{note}, {operators.note}"
-                write_report(table, folder, about, controllers=protocol.controllers, simulated=True, moved=moved)
+                write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
             rename(folder, self.out / name)
 
 
-def run_share(out: Path, study: StudyPlan) -> Done:
-    """In a helper: run operators as long as there are any."""
+def run_share(out: Path, study: StudyPlan) -> Counter[str]:
+    """In a helper: run operators as long as there are any; as `Run.done`."""
     shared = shared_in_helper()
     run = Run(out, study, shared)
     try:
@@ -234,9 +212,3 @@ def verdicts(found: Sequence[Finding]) -> str:
     counted = Counter(finding.verdict for finding in found)
     counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
     return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"
-
-
-def share_done(rows: Sequence[TrialRow], controller: int) -> float:
-    """Share of a controller's trials that reached the end."""
-    done = [row.status == "done" for row in rows if row.controller == controller]
-    return float(np.mean(done)) if done else 0.0

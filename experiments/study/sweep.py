@@ -4,10 +4,8 @@ How its folder is filled, resumed and spread over workers: `jobs`.
 """
 
 import csv
-import io
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -19,20 +17,24 @@ from msgspec.structs import replace
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.device import Device, inline_devices
 from core.files import InputError, Table, choice, parse_toml, read_text
-from core.path import PathFile
 from experiments.analysis.metrics import BY_NAME
+from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
-from experiments.protocol import PARAMETER_TYPES, Count, Rules, Text, TrialRules, load_protocol, plain_text
-from experiments.study.jobs import Done, Work, run_work
-from experiments.study.unrecorded import Measured, person_of, run_measured, switched_on
-from experiments.trial.normals import normals
+from experiments.progress import Progress, unseen
+from experiments.protocol import PARAMETER_TYPES, Count, Protocol, Rules, Text, load_protocol, plain_text
+from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
+from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
+#: Of the table; the assumptions that vary stand behind the rules.
+COLUMNS = (
+    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
+    *BY_NAME, "energy_residual_J", "energy_added_max_J",
+)  # fmt: skip
 
 
 def _swept(key: str, kind: Any) -> tuple[str, Any, None]:
@@ -51,6 +53,8 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
     kind: Annotated[str, choice(*ALGORITHMS)]
 
     def __post_init__(self) -> None:
+        if math.prod(len(getattr(self, name) or (None,)) for name in PARAMETERS) > MOST_JOBS:
+            raise ValueError(f"its values have more than the {MOST_JOBS} combinations that one sweep may have")
         self.presets()
 
     def presets(self) -> list[Preset]:
@@ -108,130 +112,82 @@ class Job:
     number: int  # in the order of the table
     population: Population
     device: Device
-    rules: str
-    trial: TrialRules  # with its assumptions
+    protocol: Protocol  # with the seed, the rules and the assumptions of the cell
     preset: Preset
     operator: int
-    seed: int
     repetitions: int
-    paths: dict[int, PathFile]
     varied: tuple[str, ...]  # assumptions that are not the same in all jobs
 
     def run(self) -> Done:
-        """Its rows, in the order of `COLUMNS`; a measure that is missing or not finite is empty."""
-        person = person_of(self.population, self.seed, self.operator)
-        simulation = switched_on(self.device, self.paths, self.trial.assumptions)
-        text, ticks = io.StringIO(), 0
-        writer = csv.writer(text, lineterminator="\n")
+        """Its rows, in the order of `COLUMNS`."""
+        person = person_of(self.population, self.protocol.seed, self.operator)
+        device = switched_on(self.device, self.protocol)
+        lines, ticks = [], 0
         for repetition in range(1, self.repetitions + 1):
-            for segment, path in self.paths.items():
-                # as in a study: the same noise for every controller, device and rule set
-                noise = normals(self.seed, self.operator, segment, repetition)
+            for segment in self.protocol.paths:
                 planned = PlannedTrial(1, 1, self.device.name, 1, segment, repetition)
-                trial = Trial(simulation, planned, path, self.preset, self.rules, self.trial, person, noise)
-                one = run_measured(trial)
-                writer.writerow(self._row(one))
-                ticks += one.ticks
-        return Done(text.getvalue().encode(), ticks)
+                trial = trial_of(self.protocol, person, self.operator, planned, device, self.preset)
+                row, more = run_measured(trial, str(self.operator))
+                lines.append(self._cells(row))
+                ticks += more
+        return Done(table_lines(lines), ticks)
 
-    def _row(self, one: Measured) -> list[object]:
-        measured = (*one.measures.values(), *(one.outcome[name] for name in ENERGIES))
+    def _cells(self, row: TrialRow) -> list[object]:
         return [
-            self.population.name, self.device.name, self.rules,
-            *(getattr(self.trial.assumptions, name) for name in self.varied),
-            self.preset.kind, *map(self.preset.value, PARAMETERS),
-            self.operator, one.planned.segment, one.planned.repetition, one.outcome["status"], *map(as_cell, measured),
+            self.population.name, self.device.name, self.protocol.rules,
+            *(getattr(self.protocol.assumptions, name) for name in self.varied),
+            self.preset.kind, *map(self.preset.value, PARAMETERS), self.operator,
+            *(getattr(row, name) for name in COLUMNS[COLUMNS.index("segment") :]),
         ]  # fmt: skip
 
 
-def as_cell(value: float | None) -> str:
-    """A number as it stands in the table; empty where it is missing or not finite."""
-    return "" if value is None or not math.isfinite(value) else repr(float(value))
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A sweep, checked and spread out."""
-
-    name: str
-    texts: dict[str, str]  # every file that decides it, in full
-    assumed: bool
-    varied: tuple[str, ...]
-    jobs: tuple[Job, ...]
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Of its table: the assumptions that vary stand behind the rules."""
-        place = COLUMNS.index("rules") + 1
-        return (*COLUMNS[:place], *self.varied, *COLUMNS[place:])
-
-
-def load_sweep(path: Path) -> Sweep:
+def load_sweep(path: Path) -> Work:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
     inline = inline_devices(file.device, file.brake, path.parent, str(path))
-    devices = None if file.devices is None else [inline.get(name) or _beside(path, name) for name in file.devices]
-    protocol = load_protocol(_beside(path, file.protocol), devices=devices)
-    populations = [load_population(_beside(path, name)) for name in file.populations]
+    devices = None if file.devices is None else [inline.get(name) or beside(path, name) for name in file.devices]
+    protocol = load_protocol(beside(path, file.protocol), devices=devices)
+    populations = [load_population(beside(path, name)) for name in file.populations]
     names = [one.name for one in populations]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
     presets = [preset for controller in file.controller for preset in controller.presets()]
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller stands there twice")
-    rules = file.rules or (protocol.rules,)
+    all_rules = file.rules or (protocol.rules,)
+    lists = populations, protocol.devices, all_rules, presets, *file.varied.values()
+    count = file.operators * math.prod(map(len, lists))
+    if count > MOST_JOBS:  # before they are spread out
+        raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
     chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
     assumed = [replace(protocol.assumptions, **one) for one in chosen]
     if any(one.sensing == ENCODERS for one in assumed):
         for device in protocol.devices:
             encoder_counts(device)
-    trials = [replace(protocol.trial, assumptions=one) for one in assumed]
-    cells = populations, protocol.devices, rules, trials, presets, range(1, file.operators + 1)
-    count = math.prod(map(len, cells))
-    if count > MOST_JOBS:
-        raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
+    protocols = [
+        replace(protocol, seed=file.seed, rules=rules, assumptions=one, trial=replace(protocol.trial, assumptions=one))
+        for rules in all_rules
+        for one in assumed
+    ]
+    cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     jobs = tuple(
-        Job(
-            number, population, device, rule, trial, trial.assumptions.controller(preset), operator, file.seed,
-            file.repetitions, protocol.paths, varied,
-        )
-        for number, (population, device, rule, trial, preset, operator) in enumerate(itertools.product(*cells), start=1)
-    )  # fmt: skip
-    texts = {"sweep": text, f"protocol {protocol.name}": protocol.text}
+        Job(number, population, device, one, one.assumptions.controller(preset), operator, file.repetitions, varied)
+        for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
+    )
+    texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
     texts |= {f"population {one.name}": one.text for one in populations}
-    for device in protocol.devices:
-        texts |= {f"device {device.name}": device.text}
-        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
-    is_assumed = protocol.assumed or any(one.assumed for one in populations)
-    return Sweep(file.name, texts, is_assumed, varied, jobs)
-
-
-def _beside(path: Path, name: str) -> str | Path:
-    """A file beside the sweep's where there is one of that name, else the shipped thing of that name."""
-    there = path.parent / name
-    return there if there.is_file() else name
-
-
-KIND = "sweep"
-ENERGIES = ("energy_residual_J", "energy_added_max_J")
-COLUMNS = (
-    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
-    *BY_NAME, *ENERGIES,
-)  # fmt: skip
+    place = COLUMNS.index("rules") + 1
+    return Work("sweep", file.name, texts, (*COLUMNS[:place], *varied, *COLUMNS[place:]), jobs)
 
 
 def run_sweep(
-    sweep: Sweep,
-    out: Path,
-    resume: bool = False,
-    cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    sweep: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
-    work = Work(KIND, sweep.name, sweep.texts, sweep.columns, sweep.jobs)
-    finished = run_work(work, Path(out), resume, cluster, progress)
+    finished = run_work(sweep, Path(out), resume, cluster, progress)
+    assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
     with finished.table.open(newline="", encoding="utf-8") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
     return {
@@ -241,7 +197,7 @@ def run_sweep(
         "already_done": finished.already_done,
         "trials": len(done),
         "share_done": float(np.mean(done)),
-        "parameters": "assumed" if sweep.assumed else "as in the files",
+        "parameters": "assumed" if assumed else "as in the files",
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
     }

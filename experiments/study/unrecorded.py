@@ -1,36 +1,44 @@
-"""Trials of simulated operators without recordings: the ticks of `phd study`, measured and not kept."""
+"""Trials of simulated operators without recordings: the ticks of `phd study`, measured and not kept.
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
-from typing import Any, NamedTuple
+Of worlds and sweeps; of a study's error bars; and of the paper's own rule for the low gain.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from core import tick_log
+from core.control.controllers import Preset, make_preset
 from core.device import Device
-from core.path import PathFile
-from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.metrics import METRICS, Metric, measures_of
-from experiments.assumptions import Assumptions
+from core.files import InputError
+from core.simulator.simulated_device import SimulatedDevice, start_again
+from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
+from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
+from experiments.analysis.trials_table import TrialRow
+from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
-from experiments.protocol import Protocol, middle_of_first
+from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
+from experiments.recording.atomic_files import reading_stored
 from experiments.recording.schema import recording_of
+from experiments.session.files import STORED, read_stored
 from experiments.trial.normals import normals
-from experiments.trial.operator import Person
+from experiments.trial.operator import TICK_S, Person
 from experiments.trial.population import Population
 from experiments.trial.trial import Trial
 
 #: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
 BLOCK_TICKS = 65_536
-
-
-class Measured(NamedTuple):
-    """A trial that was run."""
-
-    planned: PlannedTrial
-    outcome: Mapping[str, Any]
-    measures: Mapping[str, float | None]
-    ticks: int
+_BLOCK = np.empty((BLOCK_TICKS, tick_log.WIDTH))  # takes memory as it is written
+BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag and backlash"}
+BAND_HZ = 20.0, 100.0  # assumed
+DETECTED_M_S2 = 0.1  # rms; assumed
+PEOPLE = 3
+#: N s/m, from one to the other: ten a decade, two digits each.
+GAINS = [float(f"{10.0 ** (k / 10.0):.2g}") for k in range(41)]
 
 
 def person_of(population: Population, seed: int, operator: int) -> Person:
@@ -38,52 +46,171 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
     return population.draw(np.random.default_rng(np.random.SeedSequence([seed, operator])))
 
 
-def switched_on(device: Device, paths: Mapping[int, PathFile], assumed: Assumptions) -> SimulatedDevice:
-    """A device under these assumptions as a session begins with it: at rest in the middle of the first path."""
-    return SimulatedDevice(assumed.applied_to(device), middle_of_first(paths), fidelity=assumed.simulated_fidelity)
+def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
+    """A device under the protocol's assumptions as a session begins: at rest in the middle of the first path."""
+    assumed, middle = protocol.assumptions, middle_of_first(protocol.paths)
+    return SimulatedDevice(assumed.applied_to(device), middle, fidelity=assumed.simulated_fidelity)
+
+
+def trial_of(
+    protocol: Protocol, person: Person, operator: int, planned: PlannedTrial, device: SimulatedDevice, preset: Preset
+) -> Trial:
+    """A trial of the operator of this number (1..), on a device as it is.
+
+    As in a study: the same noise for every controller, device and rule set.
+    """
+    noise = normals(protocol.seed, operator, planned.segment, planned.repetition)
+    path = protocol.paths[planned.segment]
+    return Trial(device, planned, path, preset, protocol.rules, protocol.trial, person, noise)
 
 
 def study_trials(
     protocol: Protocol, population: Population, operators: int, metrics: Sequence[Metric] = METRICS
-) -> Iterator[Measured]:
-    """Every trial of a study, in its order; the same numbers as `phd study` writes into its table."""
+) -> Iterator[tuple[TrialRow, int]]:
+    """Every trial of a study, in its order, and its ticks; the same numbers as `phd study` writes into its table."""
     for operator in range(1, operators + 1):
         label = f"{operator:02d}"
-        index = participant_index(label)
-        person = person_of(population, protocol.seed, index)
-        devices: dict[str, SimulatedDevice] = {}
+        person = person_of(population, protocol.seed, participant_index(label))
+        devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
         for planned in make_plan(protocol, label, coded=False):
-            if planned.configuration not in devices:
-                device = protocol.device(planned.configuration)
-                devices[planned.configuration] = switched_on(device, protocol.paths, protocol.assumptions)
-            trial = Trial(
-                devices[planned.configuration], planned, protocol.paths[planned.segment],
-                protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person,
-                normals(protocol.seed, index, planned.segment, planned.repetition),
-            )  # fmt: skip
-            yield run_measured(trial, metrics)
+            preset = protocol.controllers[int(planned.controller)]
+            device = devices[planned.configuration]
+            yield run_measured(trial_of(protocol, person, operator, planned, device, preset), label, metrics)
 
 
-def run_measured(trial: Trial, metrics: Sequence[Metric] = METRICS) -> Measured:
-    """Run a trial to its end and measure it."""
+def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) -> tuple[TrialRow, int]:
+    """Run a trial to its end and measure it: its row, with these measures alone, and its ticks."""
     rows = run_trial(trial)
-    recording = recording_of(rows, trial.device.braked)
-    found = measures_of(recording, trial.path, metrics)
-    names = [metric.name for metric in metrics]
-    return Measured(trial.planned, trial.outcome(), dict(zip(names, found, strict=True)), len(rows))
+    outcome = trial.outcome()
+    values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
+    values |= trial_metrics(recording_of(rows, trial.device.braked), trial.path, metrics)
+    return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 
 
 def run_trial(trial: Trial) -> np.ndarray:
     """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room."""
-    block = _block()
-    n = trial.run(block)
-    blocks = [block[:n]]
+    blocks = [_BLOCK[: trial.run(_BLOCK)]]
     while not trial.finished:
         block = np.empty((BLOCK_TICKS, tick_log.WIDTH))
         blocks.append(block[: trial.run(block)])
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 
-@cache
-def _block() -> np.ndarray:
-    return np.empty((BLOCK_TICKS, tick_log.WIDTH))
+# ------------------------------------------------------------------------------------------------------- error bars
+
+
+def errors_in(folder: Path) -> list[Moved]:
+    """Those of the first simulated operator in a data folder, none if there is none. InputError: cannot be read."""
+    for session in sorted(folder.glob("sub-*/ses-*")):
+        stored = read_stored(session)
+        with reading_stored(session / STORED):
+            about = stored.about["person"]
+            person = Person(**about) if about else None
+        if person:
+            return simulation_errors(stored.protocol, person, str(stored.about["participant"]))
+    return []
+
+
+def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Moved]:
+    """How far the measures move when a study's trials are simulated otherwise (the changes: `report.READ_ERRORS`).
+
+    Each trial of one operator's first block is run again from the same start, with the same operator and noise. The
+    controller decides at 1 kHz as before: that is the device's, and no error of the simulation. Every controller,
+    change and measure, in order; label: of the participant that the person is.
+    """
+    devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
+    assumed = protocol.assumptions.simulated_fidelity
+    other = "static" if assumed == "mr" else "mr"  # the fidelity that the study does not assume
+
+    def measured(planned: PlannedTrial, person: Person, device: SimulatedDevice, substeps: int = 1) -> TrialRow:
+        preset = protocol.controllers[int(planned.controller)]
+        trial = trial_of(protocol, person, participant_index(label), planned, device, preset)
+        trial.refine(substeps)
+        return run_measured(trial, label)[0]
+
+    found: dict[tuple[int, str, str], list[tuple[float, float]]] = {}
+    for planned in make_plan(protocol, label, coded=False):
+        if planned.block != 1:
+            continue
+        here = devices[planned.configuration]
+        start, tip = here.recorded_start(), here.tip
+        before = measured(planned, person, here)
+        for change in (STEP, HAND, BRAKES[other]):
+            again = SimulatedDevice(here.device, tip, fidelity=other if change == BRAKES[other] else assumed)
+            start_again(again, start)
+            someone = person._replace(bias_m=person.bias_m + ASIDE_M) if change == HAND else person
+            after = measured(planned, someone, again, SUBSTEPS if change == STEP else 1)
+            for name in BY_NAME:
+                value, was = getattr(after, name), getattr(before, name)
+                if value is not None and was is not None:
+                    moved = found.setdefault((int(planned.controller), change, name), [])
+                    moved.append((abs(value - was), abs(was)))
+    return [_moved(*cell, found[cell]) for cell in sorted(found, key=lambda cell: cell[0])]
+
+
+def _moved(controller: int, change: str, measure: str, by: list[tuple[float, float]]) -> Moved:
+    moved, was = np.transpose(by)
+    shares = moved[was > 0.0] / was[was > 0.0]
+    worst_share = float(shares.max()) if len(shares) else None
+    return Moved(controller, change, measure, len(by), float(np.median(moved)), float(moved.max()), worst_share)
+
+
+# ----------------------------------------------------------------------------- the low gain by the rule "no vibration"
+
+
+def settled(protocol: Protocol, population: Population) -> Protocol:
+    """The protocol with the number for a low gain that is given by the paper's rule, "no detectable vibration": the
+    largest such gain, found on simulated trials; else as it is.
+
+    Vibration is what control adds to the handle's acceleration between 20 and 100 Hz, beside the same trial without
+    control. It counts as detected where it exceeds 0.1 m/s2 (rms over the movement) in any trial. Both are assumed: the
+    paper states neither a band nor a threshold, and has the gain chosen by feel. Trials are the first of three people
+    on every path and device, under the assumptions of the study; the same seed finds the same gain.
+    """
+    if not protocol.unsettled:
+        return protocol
+    about = protocol_to_json(protocol)
+    found = {"low_gain_found": largest_without_vibration(protocol, population)}
+    return protocol_from_json({**about, "overrides": about["overrides"] | found}, protocol.name)
+
+
+def largest_without_vibration(protocol: Protocol, population: Population) -> float:
+    """The largest gain (N s/m) of `GAINS` at which no trial vibrates. InputError where the least one does.
+
+    By bisection: with the gain the vibration rises.
+    """
+    number = protocol.low_gain_controller
+    assert number is not None  # else it is not unsettled
+    squares = partial(vibrations, protocol, population)
+    without = squares(make_preset("without", "none", {}))
+
+    def vibrates(gain: float) -> bool:
+        added = squares(protocol.controllers[number].replaced(gain_N_s_m=gain)) - without
+        return bool((added > DETECTED_M_S2**2).any())
+
+    if vibrates(GAINS[0]):
+        raise InputError(f"low gain {NO_VIBRATION!r}: vibration is detected even at {GAINS[0]:g} N s/m")
+    low, high = 0, len(GAINS)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if vibrates(GAINS[middle]) else (middle, high)
+    return GAINS[low]
+
+
+def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np.ndarray:
+    """Mean square of the acceleration (m2/s4) in the band during the movement, of each trial."""
+    from scipy.signal import butter, sosfiltfilt  # here: an app that starts has no time for it
+
+    band = butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
+    found = []
+    for operator in range(1, PEOPLE + 1):
+        person = person_of(population, protocol.seed, operator)
+        for device in protocol.devices:
+            for segment in protocol.paths:
+                planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
+                trial = trial_of(protocol, person, operator, planned, switched_on(device, protocol), preset)
+                rows = run_trial(trial)
+                moving = rows[:, tick_log.PHASE] == tick_log.MOVE
+                filtered = sosfiltfilt(band, rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1], axis=0)[moving]
+                found.append(float(np.mean(np.sum(filtered**2, axis=1))) if moving.any() else math.nan)
+    return np.array(found)

@@ -13,18 +13,18 @@ in their people alone. The tables of a file, and what their keys are:
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
-from core.files import InputError, Table, parse_toml, read_text, toml_text
+from core.files import InputError, Table, parse_toml, read_text, shipped_or_file, toml_text
 from experiments.assumptions import Assumptions
 from experiments.protocol import Count, Protocol, Text, load_protocol, protocol_from_json, protocol_to_json
+from experiments.study.jobs import beside
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of
 
@@ -102,11 +102,6 @@ class Ranges:
     ranges: Mapping[str, Range]  # by column: "rules", "assumptions.low_gain", ..
     fixed: Mapping[str, Range]  # those with one value, by the same names; no columns
 
-    @cached_property
-    def stored_protocol(self) -> Mapping[str, Any]:
-        """The protocol as a study stores it, from which those of the worlds are made."""
-        return protocol_to_json(self.protocol)
-
     def drawn(self, n: int, seed: int) -> np.ndarray:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
         if not self.ranges:
@@ -133,7 +128,7 @@ class Ranges:
         if "assumptions" in tables:
             plain = msgspec.to_builtins(self.protocol.assumptions)
             overrides["assumptions"] = {**plain, **tables["assumptions"]}
-        about = {**self.stored_protocol, "overrides": overrides}
+        about = {**protocol_to_json(self.protocol), "overrides": overrides}
         if "device" in tables:
             about["devices"] = [
                 {**one, "file": _changed_device(one["file"], tables["device"])} for one in about["devices"]
@@ -150,47 +145,26 @@ def problem(ranges: Mapping[str, Range]) -> dict[str, Any]:
     return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
 
 
-def shipped_ranges() -> list[str]:
-    """Names of the ranges that come with the product."""
-    return sorted(file.stem for file in SHIPPED_FOLDER.glob("*.toml"))
-
-
 def load_ranges(name_or_path: str | Path) -> Ranges:
     """Shipped ranges by name, or a file. InputError, one sentence with file and key, for what cannot be run."""
-    path = SHIPPED_FOLDER / f"{name_or_path}.toml" if str(name_or_path) in shipped_ranges() else Path(name_or_path)
-    if not path.is_file():
-        shipped = ", ".join(shipped_ranges())
-        raise InputError(f"unknown ranges {str(name_or_path)!r}: neither shipped ones ({shipped}) nor a file")
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown ranges")
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
-    given = dict(_by_column(file))
+    given = {table: one for table in ("rules", "population") if (one := getattr(file, table)) is not None}
+    for table in ("assumptions", "operator", "operator_factor", "device"):
+        given |= {f"{table}.{key}": one for key, one in getattr(file, table).items()}
     if not given:
         raise InputError(f"{path}: holds no range")
     names = [str(one) for one in file.population.ends] if file.population else ["average"]
-    populations = {name: load_population(_beside(path, name)).text for name in names}
+    populations = {name: load_population(beside(path, name)).text for name in names}
     ranges = {column: one for column, one in given.items() if one.value is None}
     fixed = {column: one for column, one in given.items() if one.value is not None}
-    protocol = load_protocol(_beside(path, file.protocol))
+    protocol = load_protocol(beside(path, file.protocol))
     found = Ranges(file.name, text, protocol, file.operators, populations, ranges, fixed)
     for column, one in given.items():
         _check(replace(found, fixed={}), column, one, str(path))
     found.study({}, 0)
     return found
-
-
-def _by_column(file: RangesFile) -> Iterator[tuple[str, Range]]:
-    for table in ("rules", "population"):
-        if (one := getattr(file, table)) is not None:
-            yield table, one
-    for table in ("assumptions", "operator", "operator_factor", "device"):
-        for key, one in getattr(file, table).items():
-            yield f"{table}.{key}", one
-
-
-def _beside(path: Path, name: str) -> str | Path:
-    """A file beside the ranges file where there is one of that name, else the shipped thing of that name."""
-    there = path.parent / name
-    return there if there.is_file() else name
 
 
 def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:

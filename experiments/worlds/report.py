@@ -1,26 +1,50 @@
-"""The report on worlds, from their table: shares, what decides, what to measure first, the world nearest the paper."""
+"""The report on worlds, from their table: shares, what decides, what to measure first, the world nearest the paper.
+
+Which assumption decides a statement: first-order indices from the worlds at hand (RBD-FAST, by SALib). The index of an
+assumption is the share of a verdict's variance (it holds or not, over all worlds) that goes when the assumption is
+known: Var(E[verdict | assumption]) / Var(verdict). What no assumption alone explains is their interplay, and the chance
+of which three people took part.
+"""
 
 import csv
-import io
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
-from experiments.analysis.box_findings import LITTLE, SIMILAR, PooledBox, box_findings
-from experiments.analysis.findings import CONTROLLER, STATEMENTS
+from experiments.analysis.findings import CONTROLLER, LITTLE_OF_U, SIMILAR_OF_U, STATEMENTS, PooledBox, box_findings
 from experiments.analysis.metrics import BY_NAME
+from experiments.analysis.sheet import (
+    BLUE,
+    LINE,
+    ORANGE,
+    QUIET,
+    SHADED,
+    SMALL,
+    STYLE,
+    figure_bytes,
+    plain,
+    sheet,
+    title,
+)
+from experiments.analysis.trials_table import csv_bytes
 from experiments.protocol_writer import whole_text
-from experiments.worlds.indices import LEAST_EITHER, Indices, indices, settled
-from experiments.worlds.pictures import decided_by, label, overview, wilson
-from experiments.worlds.ranges import Range, Ranges, Value
+from experiments.worlds.ranges import Range, Ranges, Value, problem
 
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
 NEAREST, PEOPLE = "nearest.toml", "nearest-people.toml"
 NOTHING_FIRST = "no assumption alone stands out from chance (more worlds may show one)"
 DECIDING = 3  # assumptions that the table names for each statement
+SEED = 1  # of the bootstrap behind the intervals
+LEAST_EITHER = 30  # worlds in which it holds, and in which it does not: fewer give no index worth the name
+BINS = 8  # of a range without choices
+RARE = 0.2  # a statement that holds in a smaller share of all worlds is drawn larger
+SHOWN = 4  # assumptions that decide a statement most
 
 
 class Worlds(NamedTuple):
@@ -58,6 +82,42 @@ def read_worlds(table: Path) -> Worlds:
     return Worlds(numbers[:, 0], numbers[:, 1], numbers[:, 2:k], cells, numbers[:, k:].reshape(len(numbers), -1, 3))
 
 
+class Indices(NamedTuple):
+    """Of every statement (rows) and assumption (columns); nan where nearly all worlds agree."""
+
+    first: np.ndarray
+    half_width: np.ndarray  # of the 95 % interval
+
+    @property
+    def clear(self) -> np.ndarray:
+        """Those that are above chance: beyond their own half-width."""
+        return np.nan_to_num(self.first) > np.nan_to_num(self.half_width, nan=np.inf)
+
+
+def indices(ranges: Mapping[str, Range], shares: np.ndarray, holds: np.ndarray) -> Indices:
+    """shares (n, assumptions): where the worlds lie in the ranges; holds (n, statements): whether each holds."""
+    from SALib.analyze import rbd_fast  # here: it takes seconds
+
+    first = np.full((holds.shape[1], shares.shape[1]), np.nan)
+    half_width = first.copy()
+    for row, verdicts in enumerate(holds.T.astype(float)):
+        if shares.shape[1] and LEAST_EITHER <= verdicts.sum() <= len(verdicts) - LEAST_EITHER:
+            found = rbd_fast.analyze(problem(ranges), shares, verdicts, seed=SEED)
+            first[row], half_width[row] = np.maximum(found["S1"], 0.0), found["S1_conf"]
+    return Indices(first, half_width)
+
+
+def settled(found: Indices, holds: np.ndarray) -> np.ndarray:
+    """How much of all doubt each assumption would settle (0 .. 1), by the indices that are above chance.
+
+    Doubt: the variance of a verdict, p (1 - p), summed over the statements.
+    """
+    p = holds.mean(axis=0)
+    doubt = p * (1.0 - p)
+    of_each = np.where(found.clear, found.first, 0.0) * doubt[:, np.newaxis]
+    return of_each.sum(axis=0) / max(float(doubt.sum()), 1e-12)
+
+
 def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, bytes], dict[str, object]]:
     """The files of the report by name, and what the summary says of it."""
     worlds = read_worlds(table)
@@ -68,6 +128,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     doubt = settled(found, holds)
     order = np.argsort(-doubt, kind="stable")
     names = [label(column, one) for column, one in ranges.ranges.items()]
+    settling = [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0]
     note = (
         f"{n} worlds of the ranges {ranges.name!r}, seed {seed}: each a study of {ranges.operators} simulated people "
         "under assumptions of its own, judged by pooled boxes. Shares are of the worlds drawn, not of what is likely."
@@ -81,12 +142,12 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         note
         + " The people are simulated: read it as what this model says. A statement of which one cannot tell (too few "
         "trials reached the end) counts as one that does not hold. The rules: docs/judging.md.",
-        _in_short(holds, nearest, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0]),
+        _in_short(holds, nearest, settling),
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
-        f"Bands: a difference counts from {LITTLE:.0%} of the uncontrolled box on, similar is within {SIMILAR:.0%}; "
-        "the last columns halve and double both.",
+        f"Bands: a difference counts from {LITTLE_OF_U:.0%} of the uncontrolled box on, similar is within "
+        f"{SIMILAR_OF_U:.0%}; the last columns halve and double both.",
         "## Jointly",
         _jointly(holds),
     ]
@@ -102,7 +163,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
             f"{LEAST_EITHER} worlds, too few for an index.",
             "![share of worlds against each assumption](decided-by.png)",
             "## What to measure first",
-            _measure_first(ranges, names, doubt, [j for j in order if doubt[j] > 0.0], found, holds),
+            _measure_first(ranges, names, doubt, order[: len(settling)], found, holds),
         ]
         files["decided-by.png"] = decided_by(ranges.ranges, shares, holds, *found, note)
         files["indices.csv"] = _indices_csv(ranges, found)
@@ -111,7 +172,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     files |= nearest_files(ranges, values, nearest + 1, int(worlds.seeds[nearest]))
     files |= {
         "report.md": ("\n\n".join(parts) + "\n").encode(),
-        "overview.png": overview(holds, other, [(names[j], float(doubt[j])) for j in order if doubt[j] > 0.0], note),
+        "overview.png": overview(holds, other, settling, note),
         "jointly.csv": _jointly_csv(holds),
     }
     most = int(holds.sum(axis=1).max())
@@ -127,10 +188,7 @@ def nearest_files(ranges: Ranges, values: Mapping[str, Value], number: int, seed
     protocol, population = ranges.study(values, seed)
     name = f"{protocol.name}, world {number}"
     about = f"# World {number} of the ranges {ranges.name!r}, the nearest to the paper:\n#   {_command(ranges)}\n"
-    return {
-        NEAREST: whole_text(protocol, name, about).encode(),
-        PEOPLE: population.text.encode(),
-    }
+    return {NEAREST: whole_text(protocol, name, about).encode(), PEOPLE: population.text.encode()}
 
 
 def _command(ranges: Ranges) -> str:
@@ -217,8 +275,7 @@ def _decided(found: Indices, ranges: Ranges, names: Sequence[str], shares: np.nd
         cells += ["-"] * (DECIDING - len(cells))
         rest = f"{max(1.0 - found.first[i, found.clear[i]].sum(), 0.0):.2f}"
         lines.append((statement.number, statement.text, *cells, rest))
-    heads = ["first", "second", "third"][:DECIDING]
-    return _table(("", "the paper says", *heads, "all that no one alone explains"), lines)
+    return _table(("", "the paper says", "first", "second", "third", "all that no one alone explains"), lines)
 
 
 def where_it_holds(one: Range, shares: np.ndarray, holds: np.ndarray) -> str:
@@ -235,10 +292,10 @@ def _share(holds: np.ndarray) -> str:
 
 
 def _measure_first(
-    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: Sequence[int], found: Indices, holds: np.ndarray
+    ranges: Ranges, names: Sequence[str], doubt: np.ndarray, order: np.ndarray, found: Indices, holds: np.ndarray
 ) -> str:
     """A line for each assumption that settles something; the others in a sentence."""
-    if not order:
+    if not len(order):
         return f"{NOTHING_FIRST[:1].upper()}{NOTHING_FIRST[1:]}."
     others = ", ".join(name for j, name in enumerate(names) if j not in order)
     rest = f"\n\nNo index above chance: {others}." if others else ""
@@ -265,31 +322,17 @@ def _nearest(worlds: Worlds, row: int, ranges: Ranges, values: Mapping[str, Valu
     lines = []
     for measure, device, controller in worlds.cells:
         metric, box = BY_NAME[measure], boxes.get((measure, device, controller))
-        numbers = [f"{metric.scale * q:.2f}" for q in box] if box else ["-"] * 3
-        lines.append(
-            (
-                metric.title,
-                device,
-                CONTROLLER[controller],
-                f"{numbers[1]} ({numbers[0]} to {numbers[2]}) {metric.shown_unit}",
-            )
-        )
+        q1, median, q3 = (f"{metric.scale * q:.2f}" for q in box) if box else ("-", "-", "-")
+        size = f"{median} ({q1} to {q3}) {metric.shown_unit}"
+        lines.append((metric.title, device, CONTROLLER[controller], size))
     assumed = [(label(column, one), values[column]) for column, one in ranges.ranges.items()]
     missed = f"missing: {', '.join(missing)}, in units of the uncontrolled median" if missing else "none is missing"
-    return "\n\n".join(
-        (
-            f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.",
-            f"Run it again, in this folder: `{_command(ranges)}`.",
-            _table(("assumption", "in this world"), assumed),
-            _table(("measure", "device", "controller", "median (quartiles)"), lines),
-        )
+    return (
+        f"World {row + 1}, seed {int(worlds.seeds[row])}: {held} of {len(STATEMENTS)} statements hold; {missed}.\n\n"
+        f"Run it again, in this folder: `{_command(ranges)}`.\n\n"
+        f"{_table(('assumption', 'in this world'), assumed)}\n\n"
+        f"{_table(('measure', 'device', 'controller', 'median (quartiles)'), lines)}"
     )
-
-
-def _csv(lines: Sequence[Sequence[object]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue().encode()
 
 
 def _indices_csv(ranges: Ranges, found: Indices) -> bytes:
@@ -298,13 +341,112 @@ def _indices_csv(ranges: Ranges, found: Indices) -> bytes:
         for j, column in enumerate(ranges.ranges):
             pair = found.first[i, j], found.half_width[i, j]
             lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in pair)))
-    return _csv(lines)
+    return csv_bytes(lines)
 
 
 def _jointly_csv(holds: np.ndarray) -> bytes:
     """Share of worlds in which both of two statements hold."""
     both = holds.astype(float).T @ holds / len(holds)
     numbers = [statement.number for statement in STATEMENTS]
-    return _csv(
-        [("statement", *numbers), *((k, *(f"{x:.4f}" for x in row)) for k, row in zip(numbers, both, strict=True))]
+    lines = [(number, *(f"{x:.4f}" for x in row)) for number, row in zip(numbers, both, strict=True)]
+    return csv_bytes([("statement", *numbers), *lines])
+
+
+# -------------------------------------------------------------------------------------------------------- the pictures
+
+
+def label(column: str, one: Range) -> str:
+    """An assumption in words."""
+    return one.label or column.rpartition(".")[2].replace("_", " ")
+
+
+def wilson(holding: int | np.ndarray, n: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The 95 % interval of a share (Wilson)."""
+    z, p = 1.96, holding / np.maximum(n, 1)
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
+    low, high = (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
+    return np.minimum(low, p), np.maximum(high, p)  # of a share of 0 or 1 rounding may leave the share outside
+
+
+def overview(
+    holds: np.ndarray, other: Mapping[str, np.ndarray], settled: Sequence[tuple[str, float]], note: str
+) -> bytes:
+    """PNG: the share of worlds in which each statement holds, and what each assumption would settle.
+
+    other: label -> the verdicts (n, statements) with other bands.
+    """
+    n = len(holds)
+    with matplotlib.rc_context(STYLE):
+        note += " Lines: its 95 % interval."
+        figure, ((left, right),) = sheet(note, (11.0, 4.6), (3.1, 0.25, 0.45, 0.35), columns=2, between_in=(2.3, 0.0))
+        places = np.arange(len(STATEMENTS))
+        p = holds.mean(axis=0)
+        low, high = wilson(holds.sum(axis=0), n)
+        left.barh(places, p, 0.62, color=BLUE, zorder=2)
+        left.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=QUIET, elinewidth=1.0, zorder=3)
+        for (name, verdicts), marker in zip(other.items(), ("|", "x"), strict=False):
+            left.plot(verdicts.mean(axis=0), places, marker, color=ORANGE, label=name, markersize=7.0, zorder=4)
+        left.legend(frameon=False, fontsize=SMALL, loc="lower right")
+        names = [textwrap.fill(f"{one.number}  {one.text}", 52) for one in STATEMENTS]
+        left.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
+        left.invert_yaxis()
+        left.tick_params(axis="y", labelsize=SMALL, length=0)
+        title(left, "Share of worlds in which it holds")
+        right.barh(np.arange(len(settled)), [share for _, share in settled], 0.62, color=ORANGE, zorder=2)
+        right.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
+        right.invert_yaxis()
+        right.tick_params(axis="y", labelsize=SMALL, length=0)
+        title(right, "Share of all doubt that knowing it settles" if settled else "No assumption alone settles any")
+        for axes in (left, right):
+            plain(axes, grid=False)
+            axes.grid(axis="x", color=LINE, linewidth=0.6)
+        return figure_bytes(figure, "png")
+
+
+def decided_by(
+    ranges: Mapping[str, Range], shares: np.ndarray, holds: np.ndarray, first: np.ndarray, half: np.ndarray, note: str
+) -> bytes:
+    """PNG: a row for each statement; the share of worlds in which it holds against the assumptions that decide it."""
+    rows = [i for i in range(len(STATEMENTS)) if np.isfinite(first[i]).any()]
+    columns = min(SHOWN, len(ranges))
+    note += (
+        " Drawn: the share of worlds in which the statement holds, with its 95 % interval; dotted: of all worlds. "
+        "Above: the assumption, its first-order index and half of that one's 95 % interval."
     )
+    with matplotlib.rc_context(STYLE):
+        size, margins = (11.0, 1.32 * max(len(rows), 1)), (2.0, 0.2, 0.45, 0.4)
+        figure, grid = sheet(note, size, margins, max(len(rows), 1), columns, (0.35, 0.5), inside=True)
+        for axes_row, i in zip(grid, rows, strict=False):
+            order = np.argsort(-first[i], kind="stable")[:columns]
+            for axes, j in zip(axes_row, order, strict=True):
+                column = list(ranges)[j]
+                _share_against(axes, ranges[column], shares[:, j], holds[:, i])
+                index = f"{label(column, ranges[column])}: {first[i, j]:.2f} ± {half[i, j]:.2f}"
+                axes.set_title(index, fontsize=SMALL, loc="left", pad=3)
+            statement = textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 30)
+            axes_row[0].set_ylabel(statement, rotation=0, ha="right", va="center", fontsize=SMALL)
+        return figure_bytes(figure, "png")
+
+
+def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray) -> None:
+    """The share of worlds that hold in each part of a range, with its 95 % interval."""
+    parts = len(one.choices) if one.choices is not None else BINS
+    place = np.minimum((shares * parts).astype(int), parts - 1)
+    n = np.bincount(place, minlength=parts)
+    holding = np.bincount(place, weights=holds, minlength=parts)
+    p = holding / np.maximum(n, 1)
+    low, high = wilson(holding, np.maximum(n, 1))
+    middles = (np.arange(parts) + 0.5) / parts
+    axes.axhline(holds.mean(), color=QUIET, linewidth=0.8, linestyle=":", zorder=1)
+    if one.choices is not None:
+        axes.bar(middles, p, 0.5 / parts, color=BLUE, zorder=2)
+        axes.vlines(middles, low, high, color=QUIET, linewidth=1.0, zorder=3)
+        axes.set_xticks(middles, [str(choice) for choice in one.choices])
+    else:
+        axes.fill_between(middles, low, high, color=SHADED, zorder=1)
+        axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
+        axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.at(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
+    top = 1.0 if holds.mean() > RARE or p.max() > 2.0 * RARE else 2.0 * RARE
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
+    axes.tick_params(labelsize=SMALL)
+    plain(axes)

@@ -1,30 +1,28 @@
 """`phd worlds`: thousands of small studies, each under assumptions of its own, judged as the paper judges.
 
 A row of DIR/worlds.csv is one world: its seed, its assumptions, the verdict and margin of each statement by boxes
-(`experiments.analysis.box_findings`), and the boxes themselves, so that it can be judged again by other rules. A world
+(`experiments.analysis.findings`), and the boxes themselves, so that it can be judged again by other rules. A world
 is the study that `phd study` runs with the same assumptions and seed, without recordings. DIR/report is made from the
 table alone. How the folder is filled, resumed and spread over workers: `experiments.study.jobs`.
 """
 
-import csv
-import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from core.files import InputError
-from experiments.analysis.box_findings import MEASURES, PooledBox, box_findings, pooled_box
-from experiments.analysis.findings import LEAST_FINISHED, STATEMENTS, why_no_findings
+from experiments.analysis.findings import IN_BOXES, STATEMENTS, PooledBox, box_findings, pooled_boxes, why_no_findings
 from experiments.analysis.metrics import DRAWN
+from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
+from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import write_new_files
-from experiments.study.jobs import Done, Work, run_work
-from experiments.study.low_gain import settled
-from experiments.study.unrecorded import study_trials
+from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines
+from experiments.study.unrecorded import settled, study_trials
 from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files
@@ -50,52 +48,21 @@ class World:
             protocol = settled(protocol, population)
         except InputError:  # no low gain is without vibration: one cannot tell of such a world
             return Done(self._row({}, math.nan), 0)
-        trials: dict[tuple[str, int], list[Mapping[str, float | None] | None]] = {}
-        ticks, finished = 0, 0
-        for one in study_trials(protocol, population, self.ranges.operators, DRAWN):
-            done = one.outcome["status"] == "done"
-            cell = one.planned.configuration, int(one.planned.controller)
-            trials.setdefault(cell, []).append(one.measures if done else None)
-            ticks, finished = ticks + one.ticks, finished + done
-        count = sum(map(len, trials.values()))
-        return Done(self._row(_boxes(trials), finished / count), ticks)
+        rows, ticks = zip(*study_trials(protocol, population, self.ranges.operators, DRAWN), strict=True)
+        return Done(self._row(pooled_boxes(rows), len(to_compare(rows)) / len(rows)), sum(ticks))
 
     def _row(self, boxes: Mapping[tuple[str, str, int], PooledBox], share_done: float) -> bytes:
         protocol = self.ranges.protocol
         found = box_findings(boxes, [device.name for device in protocol.devices])
-        cells = [
+        return table_lines([[
             self.number, self.seed, *self.values.values(), share_done, *(one.verdict for one in found),
             *(one.margin for one in found),
             *(getattr(boxes.get(cell), q, math.nan) for cell in _cells(protocol) for q in QUARTILES),
-        ]  # fmt: skip
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(map(_as_cell, cells))
-        return text.getvalue().encode()
-
-
-def _boxes(
-    trials: Mapping[tuple[str, int], Sequence[Mapping[str, float | None] | None]],
-) -> dict[tuple[str, str, int], PooledBox]:
-    """As `pooled_boxes`: none where under 90 % of the trials reached the end (None: did not)."""
-    found = {}
-    for (configuration, controller), of_it in trials.items():
-        done = [one for one in of_it if one is not None]
-        if len(done) < LEAST_FINISHED * len(of_it):
-            continue
-        for measure in MEASURES:
-            if values := [value for one in done if (value := one[measure]) is not None]:
-                found[measure, configuration, controller] = pooled_box(values)
-    return found
+        ]])  # fmt: skip
 
 
 def _cells(protocol: Protocol) -> list[tuple[str, str, int]]:
-    return [(m, device.name, k) for m in MEASURES for device in protocol.devices for k in protocol.controllers]
-
-
-def _as_cell(value: object) -> object:
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else ""
-    return value
+    return [(m, device.name, k) for m in IN_BOXES for device in protocol.devices for k in protocol.controllers]
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:
@@ -120,7 +87,7 @@ def run_worlds(
     seed: int = 1,
     resume: bool = False,
     cluster: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = unseen,
 ) -> dict:
     """Run the worlds that are not done yet, write the table and the report; the summary. As `run_work`."""
     if reason := why_no_findings(ranges.protocol.controllers):
@@ -129,27 +96,23 @@ def run_worlds(
         raise InputError(f"--n: at most {MOST_WORLDS} worlds, not {n}")
     texts = {"ranges": ranges.text, "protocol": ranges.protocol.text, "n": str(n), "seed": str(seed)}
     texts |= {f"population {name}": text for name, text in ranges.populations.items()}
-    for device in ranges.protocol.devices:
-        texts |= {f"device {device.name}": device.text}
-        texts |= {f"brake {name} of {device.name}": brake for name, brake in device.brake_texts.items()}
+    texts |= device_texts(ranges.protocol.devices)
     work = Work(KIND, ranges.name, texts, columns(ranges), worlds_of(ranges, n, seed))
     finished = run_work(work, Path(out), resume, cluster, progress)
-    summary = {"out": str(finished.table), "report": str(Path(out) / REPORT / "report.md")}
     report = Path(out) / REPORT
     files, found = report_files(finished.table, ranges, seed)
     if not report.exists():
         write_new_files({report / name: content for name, content in files.items()})
     trials = n * ranges.operators * len(make_plan(ranges.protocol, "01"))
     new = trials * (n - finished.already_done) // n
-    return (
-        summary
-        | found
-        | {
-            "worlds": n,
-            "already_done": finished.already_done,
-            "trials": trials,
-            "trials_per_s": new / finished.wall_s,
-            "simulated_s": finished.ticks * TICK_S,
-            "wall_s": finished.wall_s,
-        }
-    )
+    return {
+        "out": str(finished.table),
+        "report": str(report / "report.md"),
+        **found,
+        "worlds": n,
+        "already_done": finished.already_done,
+        "trials": trials,
+        "trials_per_s": new / finished.wall_s,
+        "simulated_s": finished.ticks * TICK_S,
+        "wall_s": finished.wall_s,
+    }

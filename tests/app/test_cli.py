@@ -1,5 +1,6 @@
 """The command line: exit codes, one sentence for wrong input, nothing half written, data on stdout."""
 
+import contextlib
 import json
 import os
 import re
@@ -172,7 +173,7 @@ def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, 
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     for terminal, after, shows in ((True, 2.0, True), (True, 0.5, False), (False, 2.0, False)):
         monkeypatch.setattr(sys.stderr, "isatty", lambda t=terminal: t, raising=False)
-        with Progress("simulating") as progress:
+        with contextlib.closing(Progress("simulating")) as progress:
             now[0] += after
             progress(0.5)
             assert ("50%" in capsys.readouterr().err) == shows

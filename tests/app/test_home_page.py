@@ -162,6 +162,19 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
     assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
 
 
+def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch) -> None:
+    page = shown.page
+    monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: ())
+    page.resize(1000, 600)
+    page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
+    page.show_opened(opened("", **ON_BENCH))
+    shown.wait()
+    settle(page)
+    assert page.again.isVisible() and "connected" in texts(shown)
+    assert page.form.widget().minimumSizeHint().width() <= page.form.viewport().width()
+    assert not page.form.horizontalScrollBar().isVisible()
+
+
 def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
     assert Recent("folders").paths == [] and shown.page.data._recent.paths == [str(shown.setup.data_dir)]
     files = [tmp_path / f"{n}.toml" for n in range(8)]

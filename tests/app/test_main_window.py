@@ -154,6 +154,32 @@ def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_i
     assert screens.run.cards.question is None and not screens.run.panel.leave.isEnabled()
 
 
+def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(
+    screens: Screens, monkeypatch
+) -> None:
+    monkeypatch.setattr("app.window.trial_card.DEAF_S", 0.0)
+    for snapshot, says, sent in ((ready(1), "Keep and start", [m.Start()]), (ready(2, paused=True), "Keep", [])):
+        screens.hear(opened(), running(len(snapshot.rows) - 1), snapshot)
+        card, start = screens.run.card, screens.run.panel.start
+        assert card.keep.isVisible() and card.keep.text() == says and not start.key.isVisible()
+        screens.client.sent.clear()
+        QTest.mouseClick(card.keep, Qt.MouseButton.LeftButton)
+        assert screens.client.sent == sent and not screens.run.card_shown and start.key.isVisible()
+
+
+def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(
+    screens: Screens
+) -> None:
+    folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
+    for wide in (1400, SMALLEST[0]):
+        screens.main.resize(wide, 700)
+        screens.hear(opened(folder=folder), ready(3), pulse(""))
+        settle(screens.main)
+        footer = screens.main.footer
+        needed = [one.fontMetrics().horizontalAdvance(one.text()) for one in (footer.folder, footer.recording)]
+        assert footer.recording.width() >= needed[1] and (wide < 1400 or footer.folder.width() >= needed[0])
+
+
 def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.press(KEY.Key_N, modifier=CTRL)

@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QLabel
 from screens import Screens, cut_texts, settle, visible_texts
+from status_messages import LOST, ON_BENCH, WELL
 
 from app.ipc import messages as m
 from app.window import words
@@ -19,6 +20,7 @@ from app.window.painting.linkage_view import REACHABLE
 from app.window.painting.marks import HAND
 from app.window.painting.parts import Figures, wide
 from app.window.plan_grid import MARKS
+from app.window.run_page import UNMEASURED
 from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
@@ -132,6 +134,18 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
     assert banner.text().startswith("Brakes are off: the board: no command for 50 ms.")
     screens.hear(ready(9, brakes_off="Esc on the console"))
     assert banner.text().startswith("Brakes are off: Esc on the console.")
+
+
+def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(
+    screens: Screens
+) -> None:
+    screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
+    banner, line = screens.main.preflight.advice.text(), screens.run.workspace.view
+    assert banner.startswith("Brakes are off: Esc.") and "Device: not connected. No sample for 200 ms." in banner
+    assert line.line == UNMEASURED
+    off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off: Esc.")
+    screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
+    assert screens.main.preflight.advice.text().count("Esc.") == 1 and not line.line
 
 
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:

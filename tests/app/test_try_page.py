@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
+from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready, ticks
 from PySide6.QtCore import QEvent, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
@@ -11,7 +11,7 @@ from screens import point
 from app.ipc import messages as m
 from app.window.dials import DIALS, Dial
 from app.window.painting.marks import arrow_of
-from app.window.try_page import BACK, TryPage
+from app.window.try_page import BACK, FURTHER, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
@@ -99,6 +99,7 @@ def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     held.page.show_snapshot(tried(wall, initial=wall))
     feels = {number: guide.feel.text() for number, guide in held.page.guides.items()}
     assert feels == {7: "Rails with 10 mm slack"}
+    held.page.dials["spring_N_m"].slider.setValue(0)
     held.page.reset.click()
     assert held.last() == wall
 
@@ -268,6 +269,42 @@ def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_devi
     assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
     held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))
     assert not sensing.isEnabled()
+
+
+def test_what_is_named_as_changed_is_what_reset_takes_back_and_nothing_else(held: Held) -> None:
+    chosen = INITIAL._replace(controller=4, path=2, device="four-brake")
+    held.page.show_snapshot(tried(chosen._replace(rules="literal", spring_N_m=400.0)))
+    assert held.page.changed.text() == "Changed: rules, hand spring"
+    QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
+    assert held.last() == chosen and not held.page.changed.text() and not held.page.reset.isEnabled()
+
+
+def test_no_force_no_figure_and_no_notice_outlives_what_it_was_of(held: Held) -> None:
+    page, notice = held.page, {"notice": "This pass: brakes off.", "notice_bad": True}
+    page.show_ticks(movement(1, "AEB", 2.0), True)
+    assert page.error.text() != "–" and np.hypot(*page.canvas.instant.hand) > 0.0
+    page.show_snapshot(before(sandbox=tried().sandbox, tip=(0.05, 0.4), brakes_off="Esc", **notice))
+    assert not np.hypot(*page.canvas.instant.hand) and not page.notice.text(), "the banner says that brakes are off"
+    assert page.error.text() != "–", "of the pass that was stopped"
+    page.show_snapshot(tried(INITIAL._replace(path=2)))
+    assert (page.error.text(), page.time.text()) == ("–", "–")
+    page.show_opened(opened("01"))
+    page.show_snapshot(ready(3, notice="Participant 01: 57 of 60 trials left."))
+    assert not page.notice.text(), "of the session, on Run"
+
+
+def test_a_handle_that_the_drag_holds_short_of_the_start_is_to_be_pulled_further(held: Held) -> None:
+    start = np.array(PATHS[1].start_m)
+    rows = ticks(tick_log.APPROACH, TIP_X=start[0] + 0.01, TIP_Y=start[1])
+    rows[:, tick_log.TARGET_X], rows[:, tick_log.TARGET_Y] = start
+    held.page.show_ticks(rows, True)
+    assert held.page.small.text() == FURTHER
+    rows[:, tick_log.TIP_VX] = -0.1
+    held.page.show_ticks(rows, True)
+    assert held.page.small.text() != FURTHER, "it is coming"
+    rows[:, tick_log.TIP_VX], rows[:, tick_log.TARGET_X] = 0.0, start[0] + 0.03
+    held.page.show_ticks(rows, True)
+    assert held.page.small.text() != FURTHER, "the pointer is elsewhere"
 
 
 def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:

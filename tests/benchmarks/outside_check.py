@@ -21,14 +21,13 @@ import numpy as np
 
 from core.control.algorithm import GAP, GAP_M
 from core.control.controllers import PARAMETERS
-from experiments.analysis.box_findings import SIMILAR
 from experiments.analysis.charts import QUARTILE_METHOD
-from experiments.analysis.error_bars import STEP
-from experiments.analysis.metrics import BY_NAME, DRAWN, Metric
+from experiments.analysis.findings import SIMILAR_OF_U
+from experiments.analysis.metrics import BY_NAME, DRAWN
+from experiments.analysis.report import STEP
 from experiments.protocol import load_protocol
-from experiments.study.simulation_errors import simulation_errors
 from experiments.study.sweep import load_sweep, run_sweep
-from experiments.study.unrecorded import person_of, study_trials
+from experiments.study.unrecorded import person_of, simulation_errors, study_trials
 from experiments.trial.population import load_population
 from experiments.worlds.ranges import load_ranges
 from experiments.worlds.report import Worlds, read_worlds
@@ -38,18 +37,18 @@ OPERATORS, TRIPLES = 30, 100
 CONTROLLED = (2, 3, 4, 5)
 GAP_CONTROLLER = 3
 ERROR = "path_error_m"
-IDLE = Metric("idle_share", "", "Idle", "idle", "share of the ticks in the gap", lambda m: m.share_of_ticks(GAP))
+IDLE = BY_NAME["released_share"]._replace(of=lambda m: m.share_of_ticks(GAP))  # share of the ticks in the gap
 
 
 def idle() -> None:
     """Of the paper's study with thirty people, by device."""
     found: dict[str, tuple[list[float], list[float]]] = {}
-    for one in study_trials(load_protocol(), load_population(), OPERATORS, (BY_NAME[ERROR], IDLE)):
-        errors, shares = found.setdefault(one.planned.configuration, ([], []))
-        if one.planned.controller == 1:
-            errors.append(one.measures[ERROR])
-        if one.planned.controller == GAP_CONTROLLER:
-            shares.append(one.measures[IDLE.name])
+    for row, _ in study_trials(load_protocol(), load_population(), OPERATORS, (BY_NAME[ERROR], IDLE)):
+        errors, shares = found.setdefault(row.configuration, ([], []))
+        if row.controller == 1:
+            errors.append(row.path_error_m)
+        if row.controller == GAP_CONTROLLER:
+            shares.append(row.released_share)
     for device, (errors, shares) in found.items():
         print(
             f"{device}: uncontrolled error, median {1e3 * np.median(errors):.2f} mm, mean {1e3 * np.mean(errors):.2f} "
@@ -93,7 +92,7 @@ def _as_the_check(worlds: Worlds, row: int, devices: list[str]) -> tuple[bool, b
         of_it = {k: boxes[ERROR, device, k] for k in (1, *CONTROLLED)}
         smallest.append(min(of_it, key=lambda k: of_it[k].q3 - of_it[k].q1) == GAP_CONTROLLER)
         medians = [of_it[k].median for k in CONTROLLED]
-        similar.append(max(medians) - min(medians) <= SIMILAR * of_it[1].median)
+        similar.append(max(medians) - min(medians) <= SIMILAR_OF_U * of_it[1].median)
     return all(smallest), any(smallest), all(similar)
 
 

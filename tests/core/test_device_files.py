@@ -193,6 +193,11 @@ def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
     nearest = stops_of(dev, (x, y)).min()
     if abs(nearest) > 1e-9:
         assert bool(tip_is_free(dev.mechanism, x, y)) == (nearest > 0.0)
+    free, stopped = np.array([0.0, 0.4]), np.array([x, y])
+    for _ in range(40 * (nearest < 0.0)):  # to the stop on the way there
+        middle = 0.5 * (free + stopped)
+        free, stopped = (middle, stopped) if tip_is_free(dev.mechanism, *middle) else (free, middle)
+    assert nearest > 0.0 or abs(stops_of(dev, free).min()) < 1e-9
 
 
 def test_a_theta_stop_takes_its_part_of_the_workspace_away():

@@ -10,14 +10,14 @@ from sessions import closed_session, files
 from app.ipc import messages as m
 from app.window.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, Answers, View
-from experiments.export.answers import (
+from experiments.export.export import export
+from experiments.export.files import (
     NOTES_CSV,
     QUESTIONNAIRE_CSV,
     answers_and_notes,
     write_answers_and_notes,
     write_phenotype,
 )
-from experiments.export.export import export
 from experiments.export.results import Job
 from experiments.export.results_files import write_results
 from experiments.session.files import pooled_rows

@@ -11,7 +11,7 @@ import core.brake
 from app.cli import main
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
-from experiments.analysis.error_bars import STEP
+from experiments.analysis.report import STEP
 from experiments.benchmark.bench import Row, creep, simulated, table, with_order, work_precision
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips, time_constant, torque_gain

@@ -13,14 +13,14 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 
 from core.files import InputError
-from experiments.analysis.boxplots import draw, draw_boxplots
-from experiments.analysis.chart_figures import TIMEOUT_COLOUR
+from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
 from experiments.analysis.charts import Box, View, box_statistics, boxes
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.trials_table import TrialRow
-from experiments.protocol import label
+from experiments.protocol import label, load_protocol
 
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
+LABELS = load_protocol().labels()
 BOTH = ("three-brake", "four-brake")
 LONG = {1: label("None"), 2: label("A wall of the softest kind that there is, with a gap on either of its sides")}
 finite = st.floats(-1e6, 1e6).map(lambda value: round(value, 6))
@@ -104,11 +104,11 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
 
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(fine_prints, tmp_path):
     rows = study()
-    paths = draw_boxplots(rows, tmp_path / "a", NOTE)
+    paths = draw_boxplots(rows, tmp_path / "a", NOTE, LABELS, "paper")
     names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum", "fig18_acceleration_to_100_Hz")
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
-    draw_boxplots(rows, tmp_path / "b", NOTE)
+    draw_boxplots(rows, tmp_path / "b", NOTE, LABELS, "paper")
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
         kind = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[path.suffix[1:]]
@@ -116,16 +116,16 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
         assert not re.search(rb"20\d\d-\d\d-\d\d|CreationDate|<dc:date>", path.read_bytes()), path.name
 
     with pytest.raises(InputError, match="exists already"):
-        draw_boxplots(rows, tmp_path / "a", NOTE)
+        draw_boxplots(rows, tmp_path / "a", NOTE, LABELS, "paper")
     with pytest.raises(InputError, match="no trials"):
-        draw_boxplots([], tmp_path / "out", NOTE)
+        draw_boxplots([], tmp_path / "out", NOTE, LABELS, "paper")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("protocol", "first"), [("paper", "fig16_path_error"), ("mine", "path_error")])
 def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path, protocol, first):
-    written = draw_boxplots(study(1), tmp_path / "out", "a note", metrics=DRAWN[:1], protocol=protocol)
-    assert {path.stem for path in written} == {first, "boxplots"}
+    written = draw_boxplots(study(1), tmp_path / "out", "a note", LABELS, protocol)
+    assert written[0].stem == first and any("fig" in path.stem for path in written) == (protocol == "paper")
 
 
 def drawn(rows, **more):

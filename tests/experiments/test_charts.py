@@ -25,8 +25,9 @@ from experiments.analysis.charts import (
     legend,
 )
 from experiments.analysis.trials_table import write_table
-from experiments.export.results import Job, new_folder, read_results
+from experiments.export.results import Job, read_results
 from experiments.export.results_files import session_lines, whose_fault, write_results
+from experiments.recording.atomic_files import first_free
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
 from experiments.session.playback import device_of, read_playback
@@ -182,13 +183,13 @@ def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
 @pytest.mark.parametrize(("page", "name"), [(POOLED, "path_error"), (ORDER, "path_error_by_run")])
 def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_over_anything(tmp_path, page, name):
     rows = tuple(study())
-    job = Job(page, rows, (), VIEW, "a note", tmp_path, (), new_folder(tmp_path))
+    job = Job(page, rows, (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
     assert write_results(job) == 10
     there = {path.name for path in job.folder.iterdir()}
     assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
     with pytest.raises(InputError, match="exists already"):
         write_results(job)
-    assert new_folder(tmp_path).name == "results-2" and {path.name for path in job.folder.iterdir()} == there
+    assert first_free(tmp_path, "results").name == "results-2" and {path.name for path in job.folder.iterdir()} == there
 
 
 def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(data, tmp_path):

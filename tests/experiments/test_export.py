@@ -18,9 +18,8 @@ from sessions import closed_session, crash_in_trial, files, new_session, run, se
 from app.cli import main
 from core import tick_log
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table, write_table
-from experiments.export.columns import recording_column
-from experiments.export.csv import CsvTables
-from experiments.export.export import export
+from experiments.export.export import CsvTables, export
+from experiments.export.files import recording_column
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors, recording_columns
 from experiments.recording.writer import RecordingWriter, convert_to_parquet

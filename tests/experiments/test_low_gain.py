@@ -10,8 +10,7 @@ from sessions import new_session
 from app.cli import main
 from core.files import InputError
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
-from experiments.study.low_gain import DETECTED_M_S2, GAINS, settled, vibrations
-from experiments.study.unrecorded import study_trials
+from experiments.study.unrecorded import DETECTED_M_S2, GAINS, settled, study_trials, vibrations
 
 
 @pytest.fixture(scope="module")
@@ -70,5 +69,5 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it_as
     assert main([*asked, "--resume", "--low-gain", "no vibration"]) == 0
     assert main([*asked, "--resume", "--low-gain", "5"]) == 2
     assert "--low-gain: the study was begun with no vibration" in capsys.readouterr().err
-    trials = [one for one in study_trials(found, PEOPLE, 1) if one.planned.controller == 5]
-    assert trials and all(np.isfinite(one.measures["path_error_m"]) for one in trials)
+    trials = [row for row, _ in study_trials(found, PEOPLE, 1) if row.controller == 5]
+    assert trials and all(np.isfinite(row.path_error_m) for row in trials)

@@ -342,10 +342,10 @@ def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_pa
 def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rules):
     protocol = replace(load_protocol("wedge"), rules=rules, blocks=1)
     released, locked = {}, {}
-    for trial in study_trials(protocol, load_population(), 1):
-        cell = trial.planned.configuration, trial.planned.controller
+    for row, _ in study_trials(protocol, load_population(), 1):
+        cell = row.configuration, row.controller
         for found, measure in ((released, "released_share"), (locked, "locked_share")):
-            found.setdefault(cell, []).append(trial.measures[measure])
+            found.setdefault(cell, []).append(getattr(row, measure))
     for (device, controller), shares in released.items():
         if controller == 1:
             assert shares == [None, None]

@@ -17,7 +17,7 @@ from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
-from experiments.study.decisions import check_decisions
+from experiments.study.replay import check_decisions
 from experiments.trial.trial import Trial
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms

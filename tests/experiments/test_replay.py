@@ -199,7 +199,7 @@ def test_without_options_it_plays_on_the_screen(data, monkeypatch):
     screens = SimpleNamespace(trial_view=window)
     monkeypatch.setitem(sys.modules, "app.window", screens)
     monkeypatch.setitem(sys.modules, "app.window.trial_view", window)
-    monkeypatch.setattr("app.verbs.replay.Display", lambda *_: SimpleNamespace(check=lambda: None))
+    monkeypatch.setattr("app.verbs.folders.Display", lambda *_: SimpleNamespace(check=lambda: None))
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     assert main(["replay", str(path)]) == 0 and played == [path]
 

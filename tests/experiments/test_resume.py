@@ -144,7 +144,7 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
 
 
 def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monkeypatch):
-    def killed(table, folder, note, **options):
+    def killed(table, folder, *what, **options):
         folder.mkdir()
         (folder / "fig16_path_error.png").write_bytes(b"half")
         raise Killed

@@ -5,13 +5,12 @@ import pytest
 from msgspec.structs import replace
 
 from core import tick_log
-from experiments.analysis.error_bars import HAND, STEP, Moved, error_sentence, error_table
 from experiments.analysis.metrics import METRICS
+from experiments.analysis.report import HAND, STEP, Moved, error_sentence, error_table
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
-from experiments.study import simulation_errors as errors
-from experiments.study.simulation_errors import simulation_errors
-from experiments.study.unrecorded import person_of, run_trial, switched_on
+from experiments.study import unrecorded
+from experiments.study.unrecorded import person_of, run_trial, simulation_errors, switched_on
 from experiments.trial.normals import normals
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
@@ -19,7 +18,7 @@ from experiments.trial.trial import Trial
 PAPER = load_protocol()
 PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
 PERSON = person_of(load_population(), PROTOCOL.seed, 1)
-LAGLESS = errors.BRAKES["static"]
+LAGLESS = unrecorded.BRAKES["static"]
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +36,8 @@ def test_every_controller_has_every_change_of_every_measure_that_it_has(found):
 
 
 def test_without_a_change_each_trial_comes_out_as_it_was_so_what_moves_is_the_change_alone(found, monkeypatch):
-    monkeypatch.setattr(errors, "SUBSTEPS", 1)
-    monkeypatch.setattr(errors, "ASIDE_M", 0.0)
+    monkeypatch.setattr(unrecorded, "SUBSTEPS", 1)
+    monkeypatch.setattr(unrecorded, "ASIDE_M", 0.0)
     again = simulation_errors(PROTOCOL, PERSON, "01")
     assert {one.worst for one in again if one.change in (STEP, HAND)} == {0.0}
     assert [one for one in again if one.change == LAGLESS] == [one for one in found.values() if one.change == LAGLESS]
@@ -57,7 +56,7 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
 
     def rows(substeps):
         trial = Trial(
-            switched_on(PROTOCOL.devices[0], PROTOCOL.paths, PROTOCOL.assumptions), planned, PROTOCOL.paths[1],
+            switched_on(PROTOCOL.devices[0], PROTOCOL), planned, PROTOCOL.paths[1],
             PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial, PERSON, normals(1, 1, 1, 1),
         )  # fmt: skip
         trial.refine(substeps)

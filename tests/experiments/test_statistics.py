@@ -14,18 +14,17 @@ from scipy import stats
 from core import tick_log
 from core.tick_log import PHASES
 from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes
-from experiments.analysis.participants import LEAST_PEOPLE
 from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
     Smoothness,
     dft_sum,
     kendall_tau,
-    of_recording,
     sensitivity,
     swapped,
 )
 from experiments.analysis.statistics import (
+    LEAST_PEOPLE,
     MEASURES,
     POOLED,
     friedman,
@@ -39,6 +38,7 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow
+from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
 
 DEVICES = ("three-brake", "four-brake")
@@ -290,10 +290,10 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     assert dft_sum(read_recording(path), Smoothness()) == pytest.approx(own, rel=1e-9)
     assert dft_sum(read_recording(path), Smoothness(cutoff_hz=None)) == pytest.approx(exact, rel=1e-12)
     trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)
-    found = of_recording(tmp_path)(trial)
-    assert list(found) == list(SMOOTHNESS)
+    recording = read_recording(tmp_path / trial.recording)
+    found = {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
     assert len({round(value, 6) for value in (*found.values(), own)}) == len(SMOOTHNESS) + 1
-    results = sensitivity([trial, replace(trial, controller=2)], of_recording(tmp_path))
+    results = sensitivity([trial, replace(trial, controller=2)], tmp_path)
     assert {r.measure for r in results} >= set(SMOOTHNESS)
     assert all(r.people == 1 for r in results)
 
@@ -313,7 +313,7 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
 
 
 def test_the_tables_are_tidy(tmp_path):
-    write_report(study(people=3), tmp_path, "note")
+    write_report(study(people=3), tmp_path, "note", load_protocol().controllers, False)
     lines = rows_in(tmp_path / "participant_means.csv")
     assert len(lines) == 3 * 2 * 5
     assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)

@@ -10,6 +10,7 @@ from pathlib import Path
 import killed_work
 import pytest
 from exports import rows as csv_rows
+from msgspec import structs
 from processes import gone
 from refusals import refusal
 from waiting import wait_until
@@ -80,7 +81,8 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     """Without control nothing but the device acts: another rule set must not change a single digit."""
     jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]
     one = jobs[0].run().rows
-    other = replace(jobs[0], rules="literal").run().rows
+    literal = structs.replace(jobs[0].protocol, rules="literal")
+    other = replace(jobs[0], protocol=literal).run().rows
     assert other.replace(b"literal", b"settled") == one
     assert jobs[1].run().rows != one
 
@@ -105,6 +107,18 @@ WRONG = {
     "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller stands there twice"),
     "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
     "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),
+    "more assumptions than fit": (
+        SMALL + "[assumptions]\n" + "".join(
+            f"{key} = {[1.0 + 0.001 * n for n in range(1000)]}\n"
+            for key in ("lag_factor", "drag_factor", "torque_ripple_N_m", "backlash_deg")
+        ),
+        "people in cells are more than the 1000000",
+    ),
+    "more combinations than fit": (
+        SMALL.replace("[0.0, 0.005]", str([0.001 + 1e-6 * n for n in range(1001)])).replace(
+            'kind = "sdof"', 'kind = "proportional"\ngain_N_s_m = ' + str([1.0 + n for n in range(1001)])),
+        "more than the 1000000 combinations",
+    ),
     "negative gap": (SMALL.replace("[0.0, 0.005]", "[-1.0]"), "gap_m"),
 }
 

@@ -16,16 +16,24 @@ from refusals import refusal
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.box_findings import box_findings_of, pooled_boxes
-from experiments.analysis.findings import HOLDS, STATEMENTS
+from experiments.analysis.findings import HOLDS, STATEMENTS, box_findings_of, pooled_boxes
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
-from experiments.worlds.indices import Indices, indices, settled
-from experiments.worlds.pictures import wilson
-from experiments.worlds.ranges import Range, load_ranges, shipped_ranges
-from experiments.worlds.report import Worlds, judged_again, nearest_world, read_worlds, report_files, where_it_holds
+from experiments.worlds.ranges import Range, load_ranges
+from experiments.worlds.report import (
+    Indices,
+    Worlds,
+    indices,
+    judged_again,
+    nearest_world,
+    read_worlds,
+    report_files,
+    settled,
+    where_it_holds,
+    wilson,
+)
 from experiments.worlds.worlds import columns, run_worlds, worlds_of
 
 RANGES = """
@@ -244,7 +252,6 @@ def test_other_controllers_than_the_papers_have_no_statements_to_judge(small, tm
 
 
 def test_the_shipped_ranges_can_be_run_and_say_what_they_rest_on():
-    assert shipped_ranges() == ["paper"]
     ranges = load_ranges("paper")
     assert ranges.operators == 3 and len(ranges.ranges) >= 15
     assert all(one.source and one.settled_by and one.label for one in ranges.ranges.values())
@@ -333,10 +340,8 @@ def test_the_interval_of_a_share_is_wilsons():
     assert tuple(map(float, wilson(0, 10))) == pytest.approx((0.0, 0.2775), abs=1e-3)
 
 
-def test_trials_that_did_not_reach_the_end_are_in_no_box(small):
-    """As `pooled_boxes` has it: under 90 % done, no box."""
-    from experiments.worlds.worlds import _boxes
-
-    measures = {"path_error_m": 1.0, "mean_tip_force_N": 2.0, "acceleration_dft_sum": None}
-    boxes = _boxes({("three-brake", 1): [measures] * 9 + [None], ("three-brake", 2): [measures] * 8 + [None]})
-    assert sorted(boxes) == [("mean_tip_force_N", "three-brake", 1), ("path_error_m", "three-brake", 1)]
+def test_a_share_lies_in_its_own_interval_also_where_none_or_all_hold():
+    for n in range(1, 200):
+        holding = np.arange(n + 1)
+        low, high = wilson(holding, n)
+        assert np.all(low <= holding / n) and np.all(holding / n <= high)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from experiments.analysis.boxplots import draw_boxplots
-from experiments.study.simulation_errors import simulation_errors
+from experiments.analysis.chart_figures import draw_boxplots
+from experiments.study.unrecorded import simulation_errors
 
 
-def _leave_files(_table, folder: Path, _note: str, **_options: object) -> None:
+def _leave_files(_table, folder: Path, *_what: object, **_options: object) -> None:
     folder.mkdir(parents=True)
     (folder / "boxplots.png").touch()
 
@@ -20,7 +20,7 @@ def _concluding(draw, errors) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for module in ("study", "analyze"):
             patch.setattr(f"experiments.study.{module}.draw_boxplots", draw)
-        patch.setattr("experiments.study.simulation_errors.simulation_errors", errors)
+        patch.setattr("experiments.study.unrecorded.simulation_errors", errors)
         yield
 
 

@@ -180,13 +180,13 @@ class KeyButton(QPushButton):
         super().__init__(text, objectName=name, focusPolicy=NO_FOCUS, minimumHeight=30)
         self.setFont(theme.font(theme.NORMAL, bold=name == "main"))
         self.setStyleSheet("text-align: left")
-        self._key = word(key, "hint" if name == "main" else "quiet", theme.SMALL)
-        self.toggled.connect(lambda on: theme.name_anew(self._key, "hint" if on else "quiet"))
-        self._key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setLayout(row(1, self._key, margins=(12, 0, 10, 0)))
+        self.key = word(key, "hint" if name == "main" else "quiet", theme.SMALL)
+        self.toggled.connect(lambda on: theme.name_anew(self.key, "hint" if on else "quiet"))
+        self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setLayout(row(1, self.key, margins=(12, 0, 10, 0)))
 
     def sizeHint(self) -> QSize:
-        words = self.fontMetrics().horizontalAdvance(self.text()) + self._key.sizeHint().width()
+        words = self.fontMetrics().horizontalAdvance(self.text()) + self.key.sizeHint().width()
         return QSize(words + 12 + 10 + 16, max(super().sizeHint().height(), self.minimumHeight()))
 
     def minimumSizeHint(self) -> QSize:

@@ -1,0 +1,9 @@
+"""What long work calls while it goes on: `progress`, with the share (0 to 1) that is done."""
+
+from collections.abc import Callable
+
+Progress = Callable[[float], None]
+
+
+def unseen(share: float) -> None:
+    """Progress at which nobody looks."""
