@@ -80,9 +80,11 @@ class Graph(pg.PlotWidget):
 class Plot(QFrame):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
+    figures_px = theme.NORMAL
+
     def __init__(self, title: QLabel) -> None:
         super().__init__(objectName="panel")
-        self.title, self.figures = title, Figures(theme.NORMAL, right=True)
+        self.title, self.figures = title, Figures(self.figures_px, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
         self.head = row(self.title, self.figures)
@@ -335,6 +337,7 @@ class TimingStrip(Trace):
         now = self.timing
         self.figures.show_parts((self.words, theme.CAUTION if now is not None and now.missed else theme.QUIET))
         self.foot_figures.show_parts((self.foot, theme.QUIET))
+        self.foot_figures.setToolTip(self.foot)
 
     @property
     def words(self) -> str:

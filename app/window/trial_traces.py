@@ -68,8 +68,11 @@ class TrialTrace(TimePlot):
 class CurrentTrace(TrialTrace):
     """The current of each brake: its mean, as a line, within its envelope, as a band. A chatter is no solid block."""
 
+    figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
+
     def __init__(self) -> None:
         super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
+        self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
         self.hidden, self.labels = False, dict[str, str]()
         self.means, self.bands = [], []
         for joint in JOINTS:

@@ -10,12 +10,16 @@ from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
+from screens import settle
 from sessions import closed_session
 
+from app.window.painting import theme
+from app.window.painting.parts import wide
 from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
+from core.mechanism import JOINTS
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import RecordingWriter
 from experiments.session.playback import read_playback, ticks_of
@@ -152,6 +156,18 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     trace.show_currents(t, currents, hidden=True)
     trace.show_cursor(1500)
     assert "blind" in trace.value and trace.means[0].getData()[0] is None
+
+
+def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(
+    window: TrialWindow, view: TrialView
+) -> None:
+    window.resize(1024, 700)
+    settle(window)
+    trace = view.traces.currents
+    trace.labels = dict(zip(JOINTS, JOINTS, strict=True))
+    trace.show_currents(0.001 * np.arange(3000), np.ones((4, 3000)), hidden=False)
+    trace.show_cursor(1500)
+    assert trace.value.count("1.00 on 100%") == 4 and wide([trace.value], theme.SMALL) < trace.figures.width()
 
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
