@@ -272,9 +272,9 @@ class MainWindow(QWidget):
             page.show_pulse(pulse)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
-        """Ticks (n, tick_log.WIDTH) of the running trial, for the page at the front."""
-        if not self.dead:
-            self.pages[self.shown].show_ticks(rows, taken)
+        """Ticks (n, tick_log.WIDTH) of the running trial, for the page at the front; Run gets all, for its card."""
+        for name in {self.shown, RUN} & self.pages.keys() if not self.dead else ():
+            self.pages[name].show_ticks(rows, taken)
 
     def show_dead(self, sentence: str) -> None:
         """The session server has ended."""

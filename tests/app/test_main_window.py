@@ -33,6 +33,7 @@ from app.ipc import messages as m
 from app.window import words
 from app.window.cards import REDO_REASONS
 from app.window.main_window import SMALLEST
+from app.window.page import HOME, RUN
 from app.window.plots import Graph
 from core import tick_log
 
@@ -165,6 +166,18 @@ def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_oth
         screens.client.sent.clear()
         QTest.mouseClick(card.keep, Qt.MouseButton.LeftButton)
         assert screens.client.sent == sent and not screens.run.card_shown and start.key.isVisible()
+
+
+def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
+    rows = movement(PLAN[0].segment, "AEB", 1.0)
+    rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
+    screens.hear(opened(), running(0))
+    screens.main.show_page(HOME)
+    screens.tick(rows[:500])
+    screens.main.show_page(RUN)
+    screens.tick(rows[500:])
+    screens.hear(ready(1))
+    assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(
