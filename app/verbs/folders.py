@@ -108,7 +108,7 @@ def verify_verb(args: argparse.Namespace) -> int:
     found = with_progress("verifying", verify, args.dir)
     doubts = found["warnings"]
     text = as_text(found | {"in_doubt": len(doubts), "warnings": []})
-    answer(args, found, text, (f"{doubt['file']}: {doubt['warning']}" for doubt in doubts))
+    answer(args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)])
     return 1 if found["faults"] else 0
 
 
@@ -116,7 +116,7 @@ def recover_verb(args: argparse.Namespace) -> int:
     from experiments.session.recover import recover
 
     done = with_progress("recovering", recover, args.dir)
-    answer(args, done, as_text(done))
+    answer(args, done, as_text(done), _warn_if_empty(done))
     return 1 if done["faults"] or done["not_rescued"] else 0
 
 
@@ -186,3 +186,8 @@ def share(metric: dict[str, float | None]) -> str:
     if change is None or before is None:
         return "-"
     return f"{100.0 * change / abs(before):+.1f} %" if before else f"{change:+.4g}"
+
+
+def _warn_if_empty(summary: dict) -> list[str]:
+    """An empty folder is no fault; that it is the right one may be in doubt."""
+    return [] if summary["sessions"] else [f"{summary['dir']}: holds no session yet"]

@@ -133,3 +133,10 @@ def test_a_trial_in_progress_is_no_fault_while_its_process_lives(tmp_path):
     session.close()  # as the end of the process would
     assert "cut off" in faults(tmp_path)["sub-01/ses-01/trials/run-001.arrows"][0]
     writer.abandon()
+
+
+@pytest.mark.parametrize("verb", ["verify", "recover"])
+def test_a_folder_without_any_session_is_no_fault_and_said_to_be_empty(verb, tmp_path, capsys):
+    assert main([verb, str(tmp_path)]) == 0
+    assert capsys.readouterr().err == f"warning: {tmp_path}: holds no session yet\n"
+    assert not list(tmp_path.iterdir())
