@@ -74,6 +74,7 @@ def editing(qtbot):
 
 
 def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) -> None:
+    assert editing.field("gain of controller 4").cursorPosition() == 0, "the first digits of a number are seen"
     editing.type("Blocks", "2")
     editing.read("= 40 trials")
     assert "40 trials" in editing.editor.plan.toPlainText()

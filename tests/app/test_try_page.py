@@ -113,6 +113,16 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: He
     assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
 
 
+def test_the_first_digit_of_a_long_number_is_seen_among_the_passes(held: Held) -> None:
+    pictures, table = [], held.page.table
+    for error_m in (9.12345, 1.12345):
+        held.page.show_snapshot(tried(INITIAL, ended(1, error=error_m)))
+        assert held.cells(0)[3] == f"{1e3 * error_m:.2f}"
+        QApplication.processEvents()
+        pictures.append(table.viewport().grab(table.visualRect(table.model().index(0, 3))).toImage())
+    assert pictures[0] != pictures[1]
+
+
 def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:
     slider, count = held.page.dials["spring_N_m"].slider, len(held.sent)
     for place in range(20, 60):
