@@ -183,8 +183,8 @@ class Sandbox:
         p = self._protocol
         number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
         values: dict[str, float] = {}  # each as the chosen controller has it, else the largest
-        for preset in sorted(p.controllers.values(), key=lambda preset: preset.values):
-            values |= preset.named
+        for preset in p.controllers.values():
+            values |= {name: max(value, values.get(name, value)) for name, value in preset.named.items()}
         play = float(np.degrees(self._file(device).brakes.play.max()))
         return SandboxSettings(
             device, path, number, {**values, **p.controllers[number].named}, p.rules, BLEND_WIDTH,

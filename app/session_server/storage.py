@@ -16,7 +16,7 @@ from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.faults import FAULTS, cause_of
 from core.files import InputError
 from experiments.analysis.trials_table import SETTLED
-from experiments.recording.reader import STREAM_SUFFIX
+from experiments.recording import STREAM_SUFFIX
 from experiments.session.files import write_pooled_table
 from experiments.session.journal import LOOP_LOST, Event, now
 

@@ -32,8 +32,9 @@ from experiments.export.files import (
     write_json,
 )
 from experiments.progress import Progress, unseen
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import refusing, rename
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.files import HIDDEN, STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 from fastcrc.crc32 import iso_hdlc as crc32
 
 from core.files import InputError
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.schema import FORM, SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at
 
-STREAM_SUFFIX, PARQUET_SUFFIX = ".arrows", ".parquet"
 MARKER = b"\xff\xff\xff\xff"  # begins every message of an Arrow stream
 STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
 _UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, ValueError)

@@ -18,6 +18,7 @@ from fastcrc.crc32 import iso_hdlc as crc32
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import (
     append_whole,
     give_new_name,
@@ -27,7 +28,7 @@ from experiments.recording.atomic_files import (
     sync_folder,
     written_beside,
 )
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_parquet, read_recording
+from experiments.recording.reader import read_parquet, read_recording
 from experiments.recording.schema import (
     FORM,
     SEAL,

@@ -39,8 +39,8 @@ from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, read_table, write_table
 from experiments.plan import PlannedTrial, codes, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import reading_stored, replace_file, write_new_file
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.trial.population import Population, population_of
 
 LOCK = ".lock"

@@ -19,8 +19,9 @@ from core.device_interface import ZeroRecord
 from core.files import InputError
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, row_of, write_table
 from experiments.plan import PlannedTrial
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import append_whole, reason_of
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import CRASHED, TABLE, hold_lock, opened, rows_of, veiled, write_pooled_table
 

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import append_row, read_table, table_bytes, write_table
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.recording.writer import convert_to_parquet, save_as_parquet
 from experiments.session import files, journal

@@ -32,8 +32,9 @@ from experiments.plan import (
     practice_trial,
 )
 from experiments.protocol import Protocol, middle_of_first, protocol_to_json
+from experiments.recording import STREAM_SUFFIX
 from experiments.recording.atomic_files import reading_stored, refusing, write_new_file
-from experiments.recording.reader import STREAM_SUFFIX, read_recording
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session import files

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
-from experiments.recording.reader import PARQUET_SUFFIX, STREAM_SUFFIX, read_recording
+from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
+from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session import files
 from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
