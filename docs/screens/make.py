@@ -214,9 +214,7 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
         passes = len(main.snapshot.sandbox.passes)
         preset = main.opened.protocol.controllers[controller]
         now = main.snapshot.sandbox.settings
-        gain = preset.value("gain_N_s_m") or now.gain_N_s_m
-        change = {"controller": controller, "gap_m": preset.value("gap_m"), "gain_N_s_m": gain}
-        windows.client.send(m.Sandbox(now._replace(**change)))
+        windows.client.send(m.Sandbox(now._replace(controller=controller).with_parameters(**preset.named)))
         if controller != 2:  # a line of the table
             until(lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
     until(lambda: hand.progress > 0.6)
