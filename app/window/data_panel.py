@@ -35,7 +35,8 @@ from app.window.words import LACKING, LEAVE, from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.plan import counted
-from experiments.session.files import STORED, DataOverview, SessionOverview, look_into, recordings_in
+from experiments.session.files import STORED, recordings_in
+from experiments.session.overview import DataOverview, SessionOverview, look_into
 
 LOOK_MS = 2000  # between two looks at the folder
 RECENT_MOST = 6

@@ -55,7 +55,8 @@ from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
 from experiments.plan import counted, make_plan, plan_summary, print_plan
 from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
-from experiments.session.files import free_participant, look_into
+from experiments.session.files import free_participant
+from experiments.session.overview import look_into
 from hardware.discovery import BoardFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page

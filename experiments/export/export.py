@@ -36,7 +36,8 @@ from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import refusing, rename
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
-from experiments.session.files import HIDDEN, STORED, TABLE, recordings_in, rows_of
+from experiments.session.blind import HIDDEN
+from experiments.session.files import STORED, TABLE, recordings_in, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.

@@ -11,50 +11,34 @@ DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and 
                    .lock                       held by the one process that may write here
 DATA/trials.csv                                the rows of all participants
 DATA/study.json                                what a study was begun with: operators, population, protocol, in full
-
-Blind sessions: the controllers stand as codes, K1, K2, .., everywhere but in the key. The key is drawn from the
-system's randomness, so neither seed nor plan gives it away; session.json holds only its SHA-256 (with a salt in the
-file: the key cannot be found by trying all). While a session is blind its plan, journal, table and the metadata of its
-recordings hold codes, and the table leaves out what reveals a controller by itself. The ticks of a recording hold
-currents and decisions: they reveal it to a reader.
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import re
-import secrets
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, Self
 
 import filelock
 
 from core.files import InputError
-from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, read_table, write_table
-from experiments.plan import PlannedTrial, codes, plan_from_json, plan_hash
+from experiments.plan import PlannedTrial, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import reading_stored, replace_file, write_new_file
+from experiments.recording.atomic_files import reading_stored, write_new_file
 from experiments.trial.population import Population, population_of
 
 LOCK = ".lock"
 STORED = "session.json"
 STUDY = "study.json"
-KEY = "key.json"
 TABLE = "trials.csv"
 TRIALS, PRACTICE = "trials", "practice"
 CRASHED, DAMAGED = "crashed", "damaged"  # how files are marked that `phd recover` set aside
-#: Measures that reveal a controller by themselves.
-HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller}
-
-Coded = TypeVar("Coded", PlannedTrial, TrialRow)
-
 
 def session_folder(data_dir: Path, participant: str) -> Path:
     """Where a participant's session is kept."""
@@ -248,46 +232,6 @@ def write_pooled_table(data_dir: Path) -> list[TrialRow]:
     return rows
 
 
-# ------------------------------------------------------------------------------------------- the key of a blind session
-
-
-def new_key(controllers: Iterable[int]) -> dict[str, int]:
-    """Code -> controller, by chance."""
-    shuffled = list(controllers)
-    secrets.SystemRandom().shuffle(shuffled)
-    return dict(zip(codes(len(shuffled)), shuffled, strict=True))
-
-
-def write_key(session: Path, key: Mapping[str, int], sync: bool = True) -> str:
-    """Store the key of a session that is being created; its SHA-256. OSError if it cannot be written."""
-    data = json.dumps({"controllers": key, "salt": secrets.token_hex(16)}, indent=1).encode() + b"\n"
-    replace_file(session / KEY, data, sync)  # there is none, or one of a session that a crash left half created
-    return hashlib.sha256(data).hexdigest()
-
-
-def read_key(session: Path, sha256: str) -> dict[str, int]:
-    """The key of a session. InputError if it is not there or not the one that session.json names."""
-    path = session / KEY
-    with reading_stored(path):
-        data = path.read_bytes()
-        if hashlib.sha256(data).hexdigest() != sha256:
-            raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
-        return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
-
-
-def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
-    """A planned trial or a row with its controller in place of the code; as it is where the key has no such code."""
-    number = key.get(str(thing.controller), thing.controller)
-    if isinstance(thing, TrialRow):
-        return replace(thing, controller=number)
-    return thing._replace(controller=number)
-
-
-def veiled(row: TrialRow) -> TrialRow:
-    """A coded row without what reveals the controller by itself."""
-    return replace(row, **HIDDEN) if isinstance(row.controller, str) else row
-
-
 # -------------------------------------------------------------------------------------------------------------- a study
 
 
@@ -352,83 +296,3 @@ def _content(name: str, thing: Any) -> tuple[object, str]:
         texts = [(device.name, device.text, device.brake_texts) for device in thing]
         return texts, f"other devices: {', '.join(device.name for device in thing)}"
     return thing, "none" if thing is None else f"{thing:g}" if isinstance(thing, float) else f"{thing}"
-
-
-# -------------------------------------------------------------------------------------------- a data folder at a glance
-
-
-class SessionOverview(NamedTuple):
-    """One session of a data folder."""
-
-    folder: Path
-    participant: str
-    protocol: str  # its name
-    done: int  # trials of the plan that are settled
-    planned: int
-    changed_s: float  # s since 1970, of the newest trial
-    lacking: int = 0  # settled trials without a result: aborted, skipped, excluded
-    problem: str = ""  # why it cannot be read, one sentence
-
-    @property
-    def complete(self) -> bool:
-        """Whether no trial of its plan is left."""
-        return not self.problem and self.done >= self.planned
-
-
-class DataOverview(NamedTuple):
-    """The sessions of a data folder, the newest first."""
-
-    folder: Path
-    sessions: tuple[SessionOverview, ...] = ()
-    operators: int = 0  # of a study: simulated operators that it was begun with; 0: it is no study
-    problem: str = ""  # why the folder is not one of sessions, one sentence
-
-    @property
-    def done(self) -> int:
-        """Trials that are settled."""
-        return sum(session.done for session in self.sessions)
-
-    @property
-    def planned(self) -> int:
-        """Trials of all plans; of a study those of the operators to come, too."""
-        plans = [session.planned for session in self.sessions]
-        return sum(plans) + max(self.operators - len(plans), 0) * max(plans, default=0)
-
-
-def look_into(folder: Path) -> DataOverview:
-    """The overview of a folder; one that is not there yet is empty."""
-    if not folder.exists():
-        return DataOverview(folder)
-    try:
-        sessions = [_session(path, *map(_stamp, (path / STORED, path / TABLE))) for path in sessions_in(folder)]
-    except (InputError, OSError) as error:
-        return DataOverview(folder, problem=str(error))
-    operators = 0
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # no study, or one that phd study will refuse
-        operators = int(json.loads((folder / STUDY).read_text(encoding="utf-8"))["operators"])
-    found = (session for session in sessions if session is not None)
-    return DataOverview(folder, tuple(sorted(found, key=lambda one: -one.changed_s)), operators)
-
-
-def _stamp(path: Path) -> int:
-    """Changes when the file does; 0: there is none."""
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:
-        return 0
-
-
-@lru_cache(maxsize=1000)
-def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
-    """None: a crash came before the session was stored. stored, table: stamps of its files, by which it is kept."""
-    if not stored:
-        return None
-    changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
-    try:
-        with reading_stored(folder / STORED):
-            about = json.loads((folder / STORED).read_text(encoding="utf-8"))
-            planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
-            done, lacking = map(len, settled_cells(rows_of(folder)))
-            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
-    except InputError as error:
-        return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))

@@ -23,7 +23,8 @@ from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import append_whole, reason_of
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
-from experiments.session.files import CRASHED, TABLE, hold_lock, opened, rows_of, veiled, write_pooled_table
+from experiments.session.blind import opened, veiled
+from experiments.session.files import CRASHED, TABLE, hold_lock, rows_of, write_pooled_table
 
 NAME = "journal.jsonl"
 

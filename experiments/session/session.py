@@ -39,6 +39,7 @@ from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session import files
 from experiments.session import journal as events
+from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
@@ -89,14 +90,14 @@ class Session:
             raise
         try:
             if self.blind:
-                self._key = files.new_key(protocol.controllers)
-            about = self._about(files.write_key(self.folder, self._key, sync) if self.blind else "")
+                self._key = new_key(protocol.controllers)
+            about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(form)} if form else {}
             text = json.dumps(about, indent=1, sort_keys=True) + "\n"
             write_new_file(self.folder / files.STORED, text.encode(), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
         except BaseException:
-            for name in (files.STORED, files.KEY, events.NAME, files.LOCK):
+            for name in (files.STORED, KEY, events.NAME, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
                     (self.folder / name).unlink()
             self.close()
@@ -128,7 +129,7 @@ class Session:
             session._summary = summary = events.journal_summary(folder)
             session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
             session.blind = was_blind and summary.key is None
-            session._key = files.read_key(folder, key_sha256) if session.blind else summary.key or {}
+            session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
             session.rows = files.rows_of(folder)
             if session._waiting:
                 session.journal(events.RESUMED, open=len(session._waiting))

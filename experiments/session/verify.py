@@ -17,6 +17,7 @@ from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session import files
+from experiments.session.blind import KEY, read_key
 from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
@@ -102,8 +103,8 @@ class _SessionCheck:
         try:
             about = files.read_stored(self.session).about
             if about.get("blind") and self.journal.key is None:
-                file = files.KEY
-                files.read_key(self.session, str(about.get("key_sha256")))
+                file = KEY
+                read_key(self.session, str(about.get("key_sha256")))
         except InputError as error:
             self._fault(file, error)
 

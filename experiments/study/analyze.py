@@ -22,7 +22,8 @@ from experiments.progress import Progress, unseen
 from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, write_new_file
 from experiments.recording.reader import read_recording
-from experiments.session.files import TABLE, hold_lock, opened, read_key, read_stored, recordings_in
+from experiments.session.blind import opened, read_key
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
 from experiments.session.journal import (
     KEY_OPENED,
     JournalSummary,

@@ -17,7 +17,8 @@ from experiments.analysis.trials_table import read_table
 from experiments.inputs import OPERATOR
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
-from experiments.session.files import KEY, cell, new_key, read_key, read_stored, write_pooled_table
+from experiments.session.blind import KEY, new_key, read_key
+from experiments.session.files import cell, read_stored, write_pooled_table
 from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Session
@@ -33,7 +34,7 @@ def coded(tmp_path_factory):
     data = tmp_path_factory.mktemp("blind") / "data"
     with pytest.MonkeyPatch.context() as patch:
         key = dict(zip(sorted(CODES), (3, 1, 5, 2, 4), strict=True))
-        patch.setattr("experiments.session.files.new_key", lambda controllers: key)
+        patch.setattr("experiments.session.session.new_key", lambda controllers: key)
         session = new_session(data, protocol=short(), blind=True)
     run_trials(session, 3)
     session.skip("late")

@@ -18,7 +18,7 @@ from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
 from experiments.inputs import OPERATOR
 from experiments.protocol import PAPER, load_protocol
-from experiments.session.files import DataOverview, SessionOverview
+from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 LEFT = Qt.MouseButton.LeftButton

@@ -151,7 +151,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "step", ["files.write_key", "session.write_new_file", "files.hold_lock", "journal.write_event"]
+    "step", ["session.write_key", "session.write_new_file", "files.hold_lock", "journal.write_event"]
 )
 def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_later(tmp_path, monkeypatch, step):
     with monkeypatch.context() as patch:

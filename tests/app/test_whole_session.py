@@ -20,7 +20,8 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
-from experiments.session.files import cell, look_into
+from experiments.session.files import cell
+from experiments.session.overview import look_into
 from experiments.session.verify import verify
 
 LEAST_S = 1.0  # of a break

@@ -11,7 +11,8 @@ from sessions import closed_session, new_session, run_trials
 
 from core.files import InputError
 from experiments.export.export import export
-from experiments.session.files import TABLE, look_into
+from experiments.session.files import TABLE
+from experiments.session.overview import look_into
 from experiments.session.session import Session
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'

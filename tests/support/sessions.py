@@ -8,7 +8,7 @@ from protocols import PAPER
 
 from core import tick_log
 from experiments.protocol import Protocol
-from experiments.session.files import look_into
+from experiments.session.overview import look_into
 from experiments.session.session import Session
 from experiments.trial.population import load_population
 

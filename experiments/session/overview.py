@@ -1,0 +1,88 @@
+"""What a data folder holds, at a glance: each session with how far it is. Reads only; cheap enough to ask again."""
+
+import contextlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from core.files import InputError
+from experiments.recording.atomic_files import reading_stored
+from experiments.session.files import STORED, STUDY, TABLE, rows_of, sessions_in, settled_cells
+
+
+class SessionOverview(NamedTuple):
+    """One session of a data folder."""
+
+    folder: Path
+    participant: str
+    protocol: str  # its name
+    done: int  # trials of the plan that are settled
+    planned: int
+    changed_s: float  # s since 1970, of the newest trial
+    lacking: int = 0  # settled trials without a result: aborted, skipped, excluded
+    problem: str = ""  # why it cannot be read, one sentence
+
+    @property
+    def complete(self) -> bool:
+        """Whether no trial of its plan is left."""
+        return not self.problem and self.done >= self.planned
+
+
+class DataOverview(NamedTuple):
+    """The sessions of a data folder, the newest first."""
+
+    folder: Path
+    sessions: tuple[SessionOverview, ...] = ()
+    operators: int = 0  # of a study: simulated operators that it was begun with; 0: it is no study
+    problem: str = ""  # why the folder is not one of sessions, one sentence
+
+    @property
+    def done(self) -> int:
+        """Trials that are settled."""
+        return sum(session.done for session in self.sessions)
+
+    @property
+    def planned(self) -> int:
+        """Trials of all plans; of a study those of the operators to come, too."""
+        plans = [session.planned for session in self.sessions]
+        return sum(plans) + max(self.operators - len(plans), 0) * max(plans, default=0)
+
+
+def look_into(folder: Path) -> DataOverview:
+    """The overview of a folder; one that is not there yet is empty."""
+    if not folder.exists():
+        return DataOverview(folder)
+    try:
+        sessions = [_session(path, *map(_stamp, (path / STORED, path / TABLE))) for path in sessions_in(folder)]
+    except (InputError, OSError) as error:
+        return DataOverview(folder, problem=str(error))
+    operators = 0
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # no study, or one that phd study will refuse
+        operators = int(json.loads((folder / STUDY).read_text(encoding="utf-8"))["operators"])
+    found = (session for session in sessions if session is not None)
+    return DataOverview(folder, tuple(sorted(found, key=lambda one: -one.changed_s)), operators)
+
+
+def _stamp(path: Path) -> int:
+    """Changes when the file does; 0: there is none."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+@lru_cache(maxsize=1000)
+def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
+    """None: a crash came before the session was stored. stored, table: stamps of its files, by which it is kept."""
+    if not stored:
+        return None
+    changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
+    try:
+        with reading_stored(folder / STORED):
+            about = json.loads((folder / STORED).read_text(encoding="utf-8"))
+            planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
+            done, lacking = map(len, settled_cells(rows_of(folder)))
+            return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
+    except InputError as error:
+        return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))
