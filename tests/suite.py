@@ -27,6 +27,7 @@ def main() -> int:
         results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3)]
         parts = {
             "ruff": [BIN / "ruff", "check", "."],
+            "ruff format": [BIN / "ruff", "format", "--check", "."],
             "mypy": [BIN / "mypy"],
             "lint-imports": [BIN / "lint-imports", "--no-logo"],
             "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py"],

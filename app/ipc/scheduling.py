@@ -161,6 +161,7 @@ def _short_slice(libc: ctypes.CDLL) -> bool:
 
 
 if sys.platform == "win32":
+
     def _kernel32() -> Any:
         """Windows' own functions; what they are given as a handle or a mask has the size of a pointer."""
         kernel32 = ctypes.WinDLL("kernel32")
@@ -174,10 +175,8 @@ if sys.platform == "win32":
         kernel32.SetProcessWorkingSetSizeEx.argtypes = (ctypes.c_void_p, size, size, ctypes.c_uint32)
         return kernel32
 
-
     def _mask(cores: set[int]) -> int:
         return sum(1 << core for core in cores)
-
 
     def _windows(real_time: bool) -> Scheduling:
         kernel32, core = _kernel32(), _own_core()
@@ -186,7 +185,6 @@ if sys.platform == "win32":
             return Scheduling(True, kept, core, "real-time: multimedia class Pro Audio")
         highest = kernel32.SetThreadPriority(kernel32.GetCurrentThread(), _HIGHEST)
         return Scheduling(False, kept, core, f"default{', highest priority of a thread' if highest else ''}")
-
 
     def _multimedia() -> bool:
         """Whether the service for multimedia takes the calling thread as one of those that must not be late."""

@@ -46,6 +46,7 @@ def new_timer() -> np.ndarray:
 
 
 if sys.platform == "win32":
+
     def _prepare_windows(timer: np.ndarray) -> None:
         """Ticks per second of the counter and a waitable timer: of high resolution (Windows 10 1803 and later), else
         one of 1 ms, beside which the loop looks at the clock all the time.

@@ -68,9 +68,7 @@ def check_hand(hand: str, reading: "Reading | None") -> Check:
     return Check("Hand", BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
 
 
-def check_loop(
-    tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None
-) -> Check:
+def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None) -> Check:
     """tried: how it kept its deadlines for a moment without work; None: not yet. last: over the last trial, if any."""
     if dead:
         return Check("Loop", WAITING, "starting again")

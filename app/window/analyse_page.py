@@ -243,9 +243,7 @@ class AnalysePage(Page):
     def _lay_out(self) -> None:
         group = QButtonGroup(self)
         for page, name in PAGES.items():
-            tab = QPushButton(
-                name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS
-            )
+            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS)
             tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
             group.addButton(tab)
             self.tabs[page] = tab

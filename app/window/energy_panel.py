@@ -1,6 +1,5 @@
 """The energy ledger of the running trial: no brake adds energy."""
 
-
 import numpy as np
 from PySide6.QtWidgets import QFrame
 

@@ -27,7 +27,7 @@ from experiments.plan import PlannedTrial
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
 TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
-EDGE_SHARE = 0.005 # of the height, above the paths, and between them and the text
+EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 

@@ -187,9 +187,7 @@ class GuideButton(QPushButton):
     """A controller: what it feels like, its name, its key."""
 
     def __init__(self, number: int, name: str, key: str) -> None:
-        super().__init__(
-            objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS
-        )
+        super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
         self.key, self.feel, bar = key, word("", bold=True), QFrame()
         bar.setFixedWidth(5)
         bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
@@ -583,4 +581,3 @@ class TryPage(Page):
             shown = [one for one in now.passes if one.number > self._cleared]
             self.table.show_passes(shown, self.opened)
             self.clear.setEnabled(bool(shown))
-

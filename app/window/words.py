@@ -131,7 +131,6 @@ def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
 
 
-
 def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
     """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
     return next((i for i, one in enumerate(plan, start=1) if same_cell(one, planned)), planned.run)

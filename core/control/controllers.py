@@ -131,9 +131,7 @@ def make_controller(
         if not 0.0 <= value < math.inf:
             raise InputError(f"controller {preset.name}: {parameter.word} {value!r} must be finite and not negative")
     if not 0.0 < device_force_normalised < math.inf:
-        raise InputError(
-            f"controller: normalised force {device_force_normalised!r} must be positive and finite, in N"
-        )
+        raise InputError(f"controller: normalised force {device_force_normalised!r} must be positive and finite, in N")
     if not 0.0 < blend_width < math.inf:
         raise InputError(f"controller: blend width {blend_width!r} must be positive and finite, in m")
     return Controller(

@@ -77,7 +77,6 @@ NONE = -1
 SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
 
 
-
 @kernel
 def tangent(state, at):
     """Unit tangent of the held joint's SDOF path at a state or a tried step: the row g, turned to the left."""
@@ -270,9 +269,7 @@ def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged
 @kernel
 def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    low, at_low = 0.0, value_at(
-        brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind, lagged
-    )
+    low, at_low = 0.0, value_at(brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind, lagged)
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already

@@ -1,9 +1,8 @@
 """The simulated device: commands in, motion out. One step is a short list of stages.
 
-    apply    the commands of this step become yield torques (fidelity: what of the brake model a scene needs), with
-             their ripple
-    resolve  which brakes stick, which slip, and the torques that follow
-    advance  the integrator carries the state over the step
+apply: the commands of this step become yield torques (fidelity: what of the brake model a scene needs), with their
+ripple; resolve: which brakes stick, which slip, and the torques that follow; advance: the integrator carries the state
+over the step.
 """
 
 import math

@@ -221,9 +221,7 @@ def hold(mechanism, state, j):
 @kernel
 def has_no_rate(mechanism, state, i, j):
     """True where joint i, on the line of joint j or not, stands while the tip moves."""
-    return state.active[i] != 0 and (
-        same_line(i, j, mechanism.lines) or abs(state.rate[i]) <= RATE_ROUNDING
-    )
+    return state.active[i] != 0 and (same_line(i, j, mechanism.lines) or abs(state.rate[i]) <= RATE_ROUNDING)
 
 
 @kernel

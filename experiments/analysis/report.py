@@ -340,9 +340,10 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
         raw, adjusted = (
             {
-                r.first: r.value for r in speed
+                r.first: r.value
+                for r in speed
                 if (r.configuration, r.statistic) == (configuration, statistic) and r.value is not None
-            }  # fmt: skip
+            }
             for statistic in ("mean_error", "error_at_common_speed")
         )
         listed = ", ".join(f"{_name(k, names)} {1e3 * raw[k]:.2f} -> {1e3 * adjusted[k]:.2f}" for k in raw)

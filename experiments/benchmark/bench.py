@@ -222,6 +222,7 @@ def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
 
 # -------------------------------------------------------------------------------------- what is timed beside the scenes
 
+
 def tick_cost(quick: bool) -> dict:
     """One whole control tick (operator, decide, four MR brakes, step, log row), and the 180-trial study's simulation.
 

@@ -164,10 +164,9 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
     else:
         half, most = np.quantile(late, (0.5, 0.99))
         missed = int(np.count_nonzero(late >= tick_log.MISSED_US))
-        yield "text", (
-            f"{len(late)} ticks in {len(lateness)} recordings: half of them at most {half:.0f} µs late, 99 % at most "
-            f"{most:.0f} µs, the latest {late.max():.0f} µs; {missed} a millisecond or more."
-        )
+        share = f"half of them at most {half:.0f} µs late, 99 % at most {most:.0f} µs, the latest {late.max():.0f} µs"
+        ticks = f"{len(late)} ticks in {len(lateness)} recordings"
+        yield "text", f"{ticks}: {share}; {missed} a millisecond or more."
         yield "text", whose_fault(timings)
     for warning in warnings:
         yield "text", f"Warning: {warning}."

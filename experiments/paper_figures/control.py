@@ -179,9 +179,7 @@ def _draw_path(axes: Axes, field: Field, t: float, alpha: float) -> None:
     _beside(axes, r"$\alpha$", corner + _polar(0.37, 0.5 * alpha))
 
 
-def _draw_sdof_line(
-    axes: Axes, joint: str, label: str, p: tuple[float, float], sense: float, selected: bool
-) -> None:
+def _draw_sdof_line(axes: Axes, joint: str, label: str, p: tuple[float, float], sense: float, selected: bool) -> None:
     colour = JOINT_COLOURS[joint]
     dashed: dict[str, Any] = {"color": colour, "linewidth": 1.2, "linestyle": (0, (4, 3)), "zorder": 3}
     if sense == 0.0:

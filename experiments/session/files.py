@@ -40,6 +40,7 @@ TABLE = "trials.csv"
 TRIALS, PRACTICE = "trials", "practice"
 CRASHED, DAMAGED = "crashed", "damaged"  # how files are marked that `phd recover` set aside
 
+
 def session_folder(data_dir: Path, participant: str) -> Path:
     """Where a participant's session is kept."""
     return data_dir / f"sub-{participant}" / "ses-01"
@@ -283,8 +284,7 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
         if _content(name, value)[0] != begun:
             option = {"devices": "--device", "protocol": "PROTOCOL.toml"}.get(name, f"--{name.replace('_', '-')}")
             raise InputError(
-                f"{folder / STUDY}: {option}: the study was begun with {words}; leave the option out to "
-                "resume it"
+                f"{folder / STUDY}: {option}: the study was begun with {words}; leave the option out to resume it"
             )
 
 

@@ -105,9 +105,7 @@ class Session:
             raise
 
     @classmethod
-    def resume(
-        cls, data_dir: Path, participant: str, sync: bool = True, on_event: OnEvent | None = None
-    ) -> Self:
+    def resume(cls, data_dir: Path, participant: str, sync: bool = True, on_event: OnEvent | None = None) -> Self:
         """Go on with a session that was interrupted, by its stored plan and protocol (whose file is not needed).
 
         What a crash left is recovered first; `next_planned` then gives the first trial of the plan that is not

@@ -65,9 +65,7 @@ def new_simulation(scene: Scene) -> Simulation:
     return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
 
 
-def simulate(
-    scene: Scene, out_path: str | Path, progress: Progress = unseen
-) -> dict[str, Any]:
+def simulate(scene: Scene, out_path: str | Path, progress: Progress = unseen) -> dict[str, Any]:
     """Run a scene into a new CSV file; what the run did. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion

@@ -100,9 +100,7 @@ def pair(value: object, name: str, most: float) -> tuple[float, float]:
 class EmulatedDevice:
     """The simulated device at the board's wires, with its sensors and the hand that holds it."""
 
-    def __init__(
-        self, device: Device, hello: Hello, hand: EmulatedHand, tip: tuple[float, float], seed: int
-    ) -> None:
+    def __init__(self, device: Device, hello: Hello, hand: EmulatedHand, tip: tuple[float, float], seed: int) -> None:
         """InputError where the handle cannot be at `tip` (m)."""
         if not bool(tip_is_free(device.mechanism, *tip)):
             raise InputError(f"device {device.name}: the handle cannot be at ({tip[0]:g}, {tip[1]:g}) m")

@@ -44,9 +44,7 @@ def test_the_same_trial_comes_out_the_same_again() -> None:
     assert on_the_board(setting, ALL) == on_the_board(setting, ALL)
 
 
-def test_every_case_and_measure_is_in_the_table_and_the_data_are_json(
-    monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_case_and_measure_is_in_the_table_and_the_data_are_json(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.benchmarks.board_bench.CASES", (Effects(), ALL))
     one = compared(setting_of("four-brake", 1))
     assert json.loads(json.dumps(one, allow_nan=False)) == one

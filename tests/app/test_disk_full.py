@@ -31,9 +31,7 @@ def assert_stopped_cleanly(folder, error):
 
 
 @pytest.mark.parametrize("room", [3_000_000, 3_300_000, 3_600_000])
-def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(
-    begin, tmp_path, monkeypatch, capsys, room
-):
+def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_path, monkeypatch, capsys, room):
     out = tmp_path / "study"
     with monkeypatch.context() as patch:
         fill_up(patch, room)

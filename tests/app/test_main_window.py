@@ -181,7 +181,7 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(
-    screens: Screens
+    screens: Screens,
 ) -> None:
     folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
     for wide in (1400, SMALLEST[0]):
@@ -297,7 +297,7 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
 
 
 def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(
-    screens: Screens
+    screens: Screens,
 ) -> None:
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
     assert "The plan is done" in visible_texts(console) and not screens.run.panel.start.isEnabled()
@@ -414,9 +414,7 @@ def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     assert abs(sys.getrefcount(None) - before) < 60  # less than one a frame
 
 
-def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(
-    qtbot, screens: Screens, tmp_path
-) -> None:
+def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbot, screens: Screens, tmp_path) -> None:
     with session_of(tmp_path, 2) as session:
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(2, rows=rows))

@@ -137,5 +137,3 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
     storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row, again="never"))
     assert heard == [said]
-
-

@@ -1,6 +1,5 @@
 """Live plots and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
-
 import numpy as np
 import pytest
 from fake_ticks import quiet, trial

@@ -126,10 +126,7 @@ def test_no_current_leaves_the_host_that_is_not_a_number_from_zero_to_its_limit(
         assert isinstance(milliamperes, int) and 0 <= milliamperes <= most
         assert milliamperes == (min(most, round(1000.0 * current)) if 0.0 < current < math.inf else 0)
         struct.pack("<H", milliamperes)
-    right = all(
-        0.0 <= c < math.inf and round(1000.0 * c) <= most
-        for c, most in zip(asked, MOST_MA, strict=True)
-    )
+    right = all(0.0 <= c < math.inf and round(1000.0 * c) <= most for c, most in zip(asked, MOST_MA, strict=True))
     assert put_right == (not right)
 
 

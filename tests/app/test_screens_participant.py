@@ -141,7 +141,7 @@ def test_a_place_on_the_screen_is_a_place_in_the_workspace_at_any_size(screens: 
 
 
 def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves_the_picture_or_a_finger_is_lifted(
-    screens: Screens
+    screens: Screens,
 ) -> None:
     screens.hear(opened(), running())
     view = screens.participant.view

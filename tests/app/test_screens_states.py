@@ -33,7 +33,7 @@ NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")
 
 def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(screens: Screens) -> None:
     for over in (0, 12):
-        promises     = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
+        promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
         screens.hear(opened(), ready(over, checks=RED))
         assert screens.run.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
         screens.hear(ready(over))
@@ -137,7 +137,7 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
 
 
 def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(
-    screens: Screens
+    screens: Screens,
 ) -> None:
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
     banner, line = screens.main.preflight.advice.text(), screens.run.workspace.view

@@ -65,7 +65,7 @@ def test_a_coupling_takes_the_place_of_an_elbow_brake_and_is_shown_by_what_it_co
 
 
 BAD_COUPLINGS = {
-    "no brake": ('C = {A = 1.0, B = 1.0}', '(?m)^C = "mrb.*\n', "couplings.C: there is no brake C in brakes"),
+    "no brake": ("C = {A = 1.0, B = 1.0}", '(?m)^C = "mrb.*\n', "couplings.C: there is no brake C in brakes"),
     "fraction": ("E = {A = 0.5, B = 1.0}", "", r"couplings.E: .*whole numbers A and B, not both 0, not 0.5 and 1"),
     "nothing": ("E = {}", "", r"couplings.E: .*not both 0, not 0 and 0"),
     "base": ("A = {A = 1.0, B = 1.0}", "", "unknown key couplings.A"),
@@ -165,9 +165,7 @@ def test_a_copied_device_file_is_as_good_as_the_shipped_name_and_a_brake_is_foun
 
 
 def test_measured_files_are_not_called_assumed():
-    measured = device(
-        ('provenance = "assumed"', 'provenance = "measured"'), brake=BRAKE.replace("assumed", "bench 3")
-    )
+    measured = device(('provenance = "assumed"', 'provenance = "measured"'), brake=BRAKE.replace("assumed", "bench 3"))
     assert not measured.assumed
 
 
@@ -298,6 +296,7 @@ def test_an_unknown_device_is_named_with_those_that_exist_and_an_unknown_brake_w
 
 def test_a_theta_stop_means_the_same_in_every_turn():
     """A range across pi, and the same range a turn lower, allow the same tips; one just short of pi allows fewer."""
+
     def stopped(low: float, high: float):
         return device((r"margin = 0.3 ", f"margin = 0.3\ntheta_A_rad = [{low}, {high}]\n"))
 
@@ -309,8 +308,6 @@ def test_a_theta_stop_means_the_same_in_every_turn():
     tips = np.column_stack((x[allowed], y[allowed]))[::25]
     np.testing.assert_allclose(stops_of(across, *tips), stops_of(lower, *tips), atol=1e-12)
     assert stops_of(across, *tips).min() >= -1e-12
-
-
 
 
 def test_shipped_brake_follows_its_gain_and_time_constants_as_printed_beside_them():

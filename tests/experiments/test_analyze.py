@@ -88,9 +88,7 @@ def test_a_whole_folder_changes_nothing(study, tmp_path):
     assert done["left_out"] == [] and done["changed"] == []
 
 
-def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(
-    tmp_path, monkeypatch
-):
+def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(tmp_path, monkeypatch):
     study = tmp_path / "study"
     with monkeypatch.context() as patch:
         patch.setattr(sessions.Session, "finish", interrupt_at(3, sessions.Session.finish))

@@ -108,7 +108,9 @@ WRONG = {
     "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
     "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),
     "more assumptions than fit": (
-        SMALL + "[assumptions]\n" + "".join(
+        SMALL
+        + "[assumptions]\n"
+        + "".join(
             f"{key} = {[1.0 + 0.001 * n for n in range(1000)]}\n"
             for key in ("lag_factor", "drag_factor", "torque_ripple_N_m", "backlash_deg")
         ),
@@ -116,7 +118,8 @@ WRONG = {
     ),
     "more combinations than fit": (
         SMALL.replace("[0.0, 0.005]", str([0.001 + 1e-6 * n for n in range(1001)])).replace(
-            'kind = "sdof"', 'kind = "proportional"\ngain_N_s_m = ' + str([1.0 + n for n in range(1001)])),
+            'kind = "sdof"', 'kind = "proportional"\ngain_N_s_m = ' + str([1.0 + n for n in range(1001)])
+        ),
         "more than the 1000000 combinations",
     ),
     "negative gap": (SMALL.replace("[0.0, 0.005]", "[-1.0]"), "gap_m"),

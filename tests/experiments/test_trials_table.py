@@ -133,9 +133,7 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
         read_table(path)
 
 
-@pytest.mark.parametrize(
-    "column, value", [("path_error_m", math.nan), ("run", 1.5), ("status", "fine"), ("run", None)]
-)
+@pytest.mark.parametrize("column, value", [("path_error_m", math.nan), ("run", 1.5), ("status", "fine"), ("run", None)])
 def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
     with pytest.raises(ValueError, match=column):
         table_bytes([replace(FULL, **{column: value})])

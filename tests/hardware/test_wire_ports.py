@@ -91,7 +91,7 @@ def test_of_two_that_look_alike_the_other_is_not_opened_while_the_one_is_away(li
 
 
 def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_not_on_usb_is_its_name(
-    listed: Listed
+    listed: Listed,
 ) -> None:
     listed(usb("/dev/ttyACM0"))
     board = usb_ports()["/dev/ttyACM0"]

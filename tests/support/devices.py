@@ -199,9 +199,7 @@ UNEQUAL = replace(
 #: one coupling parallel to a base joint, one to the elbows
 PARALLEL = replace(UNEQUAL, couplings=(("E", -2.0, 0.0), ("C", -1.0, 1.0)), name="parallel couplings")
 #: bases apart: no two rows are parallel, and the stops of elbows and D meet in corners
-APART = replace(
-    UNEQUAL, base_a=(-0.05, 0.0), base_b=(0.06, 0.01), name="couplings on bases apart"
-)
+APART = replace(UNEQUAL, base_a=(-0.05, 0.0), base_b=(0.06, 0.01), name="couplings on bases apart")
 COUPLED = (PTER, UNEQUAL, PARALLEL, APART)
 FIXED = (THREE, FOUR, BENCH_THREE, BENCH_FOUR)
 

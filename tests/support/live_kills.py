@@ -18,6 +18,8 @@ from experiments.session.journal import journal_summary
 from experiments.session.verify import verify
 
 VICTIMS = ("server", "loop", "window")
+
+
 class Killing:
     """One session of a simulated operator that is killed again and again, and always resumed."""
 

@@ -72,9 +72,7 @@ def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -
     return simulated
 
 
-def guarded(
-    device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed: Assumptions = DEFAULTS
-) -> Controller:
+def guarded(device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed: Assumptions = DEFAULTS) -> Controller:
     """No control beside the guard, which knows how old the assumed sensing is."""
     around = make_around(Around(obstacles=(obstacle,), guard=guard), device.brakes, sensed_age(assumed))
     return make_controller(Preset("", "none"), device.force_normalised_N, around=around)
@@ -118,4 +116,3 @@ def random_task(rng: np.random.Generator, most_N: float, seconds: float = 1.5) -
     angles = towards + rng.uniform(-1.3, 1.3, round(10 * seconds))
     sizes = rng.uniform(0.3 * most_N, most_N, len(angles))
     return Task(tip, obstacle, np.column_stack([sizes * np.cos(angles), sizes * np.sin(angles)]))
-

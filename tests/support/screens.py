@@ -1,6 +1,5 @@
 """Both windows on a fake bench, for tests: what they are told, what they show, what is done to them."""
 
-
 import numpy as np
 import pytest
 from fake_client import FakeClient, before, opened

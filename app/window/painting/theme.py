@@ -240,9 +240,7 @@ def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, 
     """A short text that comes often, about its middle (px)."""
     pixmap = written(text, size, bold, name, painter.device().devicePixelRatioF())
     room = pixmap.deviceIndependentSize()
-    painter.drawPixmap(
-        QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap
-    )
+    painter.drawPixmap(QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap)
 
 
 FRAME = (8, 44)  # px across, down. Our choice: what borders and title bar of the common desktops take at most
