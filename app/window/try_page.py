@@ -44,7 +44,7 @@ from experiments.plan import grouped
 
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
-MARGIN_M = 0.045  # around the path, at least
+MARGIN_M = 0.025  # around the path, at least: the hand has its whole force 2 cm from the handle
 GAP = "gap"
 LAYERS = {
     TRAIL: ("T", "The way of the handle in this pass"),
@@ -56,8 +56,6 @@ INSET_PX = 180  # wide, at most
 HEAD_PX, FOOT_PX = 70.0, 26.0  # of the canvas, for what stands there in words
 IN_CORNER = Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
-FURTHER = "Pull a little further: the brakes' own drag holds the dot"
-REST_M_S = 0.002  # a handle that is slower is held
 GAIN = "gain_N_s_m"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
@@ -106,7 +104,7 @@ class Canvas(ForceView):
         if self.inset is not None:
             self.inset.setVisible(LINKAGE in self.shown)
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         super().add(rows, taken)
         if self.inset is not None and self.inset.isVisible():
             self.inset.add(rows)
@@ -216,10 +214,10 @@ class Bars(QStyledItemDelegate):
 
 #: of a Pass: measure, head, scale, digits
 MEASURES = (
-    ("path_error_m", "Error\nmm", 1e3, 2),
-    ("mean_tip_force_N", "Force\nN", 1.0, 1),
-    ("acceleration_weighted_rms_m_s2", "Roughness\nm/s²", 1.0, 1),
-    ("duration_s", "Time\ns", 1.0, 1),
+    ("path_error_m", "Error mm", 1e3, 2),
+    ("mean_tip_force_N", "Force N", 1.0, 1),
+    ("acceleration_weighted_rms_m_s2", "Roughness m/s²", 1.0, 1),
+    ("duration_s", "Time s", 1.0, 1),
 )
 
 
@@ -230,7 +228,7 @@ class PassTable(QTableWidget):
         super().__init__(0, 3 + len(MEASURES))
         self.setHorizontalHeaderLabels(["Pass", "Guidance", "Device", *(head for _, head, _, _ in MEASURES)])
         self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(26)
+        self.verticalHeader().setDefaultSectionSize(24)
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
@@ -334,7 +332,7 @@ class TryPage(Page):
         self.workspace.foot.addWidget(self.start)
         head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
-        left = column((self.workspace, 3), (passes, 2), spacing=theme.GAP)
+        left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
         self.setLayout(row((left, 1), self._controls, spacing=theme.GAP))
         self.start.hide()
 
@@ -347,7 +345,7 @@ class TryPage(Page):
             guide.clicked.connect(lambda _=False, number=number: self._choose(number))
             parts.append(guide)
         self.warning = line("", "caution")
-        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().height())  # so that nothing jumps
+        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().lineSpacing() + 2)  # so that nothing jumps
         parts.append(self.warning)
         choices = {
             "device": {device.name: brakes_of(device.name) for device in opened.protocol.devices},
@@ -367,11 +365,11 @@ class TryPage(Page):
             self._names.append(made.name)
             made.moved.connect(self._turn)
             parts.append(made)
-        self.changed = OneLine("", "quiet", theme.NORMAL)
+        self.changed = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", lambda: self._set(**self._of_protocol()._asdict()), "small", hint)
         parts += [1, row(self.changed, self.reset)]
-        self._controls.setWidget(panel("How should it guide you?", *parts, spacing=5))
+        self._controls.setWidget(panel("How should it guide you?", *parts, spacing=3))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -503,29 +501,20 @@ class TryPage(Page):
         if self.snapshot.running is None or self._place is None:
             return
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
-        held = taken or not words.hand_is_mouse(self.opened)
+        by_pointer = words.hand_is_mouse(self.opened)
         if phase != self._phase:
             self._phase = phase
             self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
             if phase == tick_log.MOVE:  # until then the way of the last pass can be looked at
                 self.canvas.clear_trail()
-        self.canvas.add(rows, taken)
+        self.canvas.add(rows, taken if by_pointer else None)
         if self._reading.due(float(now[tick_log.T])):
             self.canvas.word()
-        shown = words.moving(phase, held, words.language_of(self.opened)) or BACK
-        further = phase == tick_log.APPROACH and held and self._held_by_drag(now)
-        self._say(shown._replace(small=FURTHER) if further else shown)
+        self._say(words.moving(phase, taken or not by_pointer, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
                 self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
-
-    def _held_by_drag(self, now: np.ndarray) -> bool:
-        """Whether the handle rests outside the start though the hand pulls it there (a tick, (tick_log.WIDTH,))."""
-        start, radius_m = self.canvas.outline[0], self.canvas.radii_m[0]
-        tip, target = (now[at : at + 2] - start for at in (tick_log.TIP_X, tick_log.TARGET_X))
-        slow = np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]) < REST_M_S
-        return bool(slow and np.hypot(*target) <= radius_m < np.hypot(*tip))
 
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()
