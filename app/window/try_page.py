@@ -44,7 +44,7 @@ from experiments.plan import grouped
 
 RIGHT_PX, NAME_PX = 390, 112
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
-MARGIN_M = 0.025  # around the path, at least: the hand has its whole force 2 cm from the handle
+MARGIN_M = 0.03  # around the path, at least: the hand has its whole force 2 cm from the handle
 GAP = "gap"
 LAYERS = {
     TRAIL: ("T", "The way of the handle in this pass"),

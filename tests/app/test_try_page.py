@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
-from PySide6.QtCore import QEvent, QRectF, Qt
+from PySide6.QtCore import QEvent, QPoint, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
@@ -129,6 +129,13 @@ def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> Non
         slider.setValue(place)
     assert held.last().spring_N_m == held.page.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
     assert held.page.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
+
+
+def test_a_slider_comes_to_where_it_is_pressed(held: Held) -> None:
+    slider = held.page.dials["backlash_deg"].slider
+    for share in (0.9, 0.1, 0.5):
+        QTest.mouseClick(slider, Qt.MouseButton.LeftButton, pos=QPoint(round(share * slider.width()), 10))
+        assert slider.value() == pytest.approx(share * slider.maximum(), abs=0.1 * slider.maximum())
 
 
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
