@@ -14,6 +14,7 @@ from app.ipc import messages as m
 from app.window.painting.parts import NO_FOCUS, row, word
 from core.control.controllers import PARAMETERS, Parameter
 from experiments.plan import grouped
+from experiments.protocol import Protocol
 
 STEPS, LOG_STEP = 40, 0.02  # of a parameter's slider; decades, of a logarithmic one
 HANDLE_PX = 14  # of a slider, as the sheet has it
@@ -64,9 +65,9 @@ DIALS = (
 )
 
 
-def dials_of(opened: m.Opened) -> list[Dial]:
+def dials_of(protocol: Protocol) -> list[Dial]:
     """Those of the parameters that the protocol's controllers have, then the others."""
-    own = {name for preset in opened.protocol.controllers.values() for name in preset.named}
+    own = {name for preset in protocol.controllers.values() for name in preset.named}
     return [*(Dial.of(parameter) for name, parameter in PARAMETERS.items() if name in own), *DIALS]
 
 

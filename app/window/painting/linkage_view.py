@@ -147,17 +147,21 @@ class LinkageView(ForceView):
         return at, marks.rings_of(at, now.device.labels)
 
 
-def small_view(device: Device, path: PathFile, tip: layers.Point, sizes: Sizes) -> LinkageView:
-    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
-    view = LinkageView(False, sizes)
-    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    view.setMinimumSize(0, 0)
-    view.shown = {LINKAGE}
-    view.show_trail(False)
-    view.set_extent(layers.extent_of_linkages([device], [path]))
-    view.show_trial(device, path, tip)
-    return view
+class SmallView(LinkageView):
+    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
+
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(False, sizes)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(0, 0)
+        self.shown = {LINKAGE}
+        self.show_trail(False)
+        self.hide()  # until there is something to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
+        self.set_extent(layers.extent_of_linkages([device], [path]))
+        super().show_trial(device, path, tip)
 
 
 #: layer -> its key, what it shows
