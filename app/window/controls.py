@@ -92,7 +92,7 @@ class Controls(QScrollArea):
             guide.clicked.connect(partial(self._choose, number))
             parts.append(guide)
         self.warning = line("", "caution")
-        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().height())  # so that nothing jumps
+        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().lineSpacing() + 2)  # so that nothing jumps
         parts.append(self.warning)
         choices: dict[str, dict] = {
             "device": {device.name: brakes_of(device.name) for device in protocol.devices},
@@ -113,10 +113,10 @@ class Controls(QScrollArea):
             self._names.append(made.name)
             made.moved.connect(self._turn)
             parts.append(made)
-        self.changes = OneLine("", "quiet", theme.NORMAL)
+        self.changes = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
-        self.setWidget(panel("How should it guide you?", *parts, 1, row(self.changes, self.reset), spacing=5))
+        self.setWidget(panel("How should it guide you?", *parts, 1, row(self.changes, self.reset), spacing=3))
         self.follow_text()
 
     def follow_text(self) -> None:

@@ -37,10 +37,10 @@ class Bars(QStyledItemDelegate):
 
 #: of a Pass: measure, head, scale, digits
 MEASURES = (
-    ("path_error_m", "Error\nmm", 1e3, 2),
-    ("mean_tip_force_N", "Force\nN", 1.0, 1),
-    ("acceleration_weighted_rms_m_s2", "Roughness\nm/s²", 1.0, 1),
-    ("duration_s", "Time\ns", 1.0, 1),
+    ("path_error_m", "Error mm", 1e3, 2),
+    ("mean_tip_force_N", "Force N", 1.0, 1),
+    ("acceleration_weighted_rms_m_s2", "Roughness m/s²", 1.0, 1),
+    ("duration_s", "Time s", 1.0, 1),
 )
 
 
@@ -51,7 +51,7 @@ class PassTable(QTableWidget):
         super().__init__(0, 3 + len(MEASURES))
         self.setHorizontalHeaderLabels(["Pass", "Guidance", "Device", *(head for _, head, _, _ in MEASURES)])
         self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(26)
+        self.verticalHeader().setDefaultSectionSize(24)
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)

@@ -22,8 +22,6 @@ from core import tick_log
 
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
-FURTHER = "Pull a little further: the brakes' own drag holds the dot"
-REST_M_S = 0.002  # a handle that is slower is held
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -68,7 +66,7 @@ class TryPage(Page):
         self.workspace.foot.addWidget(self.start)
         head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
-        left = column((self.workspace, 3), (passes, 2), spacing=theme.GAP)
+        left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
 
@@ -181,29 +179,20 @@ class TryPage(Page):
         if self.snapshot.running is None or self._place is None:
             return
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
-        held = taken or not words.hand_is_mouse(self.opened)
+        by_pointer = words.hand_is_mouse(self.opened)
         if phase != self._phase:
             self._phase = phase
             self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
             if phase == tick_log.MOVE:  # until then the way of the last pass can be looked at
                 self.canvas.clear_trail()
-        self.canvas.add(rows, taken)
+        self.canvas.add(rows, taken if by_pointer else None)
         if self._reading.due(float(now[tick_log.T])):
             self.canvas.word()
-        shown = words.moving(phase, held, words.language_of(self.opened)) or BACK
-        further = phase == tick_log.APPROACH and held and self._held_by_drag(now)
-        self._say(shown._replace(small=FURTHER) if further else shown)
+        self._say(words.moving(phase, taken or not by_pointer, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
                 self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
-
-    def _held_by_drag(self, now: np.ndarray) -> bool:
-        """Whether the handle rests outside the start though the hand pulls it there (a tick, (tick_log.WIDTH,))."""
-        start, radius_m = self.canvas.outline[0], self.canvas.radii_m[0]
-        tip, target = (now[at : at + 2] - start for at in (tick_log.TIP_X, tick_log.TARGET_X))
-        slow = np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]) < REST_M_S
-        return bool(slow and np.hypot(*target) <= radius_m < np.hypot(*tip))
 
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()

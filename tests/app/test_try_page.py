@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready, ticks
-from PySide6.QtCore import QEvent, QRectF, Qt
+from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
+from PySide6.QtCore import QEvent, QPoint, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
@@ -11,13 +11,13 @@ from screens import point
 from app.ipc import messages as m
 from app.window.dials import DIALS, Dial
 from app.window.painting.marks import arrow_of
-from app.window.try_page import BACK, FURTHER, TryPage
+from app.window.try_page import BACK, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
 
 INITIAL = m.SandboxSettings(
-    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 200.0, 1.0, 0.75, IDEAL
+    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 2000.0, 1.0, 0.75, IDEAL
 )  # fmt: skip
 GAINS_FELT = 11.5  # N s/m and more
 
@@ -128,7 +128,14 @@ def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> Non
     for place in range(20, 60):
         slider.setValue(place)
     assert held.last().spring_N_m == held.page.controls.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
-    assert held.page.controls.dials["spring_N_m"].value.text() == "640 N/m"
+    assert held.page.controls.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
+
+
+def test_a_slider_comes_to_where_it_is_pressed(held: Held) -> None:
+    slider = held.page.controls.dials["backlash_deg"].slider
+    for share in (0.9, 0.1, 0.5):
+        QTest.mouseClick(slider, Qt.MouseButton.LeftButton, pos=QPoint(round(share * slider.width()), 10))
+        assert slider.value() == pytest.approx(share * slider.maximum(), abs=0.1 * slider.maximum())
 
 
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
@@ -303,20 +310,6 @@ def test_no_force_no_figure_and_no_notice_outlives_what_it_was_of(held: Held) ->
     page.show_opened(opened("01"))
     page.show_snapshot(ready(3, notice="Participant 01: 57 of 60 trials left."))
     assert not page.notice.text(), "of the session, on Run"
-
-
-def test_a_handle_that_the_drag_holds_short_of_the_start_is_to_be_pulled_further(held: Held) -> None:
-    start = np.array(PATHS[1].start_m)
-    rows = ticks(tick_log.APPROACH, TIP_X=start[0] + 0.01, TIP_Y=start[1])
-    rows[:, tick_log.TARGET_X], rows[:, tick_log.TARGET_Y] = start
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() == FURTHER
-    rows[:, tick_log.TIP_VX] = -0.1
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() != FURTHER, "it is coming"
-    rows[:, tick_log.TIP_VX], rows[:, tick_log.TARGET_X] = 0.0, start[0] + 0.03
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() != FURTHER, "the pointer is elsewhere"
 
 
 def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:

@@ -28,7 +28,7 @@ class LinkageView(ForceView):
 
     def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
-        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
+        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
         super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, marks.Labels(), sizes, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
@@ -58,7 +58,7 @@ class LinkageView(ForceView):
         self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
         super()._rest(device, tip)
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         if self._path is not None:
             tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
             self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)

@@ -14,7 +14,7 @@ from app.window.painting.theme import pen, shade, write
 from core.device import Device
 from core.path import PathFile
 
-MARGIN_M = 0.045  # around the path, at least
+MARGIN_M = 0.03  # around the path, at least: the hand has its whole force 2 cm from the handle
 GAP = "gap"
 #: layer -> its key, what it shows
 LAYERS = {
@@ -61,7 +61,7 @@ class PassView(ForceView):
         super().show_layer(layer, shown)
         self.inset.setVisible(LINKAGE in self.shown and self.instant is not None)
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         super().add(rows, taken)
         if self.inset.isVisible():
             self.inset.add(rows)
