@@ -167,7 +167,7 @@ class Canvas(ForceView):
 
 def feel(preset: Preset, gains: Sequence[float]) -> str:
     """What a controller feels like; gains (N s/m): of the protocol's guides."""
-    gap, gain = 1e3 * preset.value("gap_m"), preset.value("gain_N_s_m")
+    gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
     if preset.kind == "none":
         return "Free"
     if preset.kind == "sdof":
@@ -287,7 +287,7 @@ def preset_of(s: m.SandboxSettings, opened: m.Opened) -> Preset:
 def gains_of(opened: m.Opened) -> list[float]:
     """Of the protocol's guides, N s/m."""
     presets = opened.protocol.controllers.values()
-    return [preset.value("gain_N_s_m") for preset in presets if preset.kind == "proportional"]
+    return [preset.named[GAIN] for preset in presets if GAIN in preset.named]
 
 
 class TryPage(Page):
