@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QButtonGroup, QFrame, QGridLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QGridLayout, QLineEdit, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, Panel, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
 from experiments.session.files import settled_cells
 
@@ -23,7 +23,7 @@ REDO_REASONS = ("the participant was distracted", "the participant had not under
 SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
 
 
-class Card(QFrame):
+class Card(Panel):
     """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.
 
     buttons: words -> what it does; Enter presses the first.
@@ -32,7 +32,7 @@ class Card(QFrame):
     wide = WIDTH_PX  # where there is room
 
     def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
-        super().__init__(parent, objectName="card")
+        super().__init__("card", parent)
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)

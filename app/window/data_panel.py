@@ -8,7 +8,6 @@ from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
-    QFrame,
     QLayout,
     QMenu,
     QProgressBar,
@@ -20,6 +19,7 @@ from app.window.painting import theme
 from app.window.painting.parts import (
     PANEL_MARGINS,
     OneLine,
+    Panel,
     breakable,
     button,
     clear,
@@ -60,7 +60,7 @@ class Recent:
             self._settings.setValue(self._kind, self.paths)
 
 
-class DataPanel(QFrame):
+class DataPanel(Panel):
     """The third column of the home page."""
 
     folder_chosen = Signal(Path)
@@ -70,7 +70,7 @@ class DataPanel(QFrame):
     page_asked = Signal(str, object)  # as of a page
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None

@@ -74,7 +74,8 @@ class DialRow(QWidget):
     moved = Signal(str, float)  # name, value of the setting
 
     def __init__(self, dial: Dial) -> None:
-        super().__init__(objectName="clear")
+        super().__init__()
+        self.setObjectName("clear")
         self.dial, self.name, self.value = dial, word(dial.label), word("")
         self.slider = QSlider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
         self.slider.setRange(0, dial.place(dial.most))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtWidgets import QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -19,7 +19,7 @@ from app.window.cards import Cards
 from app.window.keys import KEYS, SESSION, WINDOW, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
+from app.window.painting.parts import OneLine, Panel, breakable, button, column, line, row, word
 from app.window.preflight import Preflight
 from app.window.words import from_home, show_folder, size
 from experiments.plan import grouped
@@ -37,11 +37,11 @@ RECORDING_PX = 300  # wide, at least, the proof of recording
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
-class Footer(QFrame):
+class Footer(Panel):
     """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
         self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)

@@ -55,7 +55,7 @@ class ParticipantView(Plane):
             self.held = share
             self.update()
 
-    def show_handle(self, tip, taken: bool = False, force_N: float = 0.0) -> None:
+    def show_handle(self, tip: m.Point | None, taken: bool = False, force_N: float = 0.0) -> None:
         super().show_handle(tip, taken, force_N)
         at = self.to_screen(tip) if tip is not None else QPointF()
         down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1

@@ -16,7 +16,6 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
-    QFrame,
     QGridLayout,
     QHBoxLayout,
     QLayout,
@@ -29,6 +28,7 @@ from app.window.painting import theme
 from app.window.painting.parts import (
     PANEL_MARGINS,
     Choice,
+    Panel,
     breakable,
     button,
     clear,
@@ -72,14 +72,14 @@ FIELDS: dict[str, tuple[str, Any, tuple[str, ...]]] = {
 }
 
 
-class ProtocolEditor(QFrame):
+class ProtocolEditor(Panel):
     """A form on the left; workspace, summary and plan on the right."""
 
     saved = Signal(str)  # the file
     left = Signal()
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self._reader = Work()
         self._reader.done.connect(self._show_read)
         self.content: dict[str, Any] = {}  # of the file

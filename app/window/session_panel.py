@@ -4,11 +4,11 @@ It shows the snapshot; the page does what its buttons ask for.
 """
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy
+from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, column, line, row, scrolled, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, Panel, breakable, column, line, row, scrolled, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
@@ -23,11 +23,11 @@ SILENT = (
 )
 
 
-class SessionPanel(QFrame):
+class SessionPanel(Panel):
     """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.head = word("", size=theme.HEAD, bold=True)
         self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, Choice, KeyButton, OneLine, button, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, Choice, KeyButton, OneLine, Panel, button, column, line, row, word
 from app.window.plots import Graph, TimePlot, range_for
 from app.window.words import place
 from core import tick_log
@@ -100,13 +100,13 @@ class WholeTrace(TimePlot):
         self.draw()
 
 
-class TrialCard(QFrame):
+class TrialCard(Panel):
     """Keep, repeat or exclude a trial."""
 
     excluded = Signal(str)  # reason
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.row: TrialRow | None = None
         self._since_s = 0.0
         self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.force_view import Reading
 from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
-from app.window.painting.parts import Choice, OneLine, button, column, line, row, word
+from app.window.painting.parts import Choice, OneLine, Panel, button, column, line, row, word
 from app.window.painting.theme import show_whole
 from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
@@ -51,7 +51,7 @@ def measured(values: dict[str, float | None]) -> str:
     return " · ".join(f"{m.scale * v:.{m.decimals}f} {m.shown_unit}" for m, v in known if v is not None)
 
 
-class TrialView(QFrame):
+class TrialView(Panel):
     """One trial at one moment; time goes on while it plays. What was asked for and cannot be read is a sentence."""
 
     closed = Signal()
@@ -60,7 +60,7 @@ class TrialView(QFrame):
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
-        super().__init__(objectName="panel")
+        super().__init__()
         self.trial: Playback | None = None
         self.at = 0  # the tick that is shown
         self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, Reading()
@@ -75,7 +75,12 @@ class TrialView(QFrame):
         self.exclude.setMenu(reasons := QMenu(self.exclude))
         for reason in REASONS[1:]:
             reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
-        self.workspace: Workspace | None = None
+        self.workspace = Workspace(whole)
+        self.workspace.hide()  # until there is a trial
+        if not whole:
+            self.workspace.view.setMinimumSize(200, 110)
+            for layer in (FIELD, REACHABLE, LINKAGE):
+                self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
         self.play_button, self.clock = button("", self.play_or_pause), word("")
@@ -101,7 +106,7 @@ class TrialView(QFrame):
         self._show_playing()
 
     def _lay_out(self) -> None:
-        self._middle = column((self.traces, 4))
+        self._middle = column((self.workspace, 3), (self.traces, 4))
         for one in self.steps:
             one.setVisible(not self._whole)
         self.clock.setMinimumWidth(100)
@@ -148,7 +153,7 @@ class TrialView(QFrame):
         self.beside_measures.hide()
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
-        self._put_workspace()
+        self._set_up_workspace(trial)
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
         self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
@@ -169,20 +174,13 @@ class TrialView(QFrame):
         self.note.setText(text)
         self.note.setVisible(bool(text))
 
-    def _put_workspace(self) -> None:
-        trial = self.trial
-        if self.workspace is None:
-            self.workspace = Workspace((trial.device,), {1: trial.way}, self._whole)
-            self._middle.insertWidget(0, self.workspace)
-            self._share_room()
-            if not self._whole:
-                self.workspace.view.setMinimumSize(200, 110)
-                for layer in (FIELD, REACHABLE, LINKAGE):
-                    self.workspace.view.show_layer(layer, False)
+    def _set_up_workspace(self, trial: Playback) -> None:
+        self.workspace.view.show_places((trial.device,), {1: trial.way})
         self.workspace.set_blind(trial.blind)
         self.workspace.view.show_obstacles(trial.obstacles)
         if not self._whole:
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
+        self.workspace.show()
 
     # which moment
 

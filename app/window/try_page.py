@@ -27,10 +27,22 @@ from app.window.dials import DialRow, dials_of
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import FORCES, TRAIL, ForceView, Layered, Reading
-from app.window.painting.layers import extent_of_paths
+from app.window.painting.layers import Instant, extent_of_paths
 from app.window.painting.linkage_view import LINKAGE, LinkageView, small_view
 from app.window.painting.marks import Labels, points_in
-from app.window.painting.parts import NO_FOCUS, OneLine, Segments, button, column, line, panel, row, scrolled, word
+from app.window.painting.parts import (
+    NO_FOCUS,
+    OneLine,
+    Panel,
+    Segments,
+    button,
+    column,
+    line,
+    panel,
+    row,
+    scrolled,
+    word,
+)
 from app.window.painting.plane import Sizes
 from app.window.painting.theme import font, pen, shade, write
 from app.window.words import Shown
@@ -125,11 +137,14 @@ class Canvas(ForceView):
         if self.inset is not None:
             self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
 
-    def solid(self) -> np.ndarray:
+    def solid(self, now: Instant) -> np.ndarray:
         """The linkage in its corner too."""
-        shown = self.inset is not None and not self.inset.isHidden()
-        corner = [points_in(QRectF(self.inset.geometry()))] if shown else []
-        return np.concatenate([super().solid(), *corner])
+        corner = self._corner()
+        return np.concatenate([super().solid(now), *([] if corner is None else [points_in(corner)])])
+
+    def _corner(self) -> QRectF | None:
+        """Where the linkage is seen, px."""
+        return QRectF(self.inset.geometry()) if self.inset is not None and LINKAGE in self.shown else None
 
     @property
     def path_px(self) -> float:
@@ -151,17 +166,18 @@ class Canvas(ForceView):
         painter.setPen(pen(theme.QUIET, 1.5))
         painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
         write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, theme.QUIET)
-        if self.inset is not None and not self.inset.isHidden():
+        if (corner := self._corner()) is not None:
             painter.setPen(pen(theme.LINE, 2.0))
-            painter.drawRect(self.inset.geometry())
+            painter.drawRect(corner)
 
     def paint_under_handle(self, painter: QPainter) -> None:
-        if self.tip is not None:
-            self.paint_forces(painter)
+        if self.tip is not None and self.instant is not None:
+            self.paint_forces(painter, self.instant)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        if self.instant is not None and self.labelled and self.labels.cover(self.marks(), self.solid(), self.room()):
-            self.place_labels()  # something has moved under one of them
+        now = self.instant
+        if now is not None and self.labelled and self.labels.cover(self.marks(now), self.solid(now), self.room()):
+            self.place_labels(now)  # something has moved under one of them
         super().paint_over_handle(painter)
 
 
@@ -330,7 +346,7 @@ class TryPage(Page):
         over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
-        self.workspace, passes = Layered(self.canvas, LAYERS), QFrame(objectName="panel")
+        self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
         self.workspace.foot.addWidget(self.start)
         head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))

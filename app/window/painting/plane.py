@@ -188,7 +188,7 @@ class Plane(QWidget):
         """Pixels per metre."""
         return self._scale
 
-    def to_screen(self, point: Sequence[float]) -> QPointF:
+    def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
         """Place of the plane (m) -> point of the widget (px)."""
         return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
 
