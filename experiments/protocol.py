@@ -102,10 +102,14 @@ class Breaks(Table, frozen=True):
 
 
 class MouseHand(Table, frozen=True):
-    """The spring by which the pointer pulls the handle. Assumed: soft enough to feel, capped to what an arm does."""
+    """The spring by which the pointer pulls the handle. Assumed: capped to what an arm does.
 
-    stiffness_N_m: Positive = 200.0
-    damping_N_s_m: NotNegative = 8.0
+    Our choice: 2000 N/m, so that the drag of the off-state brakes, at most 5 N, holds the handle 2.4 mm off the pointer
+    and inside the start's circle; and so much damping that a fast pull hardly carries it beyond.
+    """
+
+    stiffness_N_m: Positive = 2000.0
+    damping_N_s_m: NotNegative = 80.0
     force_max_N: Positive = 40.0
     mass_kg: NotNegative = 0.0  # a pointer has no arm behind it
 

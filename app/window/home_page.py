@@ -25,7 +25,7 @@ from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.layers import SPACING_M
-from app.window.painting.linkage_view import small_view
+from app.window.painting.linkage_view import SmallView
 from app.window.painting.parts import (
     Choice,
     Flow,
@@ -154,7 +154,7 @@ class HomePage(Page):
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
         self.blind = QCheckBox("Hide the names of the controllers")
-        self._picture = column()  # of the protocol's first device
+        self._picture = SmallView(PICTURE)  # of the protocol's first device
         self._form = QGridLayout(spacing=8)
         self._asked: dict = {}  # the form that the protocol asks for, and its fields
         self.fields: dict[str, QWidget] = {}
@@ -165,7 +165,7 @@ class HomePage(Page):
     def _lay_out(self) -> None:
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
         about = line("Feel what the controllers do. Nothing is saved.", "quiet")
-        try_it = panel("Try it", about, (self._picture, 1), self.try_it)
+        try_it = panel("Try it", about, (holder(column(self._picture)), 1), self.try_it)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 6, 0)
         grid.setHorizontalSpacing(12)
@@ -306,8 +306,8 @@ class HomePage(Page):
         """The device with its handle between start and end: what Try is about."""
         device, path = protocol.devices[0], next(iter(protocol.paths.values()))
         way = outline(path, SPACING_M).tolist()
-        clear(self._picture)
-        self._picture.addWidget(small_view(device, path, tuple(way[len(way) // 2]), PICTURE))
+        self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
+        self._picture.show()
 
     def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
         """A field for each thing that the protocol asks of a participant."""

@@ -69,6 +69,7 @@ FIELDS: dict[str, tuple[str, Any, tuple[str, ...]]] = {
     "blind": ("Blind: codes in place of controller names", False, ()),
     "show_linkage": ("The participant sees the linkage", False, ()),
     "questionnaire.on": ("A questionnaire after each block", False, ()),
+    "tones": ("Tones at “go” and at the end of a trial", True, ()),
 }
 
 
@@ -105,7 +106,7 @@ class ProtocolEditor(Panel):
 
     def _field(self, key: str) -> QWidget:
         name, default, choices = FIELDS[key]
-        if default is False:
+        if isinstance(default, bool):
             field = QCheckBox(name)
             field.toggled.connect(lambda on: self._put(key, on))
         elif choices:

@@ -18,9 +18,7 @@ from experiments.session.files import settled_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
-SILENT = (
-    "No tones: this computer has no program to play them (paplay, aplay). tones = false in the protocol ends this note."
-)
+SILENT = "No tones: neither paplay nor aplay is installed here."
 
 
 class SessionPanel(Panel):

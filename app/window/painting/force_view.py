@@ -67,8 +67,8 @@ class ForceView(Plane):
         self._show(device, tip, None)
         self.word()
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
-        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: the pointer holds the handle."""
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
+        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: as in `show_handle`."""
         if self.instant is None:
             return
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
@@ -77,7 +77,7 @@ class ForceView(Plane):
         before = None if self._worded else self._ticks
         self._show(self.instant.device, tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)
 
-    def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool = False) -> None:
+    def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         self._ticks, self._worded = ticks, False
         self.instant = now = Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
         if not self._follows_mouse:
@@ -137,7 +137,8 @@ class ForceView(Plane):
     def drawn(self, now: Instant) -> np.ndarray:
         """Points (n, 2), px, that labels keep off where they can: the path and its ends."""
         ends = [self.to_screen(end) for end in (*self.outline[:1], *self.outline[-1:])]
-        boxes = [QRectF(p.x() - 13.0, p.y() - 13.0, 26.0, 26.0) for p in ends]
+        radii = [radius + self.sizes.ring_pen for radius in self.rings_px]
+        boxes = [QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r) for p, r in zip(ends, radii, strict=False)]
         path, away = self.pixels(self.outline[::3]), self.path_px
         beside = [path + shift for shift in ((away, 0.0), (-away, 0.0), (0.0, away), (0.0, -away))]
         return np.concatenate([path, *beside, *map(points_in, boxes)])

@@ -28,7 +28,7 @@ class LinkageView(ForceView):
 
     def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
-        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
+        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
         super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, marks.Labels(), sizes, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
@@ -58,7 +58,7 @@ class LinkageView(ForceView):
         self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
         super()._rest(device, tip)
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         if self._path is not None:
             tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
             self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)
@@ -147,17 +147,21 @@ class LinkageView(ForceView):
         return at, marks.rings_of(at, now.device.labels)
 
 
-def small_view(device: Device, path: PathFile, tip: layers.Point, sizes: Sizes) -> LinkageView:
-    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
-    view = LinkageView(False, sizes)
-    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    view.setMinimumSize(0, 0)
-    view.shown = {LINKAGE}
-    view.show_trail(False)
-    view.set_extent(layers.extent_of_linkages([device], [path]))
-    view.show_trial(device, path, tip)
-    return view
+class SmallView(LinkageView):
+    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
+
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(False, sizes)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(0, 0)
+        self.shown = {LINKAGE}
+        self.show_trail(False)
+        self.hide()  # until there is something to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
+        self.set_extent(layers.extent_of_linkages([device], [path]))
+        super().show_trial(device, path, tip)
 
 
 #: layer -> its key, what it shows
