@@ -230,7 +230,7 @@ class DevicePage(QWidget):
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
                 self._recent = Rates()  # what the encoders gave before they were homed means nothing
-            self._rates = self._recent.rates(status.told_s, counters_of(status.report)) if status else {}
+            self._rates = self._recent.rates(status.reported_s, counters_of(status.report)) if status else {}
             self._refresh()
 
     def showEvent(self, event: QShowEvent) -> None:

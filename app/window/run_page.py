@@ -66,8 +66,8 @@ class RunPage(Page):
         self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
-        desk = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
-        self._stack = stack(desk, self.questions)
+        whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
+        self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
         self.cards = Cards(self._centre)
         self._connect()
@@ -211,7 +211,7 @@ class RunPage(Page):
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
-            self._judged = {row.run for row in snapshot.rows}  # of an earlier sitting
+            self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed
         elif before.stage != snapshot.stage:

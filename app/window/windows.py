@@ -164,7 +164,7 @@ class Windows(QObject):
             if not self._ending.is_alive():
                 self._start_next()
             return
-        alive = self.client.alive  # asked first: what it said before it died is still read
+        alive = self.client.alive  # asked first: what it sent before it died is still read
         for message in self.client.receive():
             match message:
                 case m.Opened():
@@ -214,7 +214,7 @@ class Windows(QObject):
         self.participant.leaving = True
         self.participant.close()
         self.main.close_anyway()
-        if self._ending is not None:  # it is told to end already, and no other was started
+        if self._ending is not None:  # it was asked to end already, and no other was started
             self._ending.join()
         else:
             self.client.stop(reason)

@@ -1,4 +1,4 @@
-"""The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
+"""The look of every screen: palette, typeface, sizes."""
 
 import os
 from functools import cache, lru_cache
