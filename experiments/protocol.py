@@ -42,7 +42,7 @@ from experiments.language import ENGLISH, Language, language_text, read_language
 from experiments.slave import Slave
 
 REFLECT = "reflect"
-PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
+GAIN = "gain_N_s_m"  # the least one is what `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
@@ -102,10 +102,14 @@ class Breaks(Table, frozen=True):
 
 
 class MouseHand(Table, frozen=True):
-    """The spring by which the pointer pulls the handle. Assumed: soft enough to feel, capped to what an arm does."""
+    """The spring by which the pointer pulls the handle. Assumed: capped to what an arm does.
 
-    stiffness_N_m: Positive = 200.0
-    damping_N_s_m: NotNegative = 8.0
+    Our choice: 2000 N/m, so that the drag of the off-state brakes, at most 5 N, holds the handle 2.4 mm off the pointer
+    and inside the start's circle; and so much damping that a fast pull hardly carries it beyond.
+    """
+
+    stiffness_N_m: Positive = 2000.0
+    damping_N_s_m: NotNegative = 80.0
     force_max_N: Positive = 40.0
     mass_kg: NotNegative = 0.0  # a pointer has no arm behind it
 
@@ -517,8 +521,8 @@ def _assumed(
 
 
 def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:
-    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
-    return min(proportional, key=lambda number: controllers[number].value(GAIN), default=None)
+    with_gain = [number for number, preset in controllers.items() if GAIN in preset.named]
+    return min(with_gain, key=lambda number: controllers[number].value(GAIN), default=None)
 
 
 def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:

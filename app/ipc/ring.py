@@ -30,6 +30,10 @@ NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 #: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
 END_TRIAL, HAND_BACK = 1, 2
 
+#: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the
+#: handle never leaps to a pointer that happened to be elsewhere: it comes 12 mm at most.
+GRASP_RADIUS_M = 0.012
+
 #: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
 #: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
 MOST_BEHIND_NS = 100_000_000
@@ -159,7 +163,7 @@ class Ring:
     # the session server
 
     def begin_trial(self, taken: bool = False) -> None:
-        """Before the loop is told to run one. taken: the pointer still holds the handle."""
+        """Before the loop gets one to run. taken: the pointer still holds the handle."""
         control = self.control
         control.stop = control.cause = control.dropped = control.let_go = control.worked = control.worked_most = 0
         control.taken = int(taken)

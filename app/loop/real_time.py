@@ -6,7 +6,17 @@ by way of Python, which calls `end_early` and `put` for each.
 
 import math
 
-from app.ipc.ring import AIMS, BRAKES_OFF, END_TRIAL, HAND_BACK, MOST_BEHIND_NS, RING_FULL, SERVER_SILENT, STOPPED
+from app.ipc.ring import (
+    AIMS,
+    BRAKES_OFF,
+    END_TRIAL,
+    GRASP_RADIUS_M,
+    HAND_BACK,
+    MOST_BEHIND_NS,
+    RING_FULL,
+    SERVER_SILENT,
+    STOPPED,
+)
 from app.loop.clock import fence, native, now_ns, sleep_until
 from core.kernel import kernel
 from core.tick_log import END, LATENESS_US, MOVE
@@ -15,10 +25,6 @@ from experiments.trial.tick import run_ticks
 TICK_NS = 1_000_000
 SILENT_NS = 2_000_000_000  # a session server that has not beaten for so long is gone, not only short of processors
 ROOM = 1024  # ticks of the ring that are kept free: an aborted trial still ends in recorded ticks
-
-#: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the
-#: handle never leaps to a pointer that happened to be elsewhere: at first it is pulled with 2.4 N at most.
-GRASP_RADIUS_M = 0.012
 
 
 @kernel

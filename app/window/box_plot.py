@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QBrush
+from PySide6.QtGui import QBrush, QMouseEvent, QPen
 
 from app.window.painting import theme
 from app.window.painting.parts import END, OneLine
@@ -34,9 +36,9 @@ def colour_of(controller: int | str) -> str:
 
 def body_brush(placed: PlacedBox) -> QBrush:
     """The body of a box, as `charts.LOOKS`."""
-    alpha, pattern = ((0.4, Qt.SolidPattern), (0.06, Qt.SolidPattern), (0.7, Qt.BDiagPattern), (0.7, Qt.Dense6Pattern))[
-        placed.look
-    ]
+    style = Qt.BrushStyle
+    looks = (0.4, style.SolidPattern), (0.06, style.SolidPattern), (0.7, style.BDiagPattern), (0.7, style.Dense6Pattern)
+    alpha, pattern = looks[placed.look]
     return QBrush(theme.shade(colour_of(placed.controller), alpha), pattern)
 
 
@@ -47,7 +49,7 @@ class ChartPlot(Plot):
 
     def __init__(self) -> None:
         super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=END))
-        self.chart: Chart | None = None
+        self.chart = Chart("", "", "", (), "", (0.0, 1.0), ())  # nothing
         self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run
         self.head.setStretch(0, 4)
@@ -87,15 +89,13 @@ class ChartPlot(Plot):
 
     def follow_text(self) -> None:
         """Names along the axis, and room for them, in another text size."""
-        if self.chart is not None:
-            self._size_ticks()
-            self._name_ticks()
+        self._size_ticks()
+        self._name_ticks()
 
     def _name_ticks(self, *_: object) -> None:
         """The names along the axis, each line of them as far as it does not lie on another."""
-        if self.chart is None:
-            return
-        (begin, end), ends, named = self.item.viewRange()[0], {}, []
+        ends: dict[int, float] = {}  # of each line of the names so far, px
+        (begin, end), named = self.item.viewRange()[0], []
         for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
             middle = (x - begin) / (end - begin) * self.item.vb.width()
             reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
@@ -109,8 +109,6 @@ class ChartPlot(Plot):
         self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
-        if self.chart is None:
-            return
         low, high = 0.0, self.chart.highest or 1.0
         if self._logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
@@ -126,7 +124,7 @@ class ChartPlot(Plot):
         found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
         self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
 
-    def mouseDoubleClickEvent(self, event) -> None:
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         self.show_all()
         super().mouseDoubleClickEvent(event)
 
@@ -137,7 +135,8 @@ class ChartPlot(Plot):
         values = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
         return [(math.log10(value), f"{value:g}") for value in values]
 
-    def _scaled(self, value: float | np.ndarray) -> float | np.ndarray:
+    def _scaled(self, value: Any) -> Any:
+        """A value of the chart, or several, where they are on the axis."""
         return np.log10(value) if self._logarithmic else value
 
     def _fits(self, point: Point) -> bool:
@@ -153,8 +152,6 @@ class ChartPlot(Plot):
 
     def _place_crosses(self, *_: object) -> None:
         """They stay above whatever part of the scale is seen."""
-        if self.chart is None:
-            return
         low, high = self.item.viewRange()[1]
         y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(theme.CAUTION, width=2)
         self.crosses.setData([
@@ -176,20 +173,20 @@ class ChartPlot(Plot):
         ))  # fmt: skip
         for controller in dict.fromkeys(b.controller for b in boxes):
             of_it = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
-            x, y = [], []
-            for b, (low, q1, _, q3, high) in of_it:
-                x += 2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half]
-                y += [q1, low, low, low, q3, high, high, high]
-            pen = pg.mkPen(colour_of(controller), width=1)
-            self.item.addItem(pg.PlotCurveItem(np.array(x), np.array(y), pen=pen, connect="pairs"))
-        x = np.array([[b.x - b.half, b.x + b.half] for b in boxes]).ravel()
-        y = np.repeat([middle[2] for middle in ends], 2)
-        self.item.addItem(pg.PlotCurveItem(x, y, pen=pg.mkPen(theme.HANDLE, width=2), connect="pairs"))
+            x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in of_it]
+            y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in of_it]
+            self._add_pairs(x, y, pg.mkPen(colour_of(controller), width=1))
+        middles = [2 * [y[2]] for y in ends]
+        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(theme.HANDLE, width=2))
+
+    def _add_pairs(self, x: list, y: list, pen: QPen) -> None:
+        """Lines, each between two points that follow each other."""
+        self.item.addItem(pg.PlotCurveItem(np.ravel(x), np.ravel(y), pen=pen, connect="pairs"))
 
     def _tip(self, x: float, y: float, data: Point) -> str:
         return data.text
 
-    def _clicked(self, _points: object, found: Sequence, event) -> None:
+    def _clicked(self, _points: object, found: Sequence, event: MouseClickEvent) -> None:
         if len(found) and found[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
             self.chosen.emit(found[0].data().row)
 

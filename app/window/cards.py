@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QButtonGroup, QFrame, QGridLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QGridLayout, QLineEdit, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, breakable, button, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, Panel, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
 from experiments.session.files import settled_cells
 
@@ -23,7 +23,7 @@ REDO_REASONS = ("the participant was distracted", "the participant had not under
 SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
 
 
-class Card(QFrame):
+class Card(Panel):
     """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.
 
     buttons: words -> what it does; Enter presses the first.
@@ -31,8 +31,9 @@ class Card(QFrame):
 
     wide = WIDTH_PX  # where there is room
 
-    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
-        super().__init__(parent, objectName="card")
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], object]]], parent: QWidget):
+        super().__init__("card", parent)
+        self._around = parent
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)
@@ -65,13 +66,13 @@ class Card(QFrame):
 
     def place(self) -> None:
         """Into the middle of the parent."""
-        parent = self.parentWidget()
-        self.setFixedWidth(min(self.wide, max(parent.width() - 2 * theme.GAP, 280)))
+        around = self._around
+        self.setFixedWidth(min(self.wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
-        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
-        self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
+        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
+        self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
 
-    def key(self, key: str, do: Callable[[], None]) -> None:
+    def key(self, key: str, do: Callable[[], object]) -> None:
         """Let a key act while the card is there."""
         QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
 
@@ -92,7 +93,7 @@ class Card(QFrame):
             super().keyPressEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.parentWidget() and not self.isHidden():
+        if watched is self._around and not self.isHidden():
             if event.type() == QEvent.Type.Resize:
                 self.place()
             elif event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent) and event.key() in ENTER:
@@ -215,7 +216,9 @@ class Cards:
         card.wide = KEYS_PX
         columns = row(spacing=24)
         for title, keys in groups.items():
-            grid = QGridLayout(horizontalSpacing=14, verticalSpacing=4)
+            grid = QGridLayout()
+            grid.setHorizontalSpacing(14)
+            grid.setVerticalSpacing(4)
             grid.setColumnStretch(1, 1)
             for down, (key, does) in enumerate(keys.items()):
                 grid.addWidget(word(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
@@ -273,9 +276,8 @@ class Cards:
         """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        waits = (card, coming, snapshot.blind, opened.folder)
-        if card is None and snapshot.stage != m.FINISHED:
-            waits = None
+        there = card is not None or snapshot.stage == m.FINISHED
+        waits = (card, coming, snapshot.blind, opened.folder) if there else None
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None

@@ -7,14 +7,17 @@ import math
 from typing import NamedTuple, Self
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QSlider, QWidget
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QSlider, QStyle, QWidget
 
 from app.ipc import messages as m
 from app.window.painting.parts import NO_FOCUS, row, word
 from core.control.controllers import PARAMETERS, Parameter
 from experiments.plan import grouped
+from experiments.protocol import Protocol
 
 STEPS, LOG_STEP = 40, 0.02  # of a parameter's slider; decades, of a logarithmic one
+HANDLE_PX = 14  # of a slider, as the sheet has it
 
 
 class Dial(NamedTuple):
@@ -56,16 +59,26 @@ class Dial(NamedTuple):
 #: Those that do not belong to a controller.
 DIALS = (
     Dial("blend_width_m", "Blend width", "mm", 1e3, 5.0, 100.0, 1.0),
-    Dial("spring_N_m", "Hand spring", "N/m", 1.0, 50.0, 1000.0, 10.0),
+    Dial("spring_N_m", "Hand spring", "N/m", 1.0, 100.0, 5000.0, LOG_STEP, log=True),
     Dial("brake_strength", "Brake strength", "%", 1e2, 5.0, 100.0, 1.0),
     Dial("backlash_deg", "Backlash", "°", 1.0, 0.0, 3.0, 0.05),
 )
 
 
-def dials_of(opened: m.Opened) -> list[Dial]:
+def dials_of(protocol: Protocol) -> list[Dial]:
     """Those of the parameters that the protocol's controllers have, then the others."""
-    own = {name for preset in opened.protocol.controllers.values() for name in preset.named}
+    own = {name for preset in protocol.controllers.values() for name in preset.named}
     return [*(Dial.of(parameter) for name, parameter in PARAMETERS.items() if name in own), *DIALS]
+
+
+class Slider(QSlider):
+    """A slider whose handle comes to where it is pressed, and can be dragged on from there."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        room = self.width() - HANDLE_PX
+        at = QStyle.sliderValueFromPosition(0, self.maximum(), round(event.position().x() - 0.5 * HANDLE_PX), room)
+        self.setValue(at)
+        super().mousePressEvent(event)
 
 
 class DialRow(QWidget):
@@ -74,9 +87,10 @@ class DialRow(QWidget):
     moved = Signal(str, float)  # name, value of the setting
 
     def __init__(self, dial: Dial) -> None:
-        super().__init__(objectName="clear")
+        super().__init__()
+        self.setObjectName("clear")
         self.dial, self.name, self.value = dial, word(dial.label), word("")
-        self.slider = QSlider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
+        self.slider = Slider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
         self.slider.setRange(0, dial.place(dial.most))
         self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

@@ -4,7 +4,7 @@ import numpy as np
 from PySide6.QtWidgets import QFrame
 
 from app.window.painting import theme
-from app.window.painting.parts import Figures, column, row, word
+from app.window.painting.parts import Figures, Panel, column, row, word
 from app.window.plots import NO_TRIAL
 from core import tick_log
 
@@ -50,11 +50,11 @@ class Ledger:
         return self.hand - self.brakes - self.kinetic - self.stops
 
 
-class EnergyPanel(QFrame):
+class EnergyPanel(Panel):
     """What the hand gave is what the brakes took, what moves and what stops took; no brake adds energy."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.ledger = Ledger()
         self._bar = row(spacing=0)
         for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet

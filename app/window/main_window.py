@@ -4,13 +4,15 @@ It shows what the session server sends and asks it for what the experimenter wan
 goes straight to the control loop, whichever page is at the front.
 """
 
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFrame, QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtWidgets import QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
@@ -19,7 +21,7 @@ from app.window.cards import Cards
 from app.window.keys import KEYS, SESSION, WINDOW, bind
 from app.window.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.painting import theme
-from app.window.painting.parts import OneLine, breakable, button, column, line, row, word
+from app.window.painting.parts import OneLine, Panel, breakable, button, column, line, row, word
 from app.window.preflight import Preflight
 from app.window.words import from_home, show_folder, size
 from experiments.plan import grouped
@@ -37,11 +39,11 @@ RECORDING_PX = 300  # wide, at least, the proof of recording
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
-class Footer(QFrame):
+class Footer(Panel):
     """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
         self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
@@ -138,7 +140,7 @@ class MainWindow(QWidget):
         self.preflight.brakes.clicked.connect(self._press_brakes)
         self.preflight.device_asked.connect(lambda: self.do("device"))
         self.footer.keys.clicked.connect(self.show_keys)
-        own = {
+        own: dict[str, Callable[[], object]] = {
             "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
@@ -146,9 +148,9 @@ class MainWindow(QWidget):
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             "device": lambda: self.show_page(HOME, "device"),
-            **{name.lower(): (lambda name=name: self.show_page(name)) for name in PAGES if name.lower() in KEYS},
+            **{name.lower(): partial(self.show_page, name) for name in PAGES},
         }
-        bind(self, own | {name: (lambda name=name: self.do(name)) for name in KEYS if name not in own})
+        bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})
 
     # ------------------------------------------------------------------------------------------- pages and keys
 
@@ -303,6 +305,8 @@ class MainWindow(QWidget):
             self.cards.ask_to_close(self.close_anyway)
             return
         event.accept()
+        for page in self.pages.values():
+            page.close()
         self.closed.emit()
 
     def close_anyway(self) -> None:

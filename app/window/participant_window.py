@@ -55,7 +55,7 @@ class ParticipantView(Plane):
             self.held = share
             self.update()
 
-    def show_handle(self, tip, taken: bool = False, force_N: float = 0.0) -> None:
+    def show_handle(self, tip: m.Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
         super().show_handle(tip, taken, force_N)
         at = self.to_screen(tip) if tip is not None else QPointF()
         down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1
@@ -237,7 +237,7 @@ class ParticipantWindow(QWidget):
         now = rows[-1]
         tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
         force = float(now[tick_log.HAND_FX] ** 2 + now[tick_log.HAND_FY] ** 2) ** 0.5
-        self.view.show_handle(tip, taken and self.view.mouse, force)
+        self.view.show_handle(tip, taken if self.view.mouse else None, force)
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
         if now[tick_log.PHASE] == tick_log.MOVE:

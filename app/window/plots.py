@@ -10,11 +10,12 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
 from app.window.painting import theme
-from app.window.painting.parts import Figures, column, row, word
+from app.window.painting.parts import Figures, Panel, column, row, word
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
@@ -77,13 +78,13 @@ class Graph(pg.PlotWidget):
         self.getPlotItem().setContentsMargins(0, half, half, half)
 
 
-class Plot(QFrame):
+class Plot(Panel):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
     figures_px = theme.NORMAL
 
     def __init__(self, title: QLabel) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.title, self.figures = title, Figures(self.figures_px, right=True)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
@@ -156,7 +157,7 @@ class TimePlot(Plot):
         """A value without its unit."""
         return f"{value:.{self.digits}f}" if value == value else NOTHING
 
-    def mouseDoubleClickEvent(self, event) -> None:
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         self.show_all()
         super().mouseDoubleClickEvent(event)
 
@@ -171,10 +172,8 @@ class Trace(TimePlot):
         self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: Mapping[str, str] = {}
     ) -> None:
         super().__init__(title, unit, colours, least, digits)
-        self.names, self._colours = names, colours
-        self.newest: tuple[float, ...] = ()
-        self.hidden = False
-        self._t, self._values, self._count = np.empty(8192), np.empty((len(colours), 8192)), 0
+        self.names, self._colours, self.hidden = names, colours, False
+        self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
@@ -183,22 +182,29 @@ class Trace(TimePlot):
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
-        end = self._count + len(t)
-        while end > len(self._t):
-            self._t, self._values = np.tile(self._t, 2), np.tile(self._values, 2)
-        self._t[self._count : end], self._values[:, self._count : end] = t, values
-        self._count = end
-        self.newest = tuple(values[:, -1].tolist())
+        begin, end = len(self.t), len(self.t) + len(t)
+        while end > self._room.shape[1]:
+            self._room = np.tile(self._room, 2)
+        self._room[0, begin:end], self._room[1:, begin:end] = t, values
+        self._keep(end)
         if not self.hidden:
             self._rescale(values)
             self.draw()
 
     def clear(self) -> None:
         """A new trial: nothing to show yet."""
-        self._count, self.newest = 0, ()
+        self._keep(0)
         self.scale_to(self.least)
         self.show_all()
         self.show_newest()
+
+    def _keep(self, count: int) -> None:
+        self.t, self.values = self._room[0, :count], self._room[1:, :count]
+
+    @property
+    def newest(self) -> tuple[float, ...]:
+        """The last value of each curve."""
+        return tuple(self.values[:, -1].tolist()) if len(self.t) else ()
 
     def hide_values(self, hidden: bool) -> None:
         """Blind: neither curve nor value."""
@@ -206,13 +212,13 @@ class Trace(TimePlot):
         for curve in self.curves:
             curve.setVisible(not hidden)
         if not hidden:
-            self._rescale(self._values[:, : self._count])
+            self._rescale(self.values)
         self.draw()
         self.show_newest()
 
     def show_newest(self) -> None:
         """The newest value beside the title, or each with its name."""
-        values = self.newest if self.newest and not self.hidden else (math.nan,) * len(self.curves)
+        values = self.newest if len(self.t) and not self.hidden else (math.nan,) * len(self.curves)
         if not self.names:
             self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
             return
@@ -225,11 +231,11 @@ class Trace(TimePlot):
     def read_at(self, place: QPointF) -> str:
         if self.hidden:
             return HIDDEN
-        k = int(np.searchsorted(self._t[: self._count], place.x()))
-        if not 0 < k < self._count:
+        k = int(np.searchsorted(self.t, place.x()))
+        if not 0 < k < len(self.t):
             return ""
-        values = [f"{self.figure(value)} {self.unit}" for value in self._values[:, k] if value == value]
-        return f"{self._t[k]:.3f} s: {', '.join(values) or NOTHING}"
+        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
+        return f"{self.t[k]:.3f} s: {', '.join(values) or NOTHING}"
 
     def show_all(self) -> None:
         """Follow the newest tick again."""
@@ -241,11 +247,10 @@ class Trace(TimePlot):
             self.draw()
 
     def draw(self) -> None:
-        t = self._t[: self._count]
         if self._following:
-            now = max(t[-1] if len(t) else 0.0, WINDOW_S)
+            now = max(self.t[-1] if len(self.t) else 0.0, WINDOW_S)
             self.item.setXRange(now - WINDOW_S, now, padding=0.0)
-        self.draw_curves(self.curves, t, self._values[:, : self._count])
+        super().draw()
 
     def _stop_following(self, *_: object) -> None:
         self._following = False

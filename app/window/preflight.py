@@ -2,11 +2,11 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import END, NO_FOCUS, OneLine, breakable, clear, line, row, word
+from app.window.painting.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, line, row, word
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -21,13 +21,13 @@ def mark_of(check: m.Check, size: int) -> QLabel:
     return mark
 
 
-class Pill(QFrame):
+class Pill(Panel):
     """One check of the pre-flight row; its reason and advice are in the tooltip."""
 
     clicked = Signal()
 
     def __init__(self, check: m.Check) -> None:
-        super().__init__(objectName="pill-bad" if check.state == m.BAD else "pill")
+        super().__init__("pill-bad" if check.state == m.BAD else "pill")
         self.mark, name = mark_of(check, theme.SMALL), word(check.name, size=theme.SMALL, bold=True)
         self.text = OneLine(check.text, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
@@ -105,7 +105,8 @@ class Checklist(QWidget):
     """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="clear")
+        super().__init__()
+        self.setObjectName("clear")
         self._shown: tuple[m.Check, ...] = ()
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)

@@ -5,10 +5,10 @@ Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are
 
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.painting import theme
-from app.window.painting.parts import column, line, word
+from app.window.painting.parts import Panel, column, line, word
 from app.window.painting.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.protocol import Page
@@ -110,7 +110,7 @@ class Questionnaire(QWidget):
         self.scales = {item: Scale(item) for item, *_ in ITEMS}
         self.done, self.lacking = Done(), word("", "quiet")
         self.done.clicked.connect(self._answer)
-        self._card = card = QFrame(objectName="panel")
+        self._card = card = Panel()
         self._grid = grid = QGridLayout(card)
         self._title = word("", bold=True)
         self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now

@@ -51,7 +51,9 @@ class RunPage(Page):
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
         self.large, self.small = word("", size=theme.LARGE, bold=True), line("", "quiet", theme.TITLE)
-        self.workspace: Workspace | None = None  # there once a protocol is
+        self.workspace = Workspace()
+        self.workspace.hide()  # until a protocol decides its scale
+        self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
         self.card, self.questions = TrialCard(), Questionnaire()
         self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
@@ -61,11 +63,11 @@ class RunPage(Page):
         self._looked_at: int | None = None  # the run whose cell of the plan was clicked
         self._reading = Work()  # its recording
         self._numbers = Reading()
-        self._centre = holder(column(self.large, self.small))
+        self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
-        desk = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
-        self._stack = stack(desk, self.questions)
+        whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
+        self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
         self.cards = Cards(self._centre)
         self._connect()
@@ -90,6 +92,8 @@ class RunPage(Page):
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self._reading.done, self._show_read),
+            (self.workspace.view.pointer_moved, self.aimed),
+            (self.workspace.view.pointer_left, self.left),
         ):
             signal.connect(do)
 
@@ -100,7 +104,7 @@ class RunPage(Page):
         }  # fmt: skip
 
     def own_keys(self) -> dict[str, str]:
-        return self.workspace.keys if self.workspace is not None else {}
+        return self.workspace.keys
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
@@ -196,21 +200,10 @@ class RunPage(Page):
             self._judged = {row.run for row in self.snapshot.rows}
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
-            self._make_workspace(opened.protocol)
+            self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
+            self.workspace.show()
         self.workspace.view.show_obstacles(opened.protocol.obstacle)
         self._refresh()
-
-    def _make_workspace(self, protocol: Protocol) -> None:
-        """Devices and paths decide its scale. The pointer over it is the hand."""
-        if self.workspace is not None:
-            self._centre.layout().removeWidget(self.workspace)
-            self.workspace.deleteLater()
-        self.workspace = Workspace(protocol.devices, protocol.paths)
-        self.workspace.view.setMouseTracking(True)
-        self.workspace.view.pointer_moved.connect(self.aimed)
-        self.workspace.view.pointer_left.connect(self.left)
-        self._centre.layout().addWidget(self.workspace, 1)
-        self.workspace.show()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before = self.snapshot
@@ -218,7 +211,7 @@ class RunPage(Page):
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
-            self._judged = {row.run for row in snapshot.rows}  # of an earlier sitting
+            self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed
         elif before.stage != snapshot.stage:

@@ -4,11 +4,11 @@ It shows the snapshot; the page does what its buttons ask for.
 """
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QLineEdit, QPlainTextEdit, QSizePolicy
+from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, breakable, column, line, row, scrolled, word
+from app.window.painting.parts import NO_FOCUS, KeyButton, OneLine, Panel, breakable, column, line, row, scrolled, word
 from app.window.plan_grid import PlanGrid
 from app.window.preflight import advice
 from app.window.tone import player
@@ -18,16 +18,14 @@ from experiments.session.files import settled_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
-SILENT = (
-    "No tones: this computer has no program to play them (paplay, aplay). tones = false in the protocol: none wanted."
-)
+SILENT = "No tones: neither paplay nor aplay is installed here."
 
 
-class SessionPanel(QFrame):
+class SessionPanel(Panel):
     """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
         self.head = word("", size=theme.HEAD, bold=True)
         self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()

@@ -47,7 +47,7 @@ class Tones:
 
     def play(self, name: str) -> None:
         """Begin to play "go" or "end"; returns at once."""
-        if self._player == "":
+        if sys.platform == "win32":
             import winsound
 
             winsound.PlaySound(str(self._files[name]), winsound.SND_FILENAME | winsound.SND_ASYNC)

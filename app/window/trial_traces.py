@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QWidget
 
@@ -15,7 +16,7 @@ from experiments.session.playback import Beside, Playback
 BESIDE = theme.WEDGE  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
 BAND = 0.22  # how much of its colour the envelope of a current has
-NONE = np.empty(0)
+NONE = np.empty(0), np.empty((1, 0))  # no times (n,) s, no values (1, n)
 
 
 class TrialTrace(TimePlot):
@@ -26,40 +27,39 @@ class TrialTrace(TimePlot):
 
     def __init__(self, title: str, unit: str, colour: str, least: float, digits: int) -> None:
         super().__init__(title, unit, [colour, BESIDE], least, digits)
-        self.t, self.values, self._beside = NONE, NONE, (NONE, NONE)
-        self.curve, self.curve_beside = self.curves
-        self.cursor = pg.InfiniteLine(
+        self.t, self.values = self._beside = NONE
+        self.marker = pg.InfiniteLine(
             movable=True, pen=pg.mkPen(theme.HANDLE, width=1), hoverPen=pg.mkPen(theme.ACCENT, width=1)
         )
-        self.cursor.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
-        self.item.addItem(self.cursor, ignoreBounds=True)
+        self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
+        self.item.addItem(self.marker, ignoreBounds=True)
         self.graph.scene().sigMouseClicked.connect(self._clicked)
         self.graph.setMinimumHeight(36)
 
     def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
         """Times (n,) s and values (n,) in the unit, NaN where there is none."""
-        self.t, self.values = t, values
-        self.show_beside(NONE, NONE)
+        self.t, self.values = t, values[None]
+        self.show_beside(*NONE)
 
     def show_beside(self, t: np.ndarray, values: np.ndarray) -> None:
-        """The same of the other controller."""
+        """The same of the other controller: values (1, n)."""
         self._beside = t, values
         self.scale_to(max(float(np.nanmax(series, initial=0.0)) for series in (self.values, values)))
         self.draw()
 
     def show_cursor(self, at: int) -> None:
         """The cursor stands at a tick, whose value is beside the title."""
-        self.cursor.setValue(self.t[at])
+        self.marker.setValue(self.t[at])
         self.show_value(at)
 
     def show_value(self, at: int) -> None:
-        self.figures.show_parts((self.figure(self.values[at]), theme.TEXT), (self.unit, theme.QUIET))
+        self.figures.show_parts((self.figure(self.values[0, at]), theme.TEXT), (self.unit, theme.QUIET))
 
     def draw(self) -> None:
-        for curve, (t, values) in zip(self.curves, ((self.t, self.values), self._beside), strict=True):
-            self.draw_curves([curve], t, values[None])
+        self.draw_curves(self.curves[:1], self.t, self.values)
+        self.draw_curves(self.curves[1:], *self._beside)
 
-    def _clicked(self, event) -> None:
+    def _clicked(self, event: MouseClickEvent) -> None:
         place = self.item.vb.mapSceneToView(event.scenePos())
         if event.button() == Qt.MouseButton.LeftButton and not event.double():
             self.asked.emit(float(place.x()))
@@ -123,6 +123,7 @@ class TrialTraces(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self._began_s = 0.0  # of the trial's first tick in its recording
         self.error = TrialTrace("Path error", "mm", theme.TRACE, 2.0, 1)
         self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
         self.currents = CurrentTrace()
@@ -138,18 +139,22 @@ class TrialTraces(QWidget):
 
     def show_trial(self, trial: Playback) -> None:
         ticks, t = trial.ticks, trial.t
+        self._began_s = float(ticks[0, tick_log.T])
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
         self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
         self.error.show_all()
 
-    def show_beside(self, other: Beside | None, began_s: float) -> None:
-        """The same hand through another controller; began_s: time of the trial's first tick in its recording."""
-        ticks = other.ticks if other is not None else np.empty((0, tick_log.WIDTH))
-        t = ticks[:, tick_log.T] - began_s
-        self.error.show_beside(t, 1e3 * other.error if other is not None else NONE)
-        self.force.show_beside(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
+    def show_beside(self, other: Beside | None) -> None:
+        """The same hand through another controller."""
+        if other is None:
+            self.error.show_beside(*NONE)
+            self.force.show_beside(*NONE)
+            return
+        t = other.ticks[:, tick_log.T] - self._began_s
+        self.error.show_beside(t, 1e3 * other.error[None])
+        self.force.show_beside(t, np.hypot(other.ticks[:, tick_log.HAND_FX], other.ticks[:, tick_log.HAND_FY])[None])
 
     def show_cursor(self, at: int) -> None:
         for trace in self.all:

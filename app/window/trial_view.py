@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QFrame, QMenu, QWidget
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
 
 from app.window.box_plot import colour_of
 from app.window.painting import theme
 from app.window.painting.force_view import Reading
 from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
-from app.window.painting.parts import Choice, OneLine, button, column, line, row, word
+from app.window.painting.parts import Choice, OneLine, Panel, button, column, line, row, word
 from app.window.painting.theme import show_whole
 from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
@@ -51,7 +51,7 @@ def measured(values: dict[str, float | None]) -> str:
     return " · ".join(f"{m.scale * v:.{m.decimals}f} {m.shown_unit}" for m, v in known if v is not None)
 
 
-class TrialView(QFrame):
+class TrialView(Panel):
     """One trial at one moment; time goes on while it plays. What was asked for and cannot be read is a sentence."""
 
     closed = Signal()
@@ -60,7 +60,7 @@ class TrialView(QFrame):
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
-        super().__init__(objectName="panel")
+        super().__init__()
         self.trial: Playback | None = None
         self.at = 0  # the tick that is shown
         self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, Reading()
@@ -75,7 +75,12 @@ class TrialView(QFrame):
         self.exclude.setMenu(reasons := QMenu(self.exclude))
         for reason in REASONS[1:]:
             reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
-        self.workspace: Workspace | None = None
+        self.workspace = Workspace(whole)
+        self.workspace.hide()  # until there is a trial
+        if not whole:
+            self.workspace.view.setMinimumSize(200, 110)
+            for layer in (FIELD, REACHABLE, LINKAGE):
+                self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
         self.play_button, self.clock = button("", self.play_or_pause), word("")
@@ -88,7 +93,8 @@ class TrialView(QFrame):
         self.replay, self._reading = Verb(), Work()
         self.replay.done.connect(self._replayed)
         self._reading.done.connect(self._show_beside)
-        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks
+        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
+        self._table = Path()  # these
         self.steps = (
             button("‹", lambda: self.stepped.emit(-1), "small", "The trial before"),
             button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
@@ -101,7 +107,7 @@ class TrialView(QFrame):
         self._show_playing()
 
     def _lay_out(self) -> None:
-        self._middle = column((self.traces, 4))
+        self._middle = column((self.workspace, 3), (self.traces, 4))
         for one in self.steps:
             one.setVisible(not self._whole)
         self.clock.setMinimumWidth(100)
@@ -148,7 +154,7 @@ class TrialView(QFrame):
         self.beside_measures.hide()
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
-        self._put_workspace()
+        self._set_up_workspace(trial)
         self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
         self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
@@ -169,20 +175,13 @@ class TrialView(QFrame):
         self.note.setText(text)
         self.note.setVisible(bool(text))
 
-    def _put_workspace(self) -> None:
-        trial = self.trial
-        if self.workspace is None:
-            self.workspace = Workspace((trial.device,), {1: trial.way}, self._whole)
-            self._middle.insertWidget(0, self.workspace)
-            self._share_room()
-            if not self._whole:
-                self.workspace.view.setMinimumSize(200, 110)
-                for layer in (FIELD, REACHABLE, LINKAGE):
-                    self.workspace.view.show_layer(layer, False)
+    def _set_up_workspace(self, trial: Playback) -> None:
+        self.workspace.view.show_places((trial.device,), {1: trial.way})
         self.workspace.set_blind(trial.blind)
         self.workspace.view.show_obstacles(trial.obstacles)
         if not self._whole:
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
+        self.workspace.show()
 
     # which moment
 
@@ -195,7 +194,7 @@ class TrialView(QFrame):
         if self.playing or self.trial is None:
             self._stop()
             return
-        if self.at >= len(self.trial.ticks) - 1:
+        if self._over:
             self.go_to(0.0)
         self._clock_s = time.perf_counter()
         self._timer.start(FRAME_MS)
@@ -206,44 +205,51 @@ class TrialView(QFrame):
         now = time.perf_counter()
         self.go_on(self.speed.value() * (now - self._clock_s))
         self._clock_s = now
-        if self.at >= len(self.trial.ticks) - 1:
+        if self._over:
             self._stop()
+
+    @property
+    def _over(self) -> bool:
+        """Whether it is at its end."""
+        return self.trial is None or self.at >= len(self.trial.ticks) - 1
 
     def go_on(self, seconds: float) -> None:
         """So much further in the trial (s, > 0)."""
-        self._played_s = min(self._played_s + seconds, float(self.trial.t[-1]))
-        at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
+        if (trial := self.trial) is None:
+            return
+        self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
+        at = min(int(np.searchsorted(trial.t, self._played_s, side="right")), len(trial.ticks)) - 1
         if at > self.at:
-            self.workspace.add(self.trial.ticks[self.at + 1 : at + 1])
-            self._show_place(at)
+            self.workspace.add(trial.ticks[self.at + 1 : at + 1])
+            self._show_place(trial, at)
 
     def go_to(self, seconds: float) -> None:
         """Any moment (s since the first tick): as if the ticks until then had just been played."""
-        if self.trial is None:
+        if (trial := self.trial) is None:
             return
-        ticks, t = self.trial.ticks, self.trial.t
+        ticks, t = trial.ticks, trial.t
         self._played_s = float(np.clip(seconds, 0.0, t[-1]))
         at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
-        self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()))
+        self.workspace.show_trial(trial.device, trial.way, tuple(tips[0].tolist()))
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
             self.workspace.add(ticks[:near:STRIDE])
         self.workspace.add(ticks[near : at + 1])
         self._numbers = Reading()
-        self._show_place(at)
+        self._show_place(trial, at)
 
-    def _show_place(self, at: int) -> None:
+    def _show_place(self, trial: Playback, at: int) -> None:
         self.at = at
         self.traces.show_cursor(at)
-        now = self.trial.ticks[at]
+        now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
             self.workspace.word(now)
-        self.clock.setText(f"{self._played_s:.2f} / {self.trial.t[-1]:.2f} s")
-        word_of = self.trial.decisions[int(now[tick_log.DECISION])]
-        self.decision.setText("" if self.trial.blind else f"Decision: {word_of}")
+        self.clock.setText(f"{self._played_s:.2f} / {trial.t[-1]:.2f} s")
+        word_of = trial.decisions[int(now[tick_log.DECISION])]
+        self.decision.setText("" if trial.blind else f"Decision: {word_of}")
 
     def _stop(self) -> None:
         self._timer.stop()
@@ -259,14 +265,11 @@ class TrialView(QFrame):
         self._forget_replay()
         self._show_beside(None)
         self.note_that("The recorded hand is being simulated …" if controller else "")
-        if controller:
+        if controller and self.trial is not None:
             self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
+            self._table = Path(self._folder.name) / "ticks.csv"
             asked = ("--controller", str(controller), "--out", str(self._table), "--json")
             self.replay.begin("replay", str(self.trial.path), *asked)
-
-    @property
-    def _table(self) -> Path:
-        return Path(self._folder.name) / "ticks.csv"
 
     def _replayed(self, summary: str | InputError) -> None:
         if isinstance(summary, InputError):
@@ -283,7 +286,7 @@ class TrialView(QFrame):
         if isinstance(other, InputError):
             self.note_that(str(other), bad=True)
             return
-        self.traces.show_beside(other, float(self.trial.ticks[0, tick_log.T]))
+        self.traces.show_beside(other)
         self.beside_measures.setVisible(other is not None)
         tips = np.empty((0, 2))
         if other is not None:
@@ -334,7 +337,7 @@ class TrialWindow(QWidget):
         QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
         self.resize(*LARGEST)
 
-    def closeEvent(self, event) -> None:
+    def closeEvent(self, event: QCloseEvent) -> None:
         self.view.end()
         super().closeEvent(event)
 

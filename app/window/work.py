@@ -79,6 +79,9 @@ class Verb(Work):
         if self._stopped:
             process.terminate()
         text = trouble = ""
+        assert (
+            process.stdin is not None and process.stdout is not None and process.stderr is not None
+        )  # as `pipes` asks
         with process, contextlib.suppress(BrokenPipeError):  # it has ended already: there is nothing that it prints
             process.stdin.write(given)
             process.stdin.close()

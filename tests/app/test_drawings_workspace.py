@@ -64,6 +64,13 @@ PATHS = {1: ALONG, 2: ACROSS}
 LINE = build_path(ALONG, "path")
 
 
+def workspace_of(*devices: Device) -> Workspace:
+    """A workspace that is set up for these devices on the two paths."""
+    workspace = Workspace()
+    workspace.view.show_places(devices, PATHS)
+    return workspace
+
+
 def add(workspace: Workspace, rows: np.ndarray) -> None:
     """Ticks, with the numbers of the last one."""
     workspace.add(rows)
@@ -88,7 +95,7 @@ def plane(qtbot) -> Plane:
 
 @pytest.fixture
 def workspace(qtbot) -> Workspace:
-    workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS))
+    workspace = shown(qtbot, workspace_of(THREE, FOUR))
     workspace.show_trial(FOUR, ALONG, TIP)
     return workspace
 
@@ -269,7 +276,7 @@ def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> N
 
 def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None:
     pter = load_device("pter")
-    workspace = shown(qtbot, Workspace((pter,), PATHS))
+    workspace = shown(qtbot, workspace_of(pter))
     workspace.show_trial(pter, ALONG, TIP)
     add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
@@ -327,7 +334,7 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
 @BOTH
 @pytest.mark.parametrize("size", ((560, 520), (1200, 900)))
 def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device, size: tuple[int, int]) -> None:
-    workspace = shown(qtbot, Workspace((device,), PATHS), *size)
+    workspace = shown(qtbot, workspace_of(device), *size)
     view = workspace.view
     for path in PATHS.values():
         workspace.show_trial(device, path, path.start_m)
@@ -373,7 +380,7 @@ def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) ->
 
 
 def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
-    workspace = shown(qtbot, Workspace((THREE, FOUR), PATHS), 560, 480)
+    workspace = shown(qtbot, workspace_of(THREE, FOUR), 560, 480)
     right = 0
     for button in workspace.buttons.values():
         assert button.width() >= button.sizeHint().width() and button.x() >= right
@@ -382,7 +389,7 @@ def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
 
 
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
-    workspace = shown(qtbot, Workspace((FOUR,), PATHS))
+    workspace = shown(qtbot, workspace_of(FOUR))
     workspace.buttons[DIRECTIONS].setChecked(True)
     workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()

@@ -216,7 +216,7 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
 
 def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalWindow, tmp_path: Path) -> None:
     plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
-    change(window, path=2, rules="literal", controller=3, parameters={"gap_m": 0.008}, spring_N_m=800.0)
+    change(window, path=2, rules="literal", controller=3, parameters={"gap_m": 0.008}, spring_N_m=500.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert str(plain) in window.until(lambda s: "Saved" in s.notice).notice
     assert window.snapshot.sandbox.saved == str(plain)
@@ -224,7 +224,7 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
     assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced(gap_m=0.008)}
     assert [device.text for device in saved.devices] == [PAPER.devices[0].text]
-    assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (800.0, 16.0)
+    assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (500.0, 40.0)
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert "exists already" in window.until(lambda s: s.notice_bad).notice
     assert saved.assumptions == PAPER.assumptions

@@ -141,7 +141,8 @@ def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
 
 def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
     """Resized between two ticks, the boxes of the labels are those of the new size."""
-    workspace = Workspace((FOUR,), {1: ALONG})
+    workspace = Workspace()
+    workspace.view.show_places((FOUR,), {1: ALONG})
     workspace.buttons[WHOLE].setChecked(True)
     qtbot.addWidget(workspace)
     workspace.show_trial(FOUR, ALONG, (0.0, 0.4))

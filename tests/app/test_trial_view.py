@@ -80,7 +80,7 @@ def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> N
         QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
         pixel = view.trial.t[-1] / trace.item.vb.width()
         assert view.trial.t[view.at] == pytest.approx(wanted, abs=2.0 * pixel)
-        assert {line.cursor.value() for line in view.traces.all} == {view.trial.t[view.at]}  # one cursor in all
+        assert {line.marker.value() for line in view.traces.all} == {view.trial.t[view.at]}  # one cursor in all
 
 
 def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
@@ -92,7 +92,7 @@ def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: T
     assert not view.playing
     at = view.at
     QTest.qWait(50)
-    assert view.at == at and view.traces.error.cursor.value() == view.trial.t[at]
+    assert view.at == at and view.traces.error.marker.value() == view.trial.t[at]
 
 
 def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
@@ -174,7 +174,7 @@ def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> No
     view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
     for trace in view.traces.all:
         assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
-    seen = view.traces.force.curve.getData()[0]
+    seen = view.traces.force.curves[0].getData()[0]
     assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001)
 
 
@@ -194,10 +194,10 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path:
     assert view.trial.controllers[other] in view.beside_measures.text()
     assert "would feel the difference" in view.note.text()
     assert view.beside_measures.text().split(" · ")[:3] != view.measures.text().split(" · ")[:3]
-    assert np.nanmax(view.traces.error.curve_beside.getData()[1]) > 0.0
+    assert np.nanmax(view.traces.error.curves[1].getData()[1]) > 0.0
     view.beside.setCurrentIndex(0)
     view.beside.activated.emit(0)
-    assert not view.beside_measures.isVisible() and not len(view.traces.error.curve_beside.getData()[1] or [])
+    assert not view.beside_measures.isVisible() and not len(view.traces.error.curves[1].getData()[1] or [])
 
 
 def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name_and_nothing_to_play_is_one_sentence(

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready, ticks
-from PySide6.QtCore import QEvent, QRectF, Qt
+from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
+from PySide6.QtCore import QEvent, QPoint, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import point
@@ -11,13 +11,13 @@ from screens import point
 from app.ipc import messages as m
 from app.window.dials import DIALS, Dial
 from app.window.painting.marks import arrow_of
-from app.window.try_page import BACK, FURTHER, TryPage
+from app.window.try_page import BACK, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
 
 INITIAL = m.SandboxSettings(
-    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 200.0, 1.0, 0.75, IDEAL
+    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 2000.0, 1.0, 0.75, IDEAL
 )  # fmt: skip
 GAINS_FELT = 11.5  # N s/m and more
 
@@ -74,7 +74,7 @@ def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None
     held = Held(qtbot)
     assert held.sent == [m.Sandbox(None)]
     held.page.show_snapshot(tried())
-    assert held.page.settings == INITIAL and held.page.guides[2].isChecked()
+    assert held.page.controls.settings == INITIAL and held.page.controls.guides[2].isChecked()
     held.page.end()
     assert held.sent[-1] == m.EndSandbox()
 
@@ -87,7 +87,7 @@ def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
     held.page.show_snapshot(ready(1))
     held.page.begin()
     assert not held.sent and held.page.large.text() == "A session is open"
-    assert not held.page.save.isEnabled() and not held.page.guides[1].isEnabled()
+    assert not held.page.save.isEnabled() and not held.page.controls.guides[1].isEnabled()
     held.page.show_opened(opened(""))
     assert held.sent == [m.Sandbox(None)]
 
@@ -97,17 +97,17 @@ def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     held.page.show_opened(opened("", paper(controllers=other)))
     wall = INITIAL._replace(controller=7, values={"gap_m": 0.01})
     held.page.show_snapshot(tried(wall, initial=wall))
-    feels = {number: guide.feel.text() for number, guide in held.page.guides.items()}
+    feels = {number: guide.feel.text() for number, guide in held.page.controls.guides.items()}
     assert feels == {7: "Rails with 10 mm slack"}
-    held.page.dials["spring_N_m"].slider.setValue(0)
-    held.page.reset.click()
+    held.page.controls.dials["spring_N_m"].slider.setValue(0)
+    held.page.controls.reset.click()
     assert held.last() == wall
 
 
 def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: Held) -> None:
-    feels = [guide.feel.text() for guide in held.page.guides.values()]
+    feels = [guide.feel.text() for guide in held.page.controls.guides.values()]
     assert feels == ["Free", "On rails", "Rails with 5 mm slack", "Strong guide", "Weak guide"]
-    QTest.mouseClick(held.page.guides[3], Qt.MouseButton.LeftButton)
+    QTest.mouseClick(held.page.controls.guides[3], Qt.MouseButton.LeftButton)
     assert (held.last().controller, held.last().values["gap_m"]) == (3, 0.005)
     QTest.keyClick(held.page, Qt.Key.Key_5)
     assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
@@ -124,11 +124,18 @@ def test_the_first_digit_of_a_long_number_is_seen_among_the_passes(held: Held) -
 
 
 def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:
-    slider, count = held.page.dials["spring_N_m"].slider, len(held.sent)
+    slider, count = held.page.controls.dials["spring_N_m"].slider, len(held.sent)
     for place in range(20, 60):
         slider.setValue(place)
-    assert held.last().spring_N_m == held.page.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
-    assert held.page.dials["spring_N_m"].value.text() == "640 N/m"
+    assert held.last().spring_N_m == held.page.controls.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
+    assert held.page.controls.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
+
+
+def test_a_slider_comes_to_where_it_is_pressed(held: Held) -> None:
+    slider = held.page.controls.dials["backlash_deg"].slider
+    for share in (0.9, 0.1, 0.5):
+        QTest.mouseClick(slider, Qt.MouseButton.LeftButton, pos=QPoint(round(share * slider.width()), 10))
+        assert slider.value() == pytest.approx(share * slider.maximum(), abs=0.1 * slider.maximum())
 
 
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
@@ -140,28 +147,28 @@ def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
 
 def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(held: Held) -> None:
     def enabled() -> set[str]:
-        return {name for name, dial in held.page.dials.items() if dial.isEnabled()}
+        return {name for name, dial in held.page.controls.dials.items() if dial.isEnabled()}
 
     always = {"blend_width_m", "spring_N_m", "brake_strength", "backlash_deg"}
     for controller, own in ((1, set()), (2, {"gap_m"}), (4, {"gap_m", "gain_N_s_m"})):
         held.page.show_snapshot(tried(INITIAL._replace(controller=controller)))
         assert enabled() == always | own
     held.page.show_snapshot(tried(fixed=("device", "spring_N_m", "brake_strength", "backlash_deg"), by_start=True))
-    assert enabled() == {"blend_width_m", "gap_m"} and not held.page.segments["device"].isEnabled()
-    assert "next pass" in held.page.warning.text()
+    assert enabled() == {"blend_width_m", "gap_m"} and not held.page.controls.segments["device"].isEnabled()
+    assert "next pass" in held.page.controls.warning.text()
     held.page.keys()["start"]()
     assert held.sent[-1] == m.Start() and held.page.start.isVisible()
 
 
 def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_has(held: Held) -> None:
-    shown = {name: dial.dial.label for name, dial in held.page.dials.items()}
+    shown = {name: dial.dial.label for name, dial in held.page.controls.dials.items()}
     assert shown.items() >= {"gap_m": "Gap", "gain_N_s_m": "Gain"}.items() and "wall_N_m" not in shown
     slave = {1: Preset("Slave", "reflect", (0.0, 2000.0))}
     held.page.show_opened(opened("", paper(controllers=slave)))
     settings = INITIAL._replace(controller=1, values=slave[1].named)
     held.page.show_snapshot(tried(settings, initial=settings))
-    assert "gain_N_s_m" not in held.page.dials
-    wall = held.page.dials["wall_N_m"]
+    assert "gain_N_s_m" not in held.page.controls.dials
+    wall = held.page.controls.dials["wall_N_m"]
     assert (wall.isEnabled(), wall.value.text()) == (True, "2\u202f000 N/m")
     wall.slider.setValue(wall.dial.place(500.0))
     assert held.last() == settings.with_parameters(wall_N_m=500.0)
@@ -170,7 +177,7 @@ def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_h
 def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held) -> None:
     for controller, gain, warned in ((5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, False)):
         held.page.show_snapshot(tried(INITIAL._replace(controller=controller).with_parameters(gain_N_s_m=gain)))
-        assert ("drag is larger" in held.page.warning.text()) == warned
+        assert ("drag is larger" in held.page.controls.warning.text()) == warned
 
 
 def test_bars_compare_only_like_with_like(held: Held) -> None:
@@ -262,21 +269,23 @@ def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
 
 
 def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: Held) -> None:
-    held.page.dials["brake_strength"].slider.setValue(0)
-    assert held.last().brake_strength == 0.05 and held.page.changed.text() == "Changed: brake strength"
+    held.page.controls.dials["brake_strength"].slider.setValue(0)
+    assert held.last().brake_strength == 0.05 and held.page.controls.changes.text() == "Changed: brake strength"
     held.page.show_snapshot(tried()._replace(notice="It cannot be.", notice_bad=True))
-    assert held.page.settings == INITIAL and held.page.notice.text() == "It cannot be."
-    held.page.dials["backlash_deg"].slider.setValue(0)
-    QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
-    assert held.last() == INITIAL and not held.page.changed.text()
+    assert held.page.controls.settings == INITIAL and held.page.notice.text() == "It cannot be."
+    held.page.controls.dials["backlash_deg"].slider.setValue(0)
+    QTest.mouseClick(held.page.controls.reset, Qt.MouseButton.LeftButton)
+    assert held.last() == INITIAL and not held.page.controls.changes.text()
 
 
 def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
-    sensing = held.page.segments["sensing"]
+    sensing = held.page.controls.segments["sensing"]
     ideal, encoders = sensing.findChildren(QPushButton)
     assert sensing.value() == IDEAL and "15 ms" in sensing.toolTip()
     QTest.mouseClick(encoders, Qt.MouseButton.LeftButton)
-    assert held.last() == INITIAL._replace(sensing="encoders") and held.page.changed.text() == "Changed: sensing"
+    assert (
+        held.last() == INITIAL._replace(sensing="encoders") and held.page.controls.changes.text() == "Changed: sensing"
+    )
     held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))
     assert not sensing.isEnabled()
 
@@ -284,9 +293,9 @@ def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_devi
 def test_what_is_named_as_changed_is_what_reset_takes_back_and_nothing_else(held: Held) -> None:
     chosen = INITIAL._replace(controller=4, path=2, device="four-brake")
     held.page.show_snapshot(tried(chosen._replace(rules="literal", spring_N_m=400.0)))
-    assert held.page.changed.text() == "Changed: rules, hand spring"
-    QTest.mouseClick(held.page.reset, Qt.MouseButton.LeftButton)
-    assert held.last() == chosen and not held.page.changed.text() and not held.page.reset.isEnabled()
+    assert held.page.controls.changes.text() == "Changed: rules, hand spring"
+    QTest.mouseClick(held.page.controls.reset, Qt.MouseButton.LeftButton)
+    assert held.last() == chosen and not held.page.controls.changes.text() and not held.page.controls.reset.isEnabled()
 
 
 def test_no_force_no_figure_and_no_notice_outlives_what_it_was_of(held: Held) -> None:
@@ -301,20 +310,6 @@ def test_no_force_no_figure_and_no_notice_outlives_what_it_was_of(held: Held) ->
     page.show_opened(opened("01"))
     page.show_snapshot(ready(3, notice="Participant 01: 57 of 60 trials left."))
     assert not page.notice.text(), "of the session, on Run"
-
-
-def test_a_handle_that_the_drag_holds_short_of_the_start_is_to_be_pulled_further(held: Held) -> None:
-    start = np.array(PATHS[1].start_m)
-    rows = ticks(tick_log.APPROACH, TIP_X=start[0] + 0.01, TIP_Y=start[1])
-    rows[:, tick_log.TARGET_X], rows[:, tick_log.TARGET_Y] = start
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() == FURTHER
-    rows[:, tick_log.TIP_VX] = -0.1
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() != FURTHER, "it is coming"
-    rows[:, tick_log.TIP_VX], rows[:, tick_log.TARGET_X] = 0.0, start[0] + 0.03
-    held.page.show_ticks(rows, True)
-    assert held.page.small.text() != FURTHER, "the pointer is elsewhere"
 
 
 def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monkeypatch) -> None:

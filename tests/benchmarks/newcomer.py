@@ -83,7 +83,7 @@ def measure(picture: str = "") -> dict[str, object]:
             assert isinstance(page, TryPage)
             _until(lambda: page.snapshot.sandbox is not None and page.snapshot.running is not None)
             ready, hand, used_s = time.perf_counter(), Hand(page), time.process_time()
-            for done, guide in enumerate(list(page.guides.values())):
+            for done, guide in enumerate(list(page.controls.guides.values())):
                 hand.leave()
                 QTest.mouseClick(guide, Qt.MouseButton.LeftButton)
                 _until(lambda done=done: page.table.rowCount() > done, hand)

@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
 from experiments.analysis.charts import Box, View, box_statistics, boxes
-from experiments.analysis.metrics import DRAWN
+from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import label, load_protocol
@@ -106,12 +106,13 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(fine_prints, tmp_path):
     rows = study()
     paths = draw_boxplots(rows, tmp_path / "a", NOTE, LABELS, "paper")
-    names = ("fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum", "fig18_acceleration_to_100_Hz")
+    names = {metric.figure for metric in FIGURES}
+    assert names >= {"fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum"}  # the paper's
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
     figure = draw(rows, DRAWN[:1], 6.4, NOTE, View(BOTH, LABELS))
     for path in paths:
-        if path.stem == names[0]:
+        if path.stem == FIGURES[0].figure:
             assert path.read_bytes() == figure_bytes(figure, path.suffix[1:]), path.name
         kind = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[path.suffix[1:]]
         assert path.read_bytes().startswith(kind)

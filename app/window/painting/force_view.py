@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF
 from PySide6.QtGui import QKeySequence, QPainter, QShortcut
-from PySide6.QtWidgets import QFrame, QPushButton
+from PySide6.QtWidgets import QPushButton
 
 from app.window.painting import theme
 from app.window.painting.layers import Doing, Instant, Point, doing
 from app.window.painting.marks import BRAKES, HAND, Labels, arrow_of, paint_arrow, points_along, points_in
-from app.window.painting.parts import Flow, column, row, toggle
+from app.window.painting.parts import Flow, Panel, column, row, toggle
 from app.window.painting.plane import AT_DESK, Plane, Sizes
 from core import tick_log
 from core.device import Device
@@ -44,8 +44,7 @@ class ForceView(Plane):
         follows_mouse: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(extent, sizes, keep_free, grid, follows_mouse)
-        self.device: Device | None = None
-        self.instant: Instant | None = None
+        self.instant: Instant | None = None  # of the device; none before the first trial
         self.shown = {TRAIL, FORCES}
         self.blind = False
         self.labels = labels
@@ -56,30 +55,34 @@ class ForceView(Plane):
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         """Another device or path: the handle at rest at `tip`, brakes off."""
-        self.device = device
         self.show_path(path)
-        self.rest(tip)
+        self._rest(device, tip)
 
     def rest(self, tip: Point) -> None:
         """The handle stands at `tip`, brakes off; the trail stays to be looked at."""
-        self._show(tip, None)
+        if self.instant is not None:
+            self._rest(self.instant.device, tip)
+
+    def _rest(self, device: Device, tip: Point) -> None:
+        self._show(device, tip, None)
         self.word()
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
-        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: the pointer holds the handle."""
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
+        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: as in `show_handle`."""
+        if self.instant is None:
+            return
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
         if rows[-1, tick_log.PHASE] == tick_log.MOVE:
             self.extend_trail(tip)
         before = None if self._worded else self._ticks
-        self._show(tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)
+        self._show(self.instant.device, tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)
 
-    def _show(self, tip: Point, ticks: np.ndarray | None, taken: bool = False) -> None:
-        assert self.device is not None
+    def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         self._ticks, self._worded = ticks, False
-        self.instant = Instant(self.device, tip, None if ticks is None else ticks[-1], self.blind)
+        self.instant = now = Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
         if not self._follows_mouse:
-            self.pointer = self.instant.wanted
-        self.show_handle(tip, taken, math.hypot(*self.instant.hand))
+            self.pointer = now.wanted
+        self.show_handle(tip, taken, math.hypot(*now.hand))
 
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the view, or take it away."""
@@ -90,20 +93,20 @@ class ForceView(Plane):
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
         if blind != self.blind:
             self.blind = blind
-            if self.tip is not None and self.device is not None:
-                self._show(self.tip, self._ticks, self.taken)
+            if self.instant is not None:
+                self._show(self.instant.device, self.instant.tip, self._ticks, self.taken)
             self.word()
 
     def word(self) -> None:
         """Bring the words up to date and find each a place; a few times a second, for they must be read."""
-        if self.instant is None or self.device is None:
+        if (now := self.instant) is None:
             return
-        nothing = dict.fromkeys(self.device.braked, Doing())
-        now = doing(self.device, self._ticks) if self._ticks is not None else nothing
-        self.labels.word(self.instant, {} if self.blind else now)
+        nothing = dict.fromkeys(now.device.braked, Doing())
+        does = doing(now.device, self._ticks) if self._ticks is not None else nothing
+        self.labels.word(now, {} if self.blind else does)
         self._worded = True
         if self.labelled:
-            self.place_labels()
+            self.place_labels(now)
         self.update()
 
     # labels: a subclass adds to these
@@ -112,19 +115,17 @@ class ForceView(Plane):
     def labelled(self) -> bool:
         return FORCES in self.shown
 
-    def marks(self) -> dict[str, QPointF]:
+    def marks(self, now: Instant) -> dict[str, QPointF]:
         """The points (px) beside which labels stand: the heads of both forces' arrows, of a spring its end."""
-        assert self.instant is not None
-        handle = self.to_screen(self.instant.tip)
-        hand = handle + arrow_of(self.instant.hand)
+        handle = self.to_screen(now.tip)
+        hand = handle + arrow_of(now.hand)
         if self.taken and self.pointer is not None:
             hand = self.to_screen(self.pointer)
-        return {HAND: hand, BRAKES: handle + arrow_of(self.instant.brakes)}
+        return {HAND: hand, BRAKES: handle + arrow_of(now.brakes)}
 
-    def solid(self) -> np.ndarray:
+    def solid(self, now: Instant) -> np.ndarray:
         """Points (n, 2), px, that no label covers: handle, pointer, arrows, spring."""
-        assert self.instant is not None
-        handle, marks, r = self.to_screen(self.instant.tip), self.marks(), self.handle_px
+        handle, marks, r = self.to_screen(now.tip), self.marks(now), self.handle_px
         rings = [QRectF(handle.x() - r, handle.y() - r, 2.0 * r, 2.0 * r)]
         if self.pointer is not None:
             at, r = self.to_screen(self.pointer), self.sizes.pointer + 1.0
@@ -133,10 +134,11 @@ class ForceView(Plane):
             points_along(handle, marks[HAND]), points_along(handle, marks[BRAKES]), *map(points_in, rings),
         ])  # fmt: skip
 
-    def drawn(self) -> np.ndarray:
+    def drawn(self, now: Instant) -> np.ndarray:
         """Points (n, 2), px, that labels keep off where they can: the path and its ends."""
         ends = [self.to_screen(end) for end in (*self.outline[:1], *self.outline[-1:])]
-        boxes = [QRectF(p.x() - 13.0, p.y() - 13.0, 26.0, 26.0) for p in ends]
+        radii = [radius + self.sizes.ring_pen for radius in self.rings_px]
+        boxes = [QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r) for p, r in zip(ends, radii, strict=False)]
         path, away = self.pixels(self.outline[::3]), self.path_px
         beside = [path + shift for shift in ((away, 0.0), (-away, 0.0), (0.0, away), (0.0, -away))]
         return np.concatenate([path, *beside, *map(points_in, boxes)])
@@ -150,32 +152,31 @@ class ForceView(Plane):
         """Where labels may stand, px."""
         return QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
 
-    def place_labels(self) -> None:
-        assert self.instant is not None
-        self.labels.place(self.instant, self.marks(), self.solid(), self.drawn(), self.room())
+    def place_labels(self, now: Instant) -> None:
+        self.labels.place(now, self.marks(now), self.solid(now), self.drawn(now), self.room())
 
     # painting
 
-    def paint_forces(self, painter: QPainter) -> None:
+    def paint_forces(self, painter: QPainter, now: Instant) -> None:
         """Both arrows; while the pointer holds the handle the spring between them is the hand's."""
-        if FORCES not in self.shown or self.instant is None:
+        if FORCES not in self.shown:
             return
-        handle, width = self.to_screen(self.instant.tip), self.sizes.path
-        paint_arrow(painter, handle, arrow_of(self.instant.brakes), theme.BRAKE_SLIPPING, width)
+        handle, width = self.to_screen(now.tip), self.sizes.path
+        paint_arrow(painter, handle, arrow_of(now.brakes), theme.BRAKE_SLIPPING, width)
         if not self.taken:
-            paint_arrow(painter, handle, arrow_of(self.instant.hand), theme.GOOD, width)
+            paint_arrow(painter, handle, arrow_of(now.hand), theme.GOOD, width)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self.instant is not None and self.tip is not None and self.labelled:
-            self.labels.paint(painter, self.marks(), self.room())
+            self.labels.paint(painter, self.marks(self.instant), self.room())
 
 
-class Layered(QFrame):
+class Layered(Panel):
     """A view, and below it the buttons that show and hide its layers."""
 
     def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]]) -> None:
         """layers: name -> its key, what it shows."""
-        super().__init__(objectName="canvas")
+        super().__init__("canvas")
         self.view = view
         self.keys = {key: f"show or hide {shows[0].lower()}{shows[1:]}" for key, shows in layers.values()}
         self.buttons = {layer: self._button(layer, *about) for layer, about in layers.items()}

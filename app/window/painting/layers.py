@@ -25,7 +25,7 @@ SPACING_M = 0.002  # of the points of a drawn path: straight between them
 
 def joints_at(mechanism: Mechanism, tip: Point) -> dict[str, Point]:
     """Where the joints A, E, B, C and D are (m) for a tip; none where the arms do not reach it."""
-    joints = {}
+    joints: dict[str, Point] = {}
     for arm, base, elbow in ((mechanism.arm_1, "A", "E"), (mechanism.arm_2, "B", "C")):
         (x, y), _, _ = arm_pose(arm, *np.asarray(tip, dtype=float))
         joints |= {base: (arm.base_x, arm.base_y), elbow: (arm.base_x + float(x), arm.base_y + float(y))}
@@ -87,7 +87,7 @@ def field_of(row: np.ndarray) -> Field | None:
 
 def field_at_rest(path: Path, tip: Point, sense: float) -> Field:
     """The velocity field at a tip (m) where nothing is decided, with this travel sense."""
-    return Field(*(float(part[0]) for part in field_around(path, np.array([tip]), sense)))
+    return Field(*np.array(field_around(path, np.array([tip]), sense))[:, 0].tolist())
 
 
 def needles(path: Path, sense: float, device: Device, low: Point, high: Point, step: float) -> np.ndarray:
@@ -102,7 +102,8 @@ def needles(path: Path, sense: float, device: Device, low: Point, high: Point, s
 
 def directions(device: Device, g: np.ndarray, field: Field) -> list[Direction]:
     """The SDOF direction of every brake (Eq. 12) at the tip, and whether it lies between t and n (Section IV-B)."""
-    found, chosen, nearest = [], -1, -2.0  # cosine of the angle to beta
+    found: list[Direction] = []
+    chosen, nearest = -1, -2.0  # cosine of the angle to beta
     for i in map(JOINTS.index, device.braked):
         p_x, p_y = (np.array((-g[i, 1], g[i, 0])) / math.hypot(*g[i])).tolist()
         along, inward = p_x * field.t_x + p_y * field.t_y, p_x * field.n_x + p_y * field.n_y

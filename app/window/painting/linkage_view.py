@@ -1,5 +1,7 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
@@ -24,14 +26,12 @@ LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
-    def __init__(
-        self, devices: tuple[Device, ...], paths: dict[int, PathFile], worded: bool = True, sizes: Sizes = AT_DESK
-    ) -> None:
+    def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
         """worded: with the line above, a grid, and labels; a small view has no room for them."""
-        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(8.0, 8.0, 8.0, 8.0)
-        super().__init__(layers.extent_of_paths(paths.values(), NEAR_M), free, marks.Labels(), sizes, grid=worded)
-        self._extents = (self._extent, layers.extent_of_linkages(devices, paths.values()))
-        self.device = devices[0]
+        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, marks.Labels(), sizes, grid=worded)
+        self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
+        self._assumed = False  # some parameters of the device
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
         self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE, FORCES}
@@ -39,15 +39,26 @@ class LinkageView(ForceView):
         self._field: Field | None = None
         self.sense = 1.0  # of travel
 
+    def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
+        """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
+        self._extents = (
+            layers.extent_of_paths(paths.values(), NEAR_M), layers.extent_of_linkages(devices, paths.values())
+        )  # fmt: skip
+        self._assumed, self._path, self.instant = devices[0].assumed, None, None
+        self.show_handle(None)
+        self.show_pointer(None)
+        self.show_path(None)
+        self.set_extent(self._extents[WHOLE in self.shown])
+
     def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        self._path, self.sense = build_path(path, "path"), 1.0
+        self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
         super().show_trial(device, path, tip)
 
-    def rest(self, tip: layers.Point) -> None:
+    def _rest(self, device: Device, tip: layers.Point) -> None:
         self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
-        super().rest(tip)
+        super()._rest(device, tip)
 
-    def add(self, rows: np.ndarray, taken: bool = False) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         if self._path is not None:
             tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
             self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)
@@ -70,52 +81,52 @@ class LinkageView(ForceView):
     def labelled(self) -> bool:
         return self._worded_view and LINKAGE in self.shown
 
-    def marks(self) -> dict[str, QPointF]:
+    def marks(self, now: layers.Instant) -> dict[str, QPointF]:
         """The middles of the joints' rings too, as far as they are seen."""
         seen = QRectF(self.rect())
-        return {joint: at for joint, at in self._joints()[1].items() if seen.contains(at)} | super().marks()
+        return {joint: at for joint, at in self._joints(now)[1].items() if seen.contains(at)} | super().marks(now)
 
-    def drawn(self) -> np.ndarray:
+    def drawn(self, now: layers.Instant) -> np.ndarray:
         """Arms, rings and directions too."""
-        seen, (at, _) = self.marks(), self._joints()
+        seen, (at, _) = self.marks(now), self._joints(now)
         lines = [(at[a], at[b]) for a, b in marks.ARMS] if at else []
-        labels = self.device.labels
+        labels = now.device.labels
         places = [(seen[joint], marks.ring_radius(labels[joint])) for joint in labels if joint in seen]
         if at and DIRECTIONS in self.shown and self._field is not None:
-            handle = self.to_screen(self.instant.tip)
-            for one in layers.directions(self.device, self.instant.g, self._field):
+            handle = self.to_screen(now.tip)
+            for one in layers.directions(now.device, now.g, self._field):
                 reach = QPointF(one.p_x, -one.p_y) * marks.LETTER_PX
                 lines.append((handle - reach, handle + reach))
                 places += [(handle - reach, 9.0), (handle + reach, 9.0)]
-        drawn = [super().drawn(), *(marks.points_along(*line) for line in lines)]
+        drawn = [super().drawn(now), *(marks.points_along(*line) for line in lines)]
         drawn += [marks.points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
         return np.concatenate(drawn)
 
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
-        if self._path is not None and FIELD in self.shown:
+        if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
-            found = layers.needles(self._path, self.sense, self.device, low, high, step)
+            found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
-        if self.device.assumed and self._worded_view:
+        if self._assumed and self._worded_view:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
             painter.drawText(QRectF(0.0, 36.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
 
     def paint_under_handle(self, painter: QPainter) -> None:
-        if self.instant is None or self.tip is None:
+        if (now := self.instant) is None or self.tip is None:
             return
-        handle, (at, rings) = self.to_screen(self.instant.tip), self._joints()
-        if REACHABLE in self.shown and (wedge := self.instant.reachable()) is not None:
+        handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
+        if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
             marks.paint_wedge(painter, handle, wedge)
         marks.paint_arms(painter, at, ARM_PX, 2.0)
         if at and DIRECTIONS in self.shown and self._field is not None:
-            found = layers.directions(self.device, self.instant.g, self._field)
-            marks.paint_directions(painter, handle, found, self._field, self.device.labels)
-        marks.paint_joints(painter, rings, self.device.labels, self.labels.doing, self.blind)
-        self.paint_forces(painter)
+            found = layers.directions(now.device, now.g, self._field)
+            marks.paint_directions(painter, handle, found, self._field, now.device.labels)
+        marks.paint_joints(painter, rings, now.device.labels, self.labels.doing, self.blind)
+        self.paint_forces(painter, now)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         super().paint_over_handle(painter)
@@ -129,24 +140,28 @@ class LinkageView(ForceView):
             painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
 
-    def _joints(self) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
+    def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
         """Where the joints and their rings are, px; none where the linkage is hidden."""
-        shown = self.instant.joints if LINKAGE in self.shown else {}
+        shown = now.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, marks.rings_of(at, self.device.labels)
+        return at, marks.rings_of(at, now.device.labels)
 
 
-def small_view(device: Device, path: PathFile, tip: layers.Point, sizes: Sizes) -> LinkageView:
-    """The linkage alone on its path, the handle at `tip` (m): a picture that hears neither pointer nor keys."""
-    view = LinkageView((device,), {1: path}, False, sizes)
-    view.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-    view.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    view.setMinimumSize(0, 0)
-    view.shown = {LINKAGE}
-    view.show_trail(False)
-    view.set_extent(layers.extent_of_linkages([device], [path]))
-    view.show_trial(device, path, tip)
-    return view
+class SmallView(LinkageView):
+    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
+
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(False, sizes)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(0, 0)
+        self.shown = {LINKAGE}
+        self.show_trail(False)
+        self.hide()  # until there is something to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
+        self.set_extent(layers.extent_of_linkages([device], [path]))
+        super().show_trial(device, path, tip)
 
 
 #: layer -> its key, what it shows
@@ -166,9 +181,9 @@ class Workspace(Layered):
 
     view: LinkageView
 
-    def __init__(self, devices: tuple[Device, ...], paths: dict[int, PathFile], whole: bool = True) -> None:
+    def __init__(self, whole: bool = True) -> None:
         """whole: with the line above, labels and buttons, for which a small one has no room."""
-        super().__init__(LinkageView(devices, paths, whole), LAYERS if whole else {})
+        super().__init__(LinkageView(whole), LAYERS if whole else {})
         self._began_s, self._phase = 0.0, -1
 
     def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:

@@ -21,7 +21,7 @@ LEAST_FORCE_N = 0.2  # weaker than this is not drawn
 HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
-ARMS = ("AE", "ED", "BC", "CD")
+ARMS = (("A", "E"), ("E", "D"), ("B", "C"), ("C", "D"))
 HAND, BRAKES = "hand", "brakes"
 SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
 FORCE_SHADE = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
@@ -50,8 +50,8 @@ def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str]) -> dict[str, 
     span, radius = QLineF(at["A"], at["B"]).length(), max(ring_radius(labels[joint]) for joint in there)
     if span >= 2.0 * radius + 2.0 and there == ["A", "B"]:
         return dict(at)
-    way = (at["B"] - at["A"]) / span if span > radius else QPointF(1.0, 0.0)
-    middle, apart = 0.5 * (at["A"] + at["B"]), max(2.0 * radius + 4.0, span / (len(there) - 1))
+    way = (at["B"] - at["A"]) * (1.0 / span) if span > radius else QPointF(1.0, 0.0)
+    middle, apart = (at["A"] + at["B"]) * 0.5, max(2.0 * radius + 4.0, span / (len(there) - 1))
     places = [way * ((k - 0.5 * (len(there) - 1)) * apart) for k in range(len(there))]
     return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
 
@@ -93,7 +93,7 @@ def arrow_of(force: Point) -> QPointF:
 
 def paint_arrow(painter: QPainter, tail: QPointF, reach: QPointF, colour: str, width: float) -> None:
     """An arrow from `tail` over `reach`, px."""
-    x, y = reach.toTuple()
+    x, y = reach.x(), reach.y()
     length = math.hypot(x, y)
     if length < 1.0:
         return
@@ -180,7 +180,7 @@ APART_PX = 13.0  # at most, between points all over a box; labels are higher
 
 def points_along(one: QPointF, other: QPointF) -> np.ndarray:
     """Points (n, 2), px, along a straight line."""
-    return one.toTuple() + ALONG * (other - one).toTuple()
+    return np.array((one.x(), one.y())) + ALONG * (other.x() - one.x(), other.y() - one.y())
 
 
 def points_in(box: QRectF) -> np.ndarray:

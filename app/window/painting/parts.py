@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QWheelEvent
@@ -56,9 +56,17 @@ def printed(hint: str = "") -> QPlainTextEdit:
     return made
 
 
+class Panel(QFrame):
+    """A frame in the look of its name (the `#name` rules of the sheet): panel, canvas, card, pill, line."""
+
+    def __init__(self, name: str = "panel", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName(name)
+
+
 def rule() -> QFrame:
     """A thin line across a panel."""
-    return QFrame(objectName="line")
+    return Panel("line")
 
 
 class OneLine(QLabel):
@@ -148,7 +156,8 @@ class Choice(QComboBox):
     _values: tuple = ()
 
     def __init__(self) -> None:
-        super().__init__(focusPolicy=Qt.FocusPolicy.StrongFocus)  # Qt's own choice lets the wheel give the focus
+        super().__init__()
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)  # Qt's own choice lets the wheel give the focus
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         super().wheelEvent(event) if self.hasFocus() else event.ignore()
@@ -222,7 +231,10 @@ def column(*parts: Part, spacing: int = 6, margins: Margins = (0, 0, 0, 0)) -> Q
     return fill(QVBoxLayout(), parts, spacing, margins)
 
 
-def fill(layout: QBoxLayout, parts: Sequence[Part], spacing: int, margins: Margins) -> QBoxLayout:
+Box = TypeVar("Box", bound=QBoxLayout)
+
+
+def fill(layout: Box, parts: Sequence[Part], spacing: int, margins: Margins) -> Box:
     """Put parts into a layout; in a row a widget that takes any width has a share."""
     layout.setSpacing(spacing)
     layout.setContentsMargins(*margins)
@@ -240,7 +252,8 @@ def fill(layout: QBoxLayout, parts: Sequence[Part], spacing: int, margins: Margi
 
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
-    made = QWidget(objectName="clear")
+    made = QWidget()
+    made.setObjectName("clear")
     made.setLayout(layout)
     return made
 
@@ -255,7 +268,7 @@ def stack(*pages: QWidget) -> QStackedWidget:
 
 def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
     """A panel with a title and, in a column below it, these parts."""
-    frame, head = QFrame(objectName="panel"), word(title, size=theme.HEAD, bold=True)
+    frame, head = Panel(), word(title, size=theme.HEAD, bold=True)
     frame.setLayout(column(head, *parts, spacing=spacing, margins=PANEL_MARGINS))
     return frame
 
@@ -286,7 +299,8 @@ class Segments(QWidget):
 
     def __init__(self, choices: Mapping[Any, str]) -> None:
         """choices: value -> text; none is chosen at first."""
-        super().__init__(objectName="clear")
+        super().__init__()
+        self.setObjectName("clear")
         self._values, self._group = tuple(choices), QButtonGroup(self)
         for place, text in enumerate(choices.values()):
             self._group.addButton(QPushButton(text, objectName="segment", checkable=True), place)
@@ -322,7 +336,7 @@ class Flow(QLayout):
     def itemAt(self, index: int) -> QLayoutItem | None:
         return self._items[index] if 0 <= index < len(self._items) else None
 
-    def takeAt(self, index: int) -> QLayoutItem | None:
+    def takeAt(self, index: int) -> Any:  # None at the end, which PySide's own type leaves out
         return self._items.pop(index) if 0 <= index < len(self._items) else None
 
     def expandingDirections(self) -> Qt.Orientation:

@@ -27,7 +27,7 @@ class PathDrawing(Plane):
     def __init__(self) -> None:
         super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), grid=True, follows_mouse=False)
         self._paths: list[tuple[str, list[Pair], np.ndarray]] = []  # number, points, outline
-        self._kind, self._points = "", []  # what is being drawn
+        self._kind, self._points = "", list[Pair]()  # what is being drawn
         self._free: list[Pair] = []  # places (m) that every device reaches
         self._held: tuple[int, int] | None = None  # path and point that the pointer holds
 

@@ -23,6 +23,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from app.ipc.ring import GRASP_RADIUS_M
 from app.window.painting import theme
 from app.window.painting.layers import SPACING_M, Point
 from app.window.painting.theme import SHADES, font, pen, shade, spring_pen
@@ -86,7 +87,8 @@ class Plane(QWidget):
         self.outline = np.empty((0, 2))  # m
         self.tip: Point | None = None
         self.pointer: Point | None = None
-        self.force_N, self.taken = 0.0, False
+        self.force_N = 0.0
+        self.taken: bool | None = None
         self.trail: list[Point] = []
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
@@ -118,8 +120,11 @@ class Plane(QWidget):
         self._obstacles = [one.outline() for one in obstacles]
         self.repaint_still()
 
-    def show_handle(self, tip: Point | None, taken: bool = False, force_N: float = 0.0) -> None:
-        """Where the handle is (m), whether the pointer holds it, and the force of the spring between them (N)."""
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
+        """Where the handle is (m), and the force of the spring between it and the pointer (N).
+
+        taken: whether the pointer holds it; None: no pointer can take it now.
+        """
         self.tip, self.force_N = tip, force_N
         if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
             self.taken = taken
@@ -188,7 +193,7 @@ class Plane(QWidget):
         """Pixels per metre."""
         return self._scale
 
-    def to_screen(self, point: Sequence[float]) -> QPointF:
+    def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
         """Place of the plane (m) -> point of the widget (px)."""
         return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
 
@@ -341,7 +346,7 @@ class Plane(QWidget):
         painter.end()
 
     def _paint_hand(self, painter: QPainter) -> None:
-        """Handle, pointer and, once it is taken, the spring between them in the colour of its force."""
+        """Handle, pointer and, once it is taken, the spring between them; until then where it can be taken."""
         pointer = self.to_screen(self.pointer) if self.pointer else None
         handle = self.to_screen(self.tip) if self.tip else None
         if pointer and handle and self.taken:
@@ -349,6 +354,11 @@ class Plane(QWidget):
             painter.setPen(spring_pen(self.sizes.spring, step))
             painter.drawLine(handle, pointer)
         if handle:
+            if self.taken is False:
+                reach = self._scale * GRASP_RADIUS_M
+                painter.setPen(pen(theme.HANDLE, 1.5, 0.6))
+                painter.setBrush(shade(theme.HANDLE, 0.12))
+                painter.drawEllipse(handle, reach, reach)
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(shade(theme.HANDLE))
             painter.drawEllipse(handle, self.handle_px, self.handle_px)

@@ -1,4 +1,4 @@
-"""The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
+"""The look of every screen: palette, typeface, sizes."""
 
 import os
 from functools import cache, lru_cache
@@ -146,8 +146,7 @@ QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 4px; }}
 QMenu::item {{ padding: 6px 18px; }}
 QMenu::item:selected {{ background: {ACCENT_GROUND}; }}
 QMenu::item:disabled {{ color: {BRAKE_OFF}; }}
-QPushButton#small {{ padding: 3px 10px; color: {QUIET}; }}
-QPushButton#small:hover {{ color: {TEXT}; }}
+QPushButton#small {{ padding: 3px 10px; }}
 QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
     padding: 5px 8px; selection-background-color: {ACCENT_GROUND}; }}
 QComboBox::drop-down {{ border: none; width: 22px; }}
