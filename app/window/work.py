@@ -79,9 +79,7 @@ class Verb(Work):
         if self._stopped:
             process.terminate()
         text = trouble = ""
-        assert (
-            process.stdin is not None and process.stdout is not None and process.stderr is not None
-        )  # as `pipes` asks
+        assert process.stdin and process.stdout and process.stderr  # all three are pipes
         with process, contextlib.suppress(BrokenPipeError):  # it has ended already: there is nothing that it prints
             process.stdin.write(given)
             process.stdin.close()
