@@ -78,8 +78,7 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
         self._recent = Recent("folders")
-        self._looking, self._export, self._out = Work(), Verb(), Path()
-        self._looking.done.connect(self._looked)
+        self._looking, self._export, self._out = Work(self._looked), Verb(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
@@ -96,7 +95,6 @@ class DataPanel(Panel):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
-        self._export.done.connect(self._exported)
         self._lay_out()
 
     def _lay_out(self) -> None:

@@ -59,7 +59,7 @@ class RunPage(Page):
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
         self._looked_at: int | None = None  # the run whose cell of the plan was clicked
-        self._reading = Work()  # its recording
+        self._reading = Work(self._show_read)  # its recording
         self._numbers = Reading()
         self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
@@ -83,13 +83,12 @@ class RunPage(Page):
             (self.panel.pause.clicked, self.pause),
             (self.panel.abort.clicked, self.abort),
             (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
-            (self.panel.note.written, self._note),
+            (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
-            (self._reading.done, self._show_read),
             (self.workspace.view.pointer_moved, self.aimed),
             (self.workspace.view.pointer_left, self.left),
         ):
