@@ -1,5 +1,7 @@
 """The board on the bench as Home offers it: what answers at the ports, and which port is connected."""
 
+from functools import partial
+
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
@@ -69,7 +71,7 @@ class BoardPorts(QWidget):
             own = button("Device page  F3", self.device_page_asked.emit)
             self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), word("connected", "good"), own))
         for found in self._found:
-            connect = button("Connect", lambda port=found.port: self.connect_asked.emit(port))
+            connect = button("Connect", partial(self.connect_asked.emit, found.port))
             self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
         if not self._found and not self._mine:
             self._rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))

@@ -31,8 +31,9 @@ class Card(Panel):
 
     wide = WIDTH_PX  # where there is room
 
-    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], object]]], parent: QWidget):
         super().__init__("card", parent)
+        self._around = parent
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)
@@ -65,13 +66,13 @@ class Card(Panel):
 
     def place(self) -> None:
         """Into the middle of the parent."""
-        parent = self.parentWidget()
-        self.setFixedWidth(min(self.wide, max(parent.width() - 2 * theme.GAP, 280)))
+        around = self._around
+        self.setFixedWidth(min(self.wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
-        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
-        self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
+        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
+        self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
 
-    def key(self, key: str, do: Callable[[], None]) -> None:
+    def key(self, key: str, do: Callable[[], object]) -> None:
         """Let a key act while the card is there."""
         QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
 
@@ -92,7 +93,7 @@ class Card(Panel):
             super().keyPressEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.parentWidget() and not self.isHidden():
+        if watched is self._around and not self.isHidden():
             if event.type() == QEvent.Type.Resize:
                 self.place()
             elif event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent) and event.key() in ENTER:
@@ -215,7 +216,9 @@ class Cards:
         card.wide = KEYS_PX
         columns = row(spacing=24)
         for title, keys in groups.items():
-            grid = QGridLayout(horizontalSpacing=14, verticalSpacing=4)
+            grid = QGridLayout()
+            grid.setHorizontalSpacing(14)
+            grid.setVerticalSpacing(4)
             grid.setColumnStretch(1, 1)
             for down, (key, does) in enumerate(keys.items()):
                 grid.addWidget(word(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
@@ -273,9 +276,8 @@ class Cards:
         """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        waits = (card, coming, snapshot.blind, opened.folder)
-        if card is None and snapshot.stage != m.FINISHED:
-            waits = None
+        there = card is not None or snapshot.stage == m.FINISHED
+        waits = (card, coming, snapshot.blind, opened.folder) if there else None
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None

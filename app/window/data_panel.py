@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -51,8 +53,8 @@ class Recent:
         user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
         self._settings = QSettings(*user) if QApplication.organizationName() else None
         kept = self._settings.value(kind, []) if self._settings else []
-        kept = [kept] if isinstance(kept, str) else kept or []  # a list of one comes back as a text
-        self.paths: list[str] = [path for path in kept if Path(path).exists()]
+        paths = kept if isinstance(kept, list) else [kept]  # a list of one comes back as a text
+        self.paths = [str(path) for path in paths if path and Path(str(path)).exists()]
 
     def add(self, path: str) -> None:
         self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
@@ -85,7 +87,7 @@ class DataPanel(Panel):
         self.export_as = QPushButton("Export …")
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
-            self._entry(forms, f"{name}, into a new folder", lambda form=form: self._ask_export(form))
+            self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self._export.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
@@ -106,12 +108,12 @@ class DataPanel(Panel):
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
             absent.hide()
 
-    def showEvent(self, event) -> None:
+    def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._timer.start(LOOK_MS)
         self.look()
 
-    def hideEvent(self, event) -> None:
+    def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)
         self._timer.stop()
 
@@ -218,7 +220,7 @@ class DataPanel(Panel):
     def _offer(self, menu: QMenu) -> None:
         menu.clear()
         for path in self._recent.paths:
-            self._entry(menu, path, lambda path=path: self._choose(Path(path)), path != str(self._folder))
+            self._entry(menu, path, partial(self._choose, Path(path)), path != str(self._folder))
         menu.addSeparator()
         self._entry(menu, "Another folder …", self._browse)
 

@@ -35,9 +35,9 @@ class TryPage(Page):
         self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
         self._place: tuple[str, int] | None = None  # device and path on the canvas
         self._phase, self._since_s, self._reading = -1, 0.0, Reading()
+        self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
-        self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
         self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)

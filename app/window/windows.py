@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+from functools import partial
 from importlib import import_module
 
 from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
@@ -63,14 +64,18 @@ class Windows(QObject):
         """The same keys; what leads to a question brings the main window to the front first."""
         main = self.main
         direct = {
-            "start": lambda: self.participant.start() or main.do("start"),
+            "start": self._start,
             "escape": lambda: main.escape("Esc was pressed on the participant's screen"),
             "allow brakes": main.allow_brakes,
             "pause": lambda: main.do("pause"),
             "participant": self.show_or_hide_participant,
         }
         asking = ("redo", "skip", "abort", "note")
-        return direct | {name: (lambda name=name: self._at_main(name)) for name in asking}
+        return direct | {name: partial(self._at_main, name) for name in asking}
+
+    def _start(self) -> None:
+        if not self.participant.start():
+            self.main.do("start")
 
     def _at_main(self, action: str) -> None:
         if self.one_screen:
