@@ -71,12 +71,13 @@ def held(qtbot) -> Held:
     return made
 
 
-def test_names_of_devices_that_do_not_fit_side_by_side_stand_in_lines(qtbot) -> None:
-    held = Held(qtbot)
-    held.page.show_opened(opened("", protocol=load_protocol("displays")))
-    held.page.show_snapshot(tried())
+def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_their_names_do_not_fit(held) -> None:
+    held.page.show_opened(opened("", protocol=load_protocol("displays")))  # the paper's controllers and paths
+    held.page.show_snapshot(tried(INITIAL._replace(device="er-two-brake")))
     settle(held.page)
-    assert cut_texts(held.page.controls) == []
+    buttons = held.page.controls.segments["device"].findChildren(QPushButton)
+    assert [one.text() for one in buttons if one.isChecked()] == ["Er-two brakes"] and len(buttons) == 4
+    assert len({one.y() for one in buttons}) == 2 and cut_texts(held.page.controls) == []
 
 
 def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:
