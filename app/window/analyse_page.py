@@ -83,7 +83,8 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
+        self._reading, self._opening = Work(self._show_results), Work(self._show_trial)
+        self._excluding = Work(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = (
@@ -101,10 +102,7 @@ class AnalysePage(Page):
         self._charts = holder(column((row(*self.plots), 1), self.colours))
         self.stack = stack(self._charts, self.verdicts, self.empty)
         self.side = TrialView()
-        self._reading.done.connect(self._show_results)
-        self._concluding.done.connect(self.verdicts.show_conclusions)
-        self._opening.done.connect(self._show_trial)
-        self._excluding.done.connect(self._excluded)
+        self._concluding = Work(self.verdicts.show_conclusions)
         self.side.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
@@ -117,9 +115,8 @@ class AnalysePage(Page):
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
-        self._export, self._cancelled = Verb(), False
+        self._export, self._cancelled = Verb(self._exported), False
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
-        self._export.done.connect(self._exported)
         self._lay_out()
         self._show_busy()
         for absent in (self.side, self._foot):

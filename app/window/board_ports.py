@@ -25,8 +25,7 @@ class BoardPorts(QWidget):
         self.setObjectName("clear")
         self._found: tuple[BoardFound, ...] = ()
         self._mine = ""  # the port that is connected
-        self._looking = Work()
-        self._looking.done.connect(self._show_found)
+        self._looking = Work(self._show_found)
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")

@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QButtonGroup, QGridLayout, QLineEdit, QPushButton, QWidget
 
@@ -16,11 +17,41 @@ from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-AGAIN = {"now": "Repeat it now", "end": "Repeat it at the end", "never": "Do not repeat it"}  # an aborted trial
 
-ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
-REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
-SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
+
+class Ask(NamedTuple):
+    """A question that is answered with a reason: one of these, or one's own words."""
+
+    kind: str
+    title: str
+    text: str
+    do: str  # the words of its button
+    reasons: tuple[str, ...] = ()
+    choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
+
+
+ABORT = Ask(
+    "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
+    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
+    (("now", "Repeat it now"), ("end", "Repeat it at the end"), ("never", "Do not repeat it")),
+)  # fmt: skip
+REDO = Ask(
+    "redo", "Repeat the trial of run {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
+)  # fmt: skip
+SKIP = Ask(
+    "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
+    ("the participant asked", "short of time", "something is wrong with this condition"),
+)  # fmt: skip
+UNBLIND = Ask(
+    "unblind", "Open the key?",
+    "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
+)  # fmt: skip
+RESTED = "Go on when the participant is ready."
+CLOSE = (
+    "A trial is being recorded",
+    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
+)
 
 
 class Card(Panel):
@@ -105,33 +136,21 @@ class Card(Panel):
 class Question(Card):
     """What to do, and why: Alt with 1, 2, 3, or one's own words and Enter, which may begin with any digit."""
 
-    answered = Signal(str)
-    left = Signal()
-
     def __init__(
-        self,
-        title: str,
-        text: str,
-        reasons: Sequence[str],
-        do: str,
-        parent: QWidget,
-        choices: Mapping[str, str] | None = None,
+        self, ask: Ask, answered: Callable[[str], object], leave: Callable[[], object], parent: QWidget
     ) -> None:
-        """do: the words of the button; choices: of these one is chosen besides, the first unless another is clicked."""
-        super().__init__(
-            title, text, ((f"{do}  Enter", lambda: self._answer()), ("Cancel  Esc", lambda: self.left.emit())), parent
-        )
+        buttons = ((f"{ask.do}  Enter", lambda: self._answer()), ("Cancel  Esc", leave))
+        super().__init__(ask.title, ask.text, buttons, parent)
+        self._answered = answered
         self.confirm, self.cancel = self.buttons
         self.choices = QButtonGroup(self)
-        for name, words in (choices or {}).items():
-            choice = QPushButton(words, objectName="choice", checkable=True, focusPolicy=NO_FOCUS)
-            choice.setChecked(not self.choices.buttons())
-            choice.setProperty("choice", name)
-            self.choices.addButton(choice)
+        for at, (_, words) in enumerate(ask.choices):
+            choice = QPushButton(words, objectName="choice", checkable=True, checked=at == 0, focusPolicy=NO_FOCUS)
+            self.choices.addButton(choice, at)
             self.inside.addWidget(choice)
-        for number, reason in enumerate(reasons, start=1):
+        for number, reason in enumerate(ask.reasons, start=1):
             made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
-            made.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
+            made.clicked.connect(lambda _=False, reason=reason: answered(reason))
             self.key(f"Alt+{number}", made.click)
             self.inside.addWidget(made)
         self.own = QLineEdit(placeholderText="Another reason", accessibleName="Another reason", maxLength=200)
@@ -145,24 +164,9 @@ class Question(Card):
 
     enter = take_focus
 
-    @property
-    def choice(self) -> str:
-        """The chosen one of the choices; "" where there are none."""
-        chosen = self.choices.checkedButton()
-        return chosen.property("choice") if chosen else ""
-
     def _answer(self) -> None:
         if reason := self.own.text().strip():
-            self.answered.emit(reason)
-
-
-ABORT = ("Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.")
-UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. The journal keeps who asked.")
-RESTED = "Go on when the participant is ready."
-CLOSE = (
-    "A trial is being recorded",
-    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
-)
+            self._answered(reason)
 
 
 class Cards:
@@ -184,27 +188,16 @@ class Cards:
         self.question, self._kind = question, kind
         question.appear()
 
-    def ask(
-        self,
-        kind: str,
-        title: str,
-        text: str,
-        reasons: Sequence[str],
-        do: str,
-        then: Callable[..., None],
-        choices: Mapping[str, str] | None = None,
-    ) -> None:
-        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one's key."""
-        question = Question(title, text, reasons, do, self._parent, choices)
+    def ask(self, ask: Ask, then: Callable[..., object]) -> None:
+        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one."""
 
         def answered(reason: str) -> None:
-            choice = question.choice
+            chosen = [ask.choices[question.choices.checkedId()][0]] if ask.choices else []
             self.leave()
-            then(reason, choice) if choices else then(reason)
+            then(reason, *chosen)
 
-        question.answered.connect(answered)
-        question.left.connect(self.leave)
-        self.put(question, kind)
+        question = Question(ask, answered, self.leave, self._parent)
+        self.put(question, ask.kind)
 
     def show_message(self, title: str, text: str) -> None:
         """Something that has to be read."""
@@ -306,8 +299,7 @@ class Cards:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
-            key = ("unblind", *UNBLIND, (), "Open", lambda who: page.send(m.Unblind(who)))
-            buttons.append(("Open the key …", lambda: self.ask(*key)))
+            buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
         buttons.append(("Next participant", lambda: page.send(m.Leave())))
         return Card("The plan is done", text, buttons, self._parent)
 

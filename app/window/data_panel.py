@@ -37,6 +37,7 @@ from app.window.words import LACKING, LEAVE, from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.plan import counted
+from experiments.recording.atomic_files import first_free
 from experiments.session.files import STORED, recordings_in
 from experiments.session.overview import DataOverview, SessionOverview, look_into
 
@@ -77,8 +78,7 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
         self._recent = Recent("folders")
-        self._looking, self._export, self._out = Work(), Verb(), Path()
-        self._looking.done.connect(self._looked)
+        self._looking, self._export, self._out = Work(self._looked), Verb(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
@@ -95,7 +95,6 @@ class DataPanel(Panel):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
-        self._export.done.connect(self._exported)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -243,11 +242,9 @@ class DataPanel(Panel):
 
     def export(self, form: str, into: Path) -> None:
         """Write all sessions for other programs into a new folder in this one."""
-        assert self._folder is not None
-        number, self._out = 1, into / f"{self._folder.name}-{form}"
-        while self._out.exists():
-            number += 1
-            self._out = into / f"{self._folder.name}-{form}-{number}"
+        if self._folder is None:
+            return
+        self._out = first_free(into, f"{self._folder.name}-{form}")
         self.exporting.setText(f"Exporting as {FORMS[form]} …")
         self.bar.setValue(0)
         for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):

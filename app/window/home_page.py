@@ -106,9 +106,7 @@ class HomePage(Page):
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self._typed = False  # the participant was typed, and is not proposed anew
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
-        self._loading, self._planning = Work(), Work()
-        self._loading.done.connect(self._show_loaded)
-        self._planning.done.connect(self._show_plan)
+        self._loading, self._planning = Work(self._show_loaded), Work(self._show_plan)
         self._recent = Recent("protocols")
         self.data = DataPanel()
         self.device, self.editor = DevicePage(send), ProtocolEditor()

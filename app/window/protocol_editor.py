@@ -82,8 +82,7 @@ class ProtocolEditor(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self._reader = Work()
-        self._reader.done.connect(self._show_read)
+        self._reader = Work(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
         self._name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
         self._file = Path.home() / "protocol.toml"  # which saving proposes

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
@@ -40,14 +40,10 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        layout = QGridLayout(self)
-        layout.setContentsMargins(0, 2, 0, 2)
-        layout.setVerticalSpacing(0)
-        layout.addWidget(OneLine(SHORT.get(metric.title, metric.title), "quiet"), 0, 0)
-        layout.addLayout(row(self.value, self.unit, 1), 1, 0)
-        layout.addWidget(self.graph, 0, 1, 2, 1)
-        layout.setColumnStretch(0, 2)
-        layout.setColumnStretch(1, 3)
+        about = column(
+            OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
+        )
+        self.setLayout(row((about, 2), (self.graph, 3), spacing=6, margins=(0, 2, 0, 2)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -126,13 +122,7 @@ class TrialCard(Panel):
         self.out.setEnabled(False)
         for deaf in (self.out, self.reason):
             deaf.setFocusPolicy(NO_FOCUS)
-        decide = QGridLayout()
-        decide.addWidget(self.keep, 0, 0, 1, 2)
-        decide.addWidget(self.reason, 1, 0)
-        decide.addWidget(self.out, 1, 1)
-        decide.addWidget(self.redo, 2, 0, 1, 2)
-        decide.setColumnStretch(0, 2)
-        decide.setColumnStretch(1, 1)
+        decide = column(self.keep, row((self.reason, 2), (self.out, 1), spacing=6), self.redo)
         head = row(self.dot, self.title, 1, self.outcome)
         self.setLayout(column(
             head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,

@@ -90,9 +90,7 @@ class TrialView(Panel):
         self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
-        self.replay, self._reading = Verb(), Work()
-        self.replay.done.connect(self._replayed)
-        self._reading.done.connect(self._show_beside)
+        self.replay, self._reading = Verb(self._replayed), Work(self._show_beside)
         self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
         self._table = Path()  # these
         self.steps = (

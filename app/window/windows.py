@@ -249,9 +249,9 @@ def compile_kernels() -> None:
     bar.setWindowTitle("PHD")
     bar.setMinimumDuration(0)
     bar.setValue(0)
-    compiling, waiting = Verb(), QEventLoop()
+    waiting = QEventLoop()
+    compiling = Verb(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
     compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
-    compiling.done.connect(waiting.quit)  # failed: the session server compiles, and says why it cannot
     compiling.begin(module="app.compile_kernels")
     waiting.exec()
     bar.close()

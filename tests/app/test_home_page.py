@@ -333,7 +333,7 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
         qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
         assert says in texts(shown)
 
-    (tmp_path / "data-csv").mkdir()
+    (tmp_path / "data-csv-1").mkdir()
     export(f"Exported to {tmp_path / 'data-csv-2'}")
     assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
     data._folder = tmp_path / "none"
