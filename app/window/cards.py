@@ -5,18 +5,18 @@ from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QButtonGroup, QGridLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
 from app.ipc import messages as m
 from app.window.page import ANALYSE, HOME, Page
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, Panel, breakable, button, column, line, row, word
+from app.window.painting.parts import KeyButton, Panel, Segments, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
 from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-AGAIN = {"now": "Repeat it now", "end": "Repeat it at the end", "never": "Do not repeat it"}  # an aborted trial
+AGAIN = {"now": "Repeat now", "end": "Repeat later", "never": "Do not repeat"}  # an aborted trial
 
 ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
 REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
@@ -121,13 +121,11 @@ class Question(Card):
             title, text, ((f"{do}  Enter", lambda: self._answer()), ("Cancel  Esc", lambda: self.left.emit())), parent
         )
         self.confirm, self.cancel = self.buttons
-        self.choices = QButtonGroup(self)
-        for name, words in (choices or {}).items():
-            choice = QPushButton(words, objectName="choice", checkable=True, focusPolicy=NO_FOCUS)
-            choice.setChecked(not self.choices.buttons())
-            choice.setProperty("choice", name)
-            self.choices.addButton(choice)
-            self.inside.addWidget(choice)
+        self.choices = Segments(choices or {})
+        if choices:
+            self.choices.choose(next(iter(choices)))
+            self.inside.addWidget(self.choices)
+            self.inside.addWidget(word("Why?", "quiet"))
         for number, reason in enumerate(reasons, start=1):
             made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
             made.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
@@ -147,8 +145,7 @@ class Question(Card):
     @property
     def choice(self) -> str:
         """The chosen one of the choices; "" where there are none."""
-        chosen = self.choices.checkedButton()
-        return chosen.property("choice") if chosen else ""
+        return self.choices.value() or ""
 
     def _answer(self) -> None:
         if reason := self.own.text().strip():
