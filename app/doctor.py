@@ -137,7 +137,7 @@ def host(stolen: float | None) -> Check:
     """The share of this machine's time that the host of a virtual machine keeps; None: not known."""
     if stolen is None:
         return check("host", "not known: this system does not count what a host keeps from it")
-    advice = "Give this virtual machine cores of its own, or run trials on a machine that is none."
+    advice = "Give this virtual machine cores of its own, or run trials on a machine that is not virtual."
     found = f"has kept {100.0 * stolen:.1f} % of the cores' time from this machine since its start"
     return check("host", found, advice if stolen > MUCH_STOLEN else "")
 

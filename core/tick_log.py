@@ -30,12 +30,12 @@ OBSTACLE_DISTANCE = 51
 WIDTH = 52
 
 # Further places in the rows of a device on the bench.
-BOARD_US, HOST_S, FILLED = 52, 53, 54
-COUNT = 55  # four places, encoders of the joints A, E, B, C
-FORCE_COUNT = 59  # six places, force channels
-MEASURED = 65  # four places, joints A, E, B, C
-DECIDED = 69
-BENCH_WIDTH = 70
+BOARD_US, HOST_S, FILLED = range(WIDTH, WIDTH + 3)
+COUNT = FILLED + 1  # four places, encoders of the joints A, E, B, C
+FORCE_COUNT = COUNT + 4  # six places, force channels
+MEASURED = FORCE_COUNT + 6  # four places, joints A, E, B, C
+DECIDED = MEASURED + 4
+BENCH_WIDTH = DECIDED + 1
 
 MISSED_US = 1000.0  # a tick so late (`lateness_us`) was missed
 

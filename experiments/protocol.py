@@ -42,7 +42,7 @@ from experiments.language import ENGLISH, Language, language_text, read_language
 from experiments.slave import Slave
 
 REFLECT = "reflect"
-PROPORTIONAL, GAIN = "proportional", "gain_N_s_m"  # whose least gain `--low-gain` sets
+GAIN = "gain_N_s_m"  # the least one is what `--low-gain` sets
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
@@ -521,8 +521,8 @@ def _assumed(
 
 
 def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:
-    proportional = [number for number, preset in controllers.items() if preset.kind == PROPORTIONAL]
-    return min(proportional, key=lambda number: controllers[number].value(GAIN), default=None)
+    with_gain = [number for number, preset in controllers.items() if GAIN in preset.named]
+    return min(with_gain, key=lambda number: controllers[number].value(GAIN), default=None)
 
 
 def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:

@@ -45,7 +45,7 @@ NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 
 REFUSAL_WORDS: dict[int, str] = {
     Refusal.WRONG_STATE: "it does not do that in the state it is in",
-    Refusal.BAD_VALUE: "it cannot take what it was told",
+    Refusal.BAD_VALUE: "it cannot take the value that it was sent",
     Refusal.FAULT_STANDS: "what caused its fault is still there",
     Refusal.VERSION: "it speaks another version of the protocol",
 }

@@ -66,7 +66,7 @@ class Client:
         self._server.send(command)
 
     def receive(self) -> list:
-        """What the session server has said since the last time: Opened, Snapshot, Pulse."""
+        """What the session server has sent since the last time: Opened, Snapshot, Pulse."""
         if not self._left_core and (core := int(self._ring.control.core)) >= 0:
             leave_core(core)
             self._left_core = True

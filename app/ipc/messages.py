@@ -1,4 +1,4 @@
-"""What the processes say to each other.
+"""The messages between the processes.
 
 A window sends commands; the session server answers with what is. A window holds no state of the experiment: `Opened`
 and the newest `Snapshot` say everything. The session server gives jobs to the control loop, which answers each.
@@ -368,7 +368,7 @@ class Pulse(NamedTuple):
     proof: Proof | None  # None: nothing is being recorded
     timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
-    device: "DeviceStatus | None" = None  # a real one, while no trial runs; None: not told yet
+    device: "DeviceStatus | None" = None  # a real one, while no trial runs; None: not reported yet
 
 
 # ----------------------------------------------------------------------------------------- jobs: session server -> loop
@@ -450,7 +450,7 @@ class DeviceStatus(NamedTuple):
     theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
     homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
     zeroed_at: float = 0.0
-    told_s: float = 0.0  # monotonic clock
+    reported_s: float = 0.0  # monotonic clock
 
 
 class Looked(NamedTuple):

@@ -61,7 +61,7 @@ class Pipe:
         return messages
 
     def close(self) -> None:
-        """Send what waits, then tell the other end that nothing more will come."""
+        """Send what waits, then close: the other end sees that nothing more will come."""
         self._outbox.put(None)
 
     def _read(self, incoming: IO[bytes]) -> None:
@@ -80,7 +80,7 @@ class Pipe:
                     outgoing.write(message)
                     outgoing.flush()
                     self._written += 1
-        except OSError:  # the other end is gone; what it said before is still read, up to its end
+        except OSError:  # the other end is gone; what it sent before is still read, up to its end
             return
 
 

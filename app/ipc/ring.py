@@ -163,7 +163,7 @@ class Ring:
     # the session server
 
     def begin_trial(self, taken: bool = False) -> None:
-        """Before the loop is told to run one. taken: the pointer still holds the handle."""
+        """Before the loop gets one to run. taken: the pointer still holds the handle."""
         control = self.control
         control.stop = control.cause = control.dropped = control.let_go = control.worked = control.worked_most = 0
         control.taken = int(taken)

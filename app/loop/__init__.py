@@ -1,1 +1,1 @@
-"""Process 1: the 1 kHz loop. No files, no Qt."""
+"""Process 1: the 1 kHz loop. Writes no files; no Qt."""

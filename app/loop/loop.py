@@ -42,7 +42,7 @@ from experiments.trial.trial import Trial, load_kernels
 from hardware.serial_device import device_at
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
-TELL_S = 0.1  # between two reports of how a real device is
+REPORT_S = 0.1  # between two reports of how a real device is
 AGAIN_S = 1.0  # between attempts to reach a board that was never reached
 
 
@@ -69,8 +69,8 @@ class Loop:
         self._devices: tuple[Device, ...] = ()
         self._problem = "not connected yet"
         self._homed_at = self._zeroed_at = 0.0
-        self._told_s = self._tried_s = 0.0
-        self._looking = False  # boards are to be looked for, and it has not been told what was found
+        self._reported_s = self._tried_s = 0.0
+        self._looking = False  # boards are to be looked for, and what was found is not reported yet
         ring.rows.max()  # every page is in memory before the first tick
 
     def prepare(self, real_time: bool) -> None:
@@ -149,7 +149,7 @@ class Loop:
                     self._reset(presses)
         except (DeviceError, InputError) as error:
             self._answer(m.NotDone(str(error)))
-        self._told_s = 0.0
+        self._reported_s = 0.0
 
     # ------------------------------------------------------------------------------------------------ a trial
 
@@ -183,7 +183,7 @@ class Loop:
     # ------------------------------------------------------------------------------- between trials, a real device
 
     def idle(self) -> None:
-        """One exchange with zero currents; now and then the server is told how the device is."""
+        """One exchange with zero currents; now and then the server gets a report of the device."""
         device = self.device
         if device is None:
             self._connect()
@@ -196,12 +196,12 @@ class Loop:
                 self._latch(device, self.sample)
         self.ring.control.loop_beat = self._now_ns()
         known = device is None or device.problem or self.sample is not None
-        if known and self._clock() - self._told_s >= TELL_S:
+        if known and self._clock() - self._reported_s >= REPORT_S:
             self.report_device()
 
     def report_device(self) -> None:
         """How the device is, to the server."""
-        self._told_s = self._clock()
+        self._reported_s = self._clock()
         self._answer(self._status())
         if self._looking:
             self._looking = False
@@ -268,7 +268,7 @@ class Loop:
         status = m.DeviceStatus(
             device.device.name, report.get("board", ""), device.problem, zeroed=device.zeroed, encoders=device.encoders,
             force_channels=device.force_channels, report=report, port=device.port, homed_at=self._homed_at,
-            zeroed_at=self._zeroed_at if device.zeroed else 0.0, told_s=self._clock(),
+            zeroed_at=self._zeroed_at if device.zeroed else 0.0, reported_s=self._clock(),
         )  # fmt: skip
         if sample is None:
             return status

@@ -38,7 +38,7 @@ def do(state: State, command: object) -> None:
 
 
 def refused(state: State, command: "Command") -> str:
-    """Why a command cannot be done now, in one sentence; "": it can, as far as the table tells."""
+    """Why a command cannot be done now, in one sentence; "": the table allows it."""
     if command.session and state.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:

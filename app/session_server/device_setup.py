@@ -1,11 +1,11 @@
 """The device of the session server, what has to be done before a configuration's trials, and the hand that moves it.
 
 `SimulatedSetup` and `RealSetup` offer the same. A simulated device is always ready; the mouse, a six-axis device or a
-simulated operator moves it. A real one is made ready step by step, connected, homed, zeroed, by the loop, which tells
-how it is; a person's hand moves it.
+simulated operator moves it. A real one is made ready step by step, connected, homed, zeroed, by the loop, which
+reports how it is; a person's hand moves it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from app.session_server.preflight import check_device, check_hand, check_real, c
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.inputs import HID, SENSOR, is_person
+from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
@@ -34,16 +34,19 @@ if TYPE_CHECKING:
 
 Write = Callable[..., None]  # an event and its fields, into the journal
 
+#: hand, of `INPUTS`, whose force moves the handle -> what reads it, and pushes from its start until it is closed
+PUSHING = {HID: HidHand}
+
 
 class SimulatedSetup:
     """A simulated device; a re-rig is only confirmed."""
 
     real, status = False, None
 
-    def __init__(self, ring: Ring, hand: str, hid: Callable[..., HidHand] = HidHand) -> None:
+    def __init__(self, ring: Ring, hand: str, pushing: Mapping[str, Callable[..., HidHand]] = PUSHING) -> None:
         """hand: what moves it, of `INPUTS`. InputError: it is a six-axis device, and none is attached."""
         self.hand, self._ring = hand, ring
-        self._hid = hid(ring.push) if hand == HID else None  # pushes until it is closed
+        self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
 
     def card(self, progress: "SessionProgress") -> Card | None:
         """What is to be done before the coming trial; None: nothing."""
@@ -63,7 +66,7 @@ class SimulatedSetup:
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """For the pre-flight row: device and hand."""
-        return check_device(True, why_off), check_hand(self.hand, self._hid.read() if self._hid else None)
+        return check_device(True, why_off), check_hand(self.hand, self._pushes.read() if self._pushes else None)
 
     def allow(self, presses: int) -> None:
         """Currents may flow again, if the brakes-off was not pressed again after those presses."""
@@ -89,16 +92,16 @@ class SimulatedSetup:
         return tried
 
     def take_handle(self, device: SimulatedDevice) -> None:
-        """Before a trial: a six-axis device's force alone moves the handle, no spring between pointer and handle."""
-        if self._hid is not None:
+        """Before a trial: where a force is the hand it alone moves the handle, no spring of the pointer."""
+        if self._pushes is not None:
             grip = device.hand.grips
             grip["spring"][0] = 1
             grip["stiffness"][0] = grip["damping"][0] = 0.0
 
     def close(self) -> None:
-        """Let the six-axis device go."""
-        if self._hid is not None:
-            self._hid.close()
+        """End what pushes."""
+        if self._pushes is not None:
+            self._pushes.close()
 
 
 class RealSetup:
@@ -108,7 +111,7 @@ class RealSetup:
 
     def __init__(self, protocol: Protocol, send: Callable[[object], None]) -> None:
         """protocol: whose devices are looked for at first. send: a job to the loop."""
-        self.status: DeviceStatus | None = None  # None: the loop has not told yet
+        self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
         self.connect_anew()
@@ -230,7 +233,7 @@ def same(one: Device, other: Device) -> bool:
 
 def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:
     """The simulated operator that has this participant's place, if one moves the handle."""
-    if is_person(setup.hand):
+    if setup.hand != OPERATOR:
         return None
     seeds = np.random.SeedSequence([protocol.seed, participant_index(participant)])
     return load_population().draw(np.random.default_rng(seeds))

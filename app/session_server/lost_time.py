@@ -1,4 +1,4 @@
-"""Whose fault a late tick is: what the system has counted against the control loop.
+"""Why a tick was late: what the system counts of the time that it kept from the control loop.
 
 The host of a virtual machine keeps a processor core from it ("steal"); the scheduler lets another program have the core
 while the loop is ready to run, or takes it from the loop. What a tick itself takes the loop measures (`Ring`). Linux

@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING
 from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
-from experiments.inputs import INPUTS, is_person
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import counted
 
 if TYPE_CHECKING:
@@ -151,6 +151,6 @@ def done_without(setup: Setup, protocol: "Protocol") -> str:
         "no questionnaire": protocol.questionnaire.on,
     }  # fmt: skip
     missing = [what for what, is_asked in asked.items() if is_asked]
-    if is_person(setup.hand) or not missing:
+    if setup.hand != OPERATOR or not missing:
         return ""
     return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."

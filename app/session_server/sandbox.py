@@ -35,7 +35,7 @@ from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
 from experiments.assumptions import SENSINGS, Assumptions
-from experiments.inputs import INPUTS, is_person
+from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
@@ -273,7 +273,7 @@ class Sandbox:
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip, self._taken = (path.x1, path.y1), False
-        hand = p.mouse.hand() if is_person(self._setup.hand) else None
+        hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
         return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
 
     def _file(self, name: str) -> Device:

@@ -37,7 +37,7 @@ CLOSE_S = 1.0  # longest wait for a window to take the last messages
 LOCK_S = 1.5  # longest wait for a server whose window is gone, and which is about to end
 FINISHING = ".finishing"  # in the data folder: a server whose window is gone is still at its last trial
 LOG = ".session_server.log"  # in the data folder; only where something failed that should not
-TERMINATED = "the session server was told to end"
+TERMINATED = "the session server was ended by the system"
 WINDOW_GONE = "the window was lost"
 
 
@@ -221,7 +221,7 @@ def read_protocol(setup: Setup) -> "Protocol":
 def _close_log(log: Path, early: BinaryIO) -> None:
     """Keep the log only if there is anything in it."""
     early.seek(0)
-    with contextlib.suppress(OSError):  # the window has been told of a failing disk
+    with contextlib.suppress(OSError):  # the window shows already that the disk fails
         if log.exists() and (content := early.read()):
             with log.open("ab") as file:
                 file.write(content)

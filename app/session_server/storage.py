@@ -115,7 +115,7 @@ class Storage:
         try:
             row = run.keep(self.progress.session)
             self.verified = run.name.lower() if row.recording else self.verified
-            if row.status == "aborted":  # the experimenter decided so: their reason alone would not tell that
+            if row.status == "aborted":  # the experimenter decided so: their reason alone does not show that
                 notice = with_advice(f"{run.name} was aborted", reason)
                 if run.again != "never" and row.block:
                     self.progress.session.redo(row.run, reason, at_end=run.again == "end")

@@ -39,7 +39,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "The log names a UDP port of this computer that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
         'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
-        '{"clear": true},\n{"device": "three-brake"} to be wired to that one; each is answered with\nthe truth.\n\n'
+        '{"clear": true},\n{"device": "three-brake"} to be wired to that one; the answer to each is\n'
+        "the true state of board and handle.\n\n"
         "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
         "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
         "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nover-current=A@5+1, saturated-force@5+1.",

@@ -53,8 +53,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option = add_verb(
         verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models",
-        "And, of its future work, the passive master. Each as PNG and PDF. No data of the paper are drawn; what\n"
-        "rests on assumed parameters is marked so.\n"
+        "Besides: the shipped displays compared, the guard's stopping distances, a passive master and the Scooter.\n"
+        "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
         "Files that exist are never overwritten. Prints the files.",
         "phd figures --out figures", prints="names, contents and files",
     ).add_argument  # fmt: skip

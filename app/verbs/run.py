@@ -45,7 +45,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--rules", choices=RULES, help="in place of the protocol's")
     least_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
     option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
-    option("--seed", type=whole_number_of(0), metavar="1", help="of the order of trials, in place of the protocol's")
+    option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
     option("--participant", type=label, metavar="01", help=participant)
     option("--data-dir", **DATA_DIR)

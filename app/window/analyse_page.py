@@ -2,27 +2,21 @@
 
 import pickle
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent, QResizeEvent
 from PySide6.QtWidgets import (
-    QApplication,
     QButtonGroup,
-    QGridLayout,
-    QLabel,
-    QMenu,
     QProgressBar,
     QPushButton,
-    QScrollArea,
-    QWidget,
-    QWidgetAction,
 )
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, colour_of, trial_of
+from app.window.chips import Chips
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.parts import (
@@ -31,7 +25,6 @@ from app.window.painting.parts import (
     Flow,
     OneLine,
     button,
-    clear,
     column,
     holder,
     line,
@@ -41,6 +34,7 @@ from app.window.painting.parts import (
     word,
 )
 from app.window.trial_view import TrialView
+from app.window.verdicts import Verdicts, in_colour
 from app.window.words import show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
@@ -56,10 +50,9 @@ from experiments.analysis.charts import (
     left_out,
     legend,
 )
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
-from experiments.export.results import Conclusions, Job, Results, conclude, read_results
+from experiments.export.results import Job, Results, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
 from experiments.session.files import STORED
@@ -71,122 +64,17 @@ PAGES = {
     POOLED: "Pooled", PERSON: "Per participant", ORDER: "Order and learning", SPEED: "Speed and error",
     QUESTIONS: "Questionnaire", FINDINGS: "Findings",
 }  # fmt: skip
-VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}  # the look of each
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
-MOST_CHIPS = 8  # more are a menu
 SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
 
 
-class Chips(QWidget):
-    """A filter: a chip for each choice, lit while it is shown; many of them open below a button and stay open."""
-
-    changed = Signal()
-
-    def __init__(self, title: str) -> None:
-        super().__init__()
-        self._title, self._off = title, set()
-        self._names: dict[str, str] = {}
-        self.chips: dict[str, QPushButton] = {}
-        self.menu: QPushButton | None = None  # of many
-        self._row = row(spacing=6)
-        self.setLayout(self._row)
-
-    @property
-    def chosen(self) -> set[str]:
-        """What is to be shown."""
-        return set(self._names) - self._off
-
-    def show_choices(self, names: Mapping[str, str], off: Sequence[str] = ()) -> None:
-        """What there is to choose from, and what it is called; off: what is not shown unless it is asked for."""
-        if dict(names) == self._names:
-            return
-        self._off |= {choice for choice in off if choice not in self._names}
-        self._names, self.menu = dict(names), None
-        clear(self._row)
-        self.chips = {
-            choice: toggle(name, lambda on, choice=choice: self._switch({choice}, on), choice not in self._off)
-            for choice, name in names.items()
-        }
-        if len(names) > MOST_CHIPS:
-            self.menu = QPushButton(objectName="toggle")
-            self.menu.setMenu(self._menu())
-            self._row.addWidget(self.menu)
-            self._count()
-            return
-        self._row.addWidget(word(self._title, "quiet"))
-        for chip in self.chips.values():
-            self._row.addWidget(chip)
-
-    def _menu(self) -> QMenu:
-        """All chips in rows, and both ways to choose many at once."""
-        menu, chips = QMenu(self), QGridLayout(spacing=6)
-        for at, chip in enumerate(self.chips.values()):
-            chips.addWidget(chip, *divmod(at, MOST_CHIPS))
-        everyone, nobody = (
-            button(text, lambda on=on: self._switch(set(self._names), on), "small")
-            for text, on in (("All", True), ("None", False))
-        )
-        action = QWidgetAction(menu)
-        action.setDefaultWidget(holder(column(row(everyone, nobody, 1), chips, margins=(11, 11, 11, 11))))
-        menu.addAction(action)
-        return menu
-
-    def _count(self) -> None:
-        chosen, there = len(self.chosen), len(self._names)
-        if self.menu is not None:
-            self.menu.setText(f"{self._title}: {'all' if chosen == there else chosen} of {there}  ▾")
-
-    def _switch(self, choices: set[str], on: bool) -> None:
-        """Show these, or leave them out; all of them together change the charts once."""
-        (self._off.difference_update if on else self._off.update)(choices)
-        for choice, chip in self.chips.items():
-            with QSignalBlocker(chip):
-                chip.setChecked(choice not in self._off)
-        self._count()
-        self.changed.emit()
-
-
-class Verdicts(QScrollArea):
-    """The paper's statements, each with what these data say of it; then what else the statistics say."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.shown: Conclusions | None = None
-        self._text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText, margin=16)
-        self._text.setAlignment(Qt.AlignmentFlag.AlignTop)
-        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.setWidgetResizable(True)
-        self.setWidget(self._text)
-
-    def show_conclusions(self, conclusions: Conclusions | None) -> None:
-        """None: they are being computed."""
-        self.shown = conclusions
-        if conclusions is None:
-            self._text.setText("The statistics are being computed …")
-            return
-        warned = filter(None, (*conclusions.warnings, conclusions.refusal))
-        parts = [f"<p>{in_colour(text, theme.CAUTION)}</p>" for text in warned]
-        if conclusions.found:
-            parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
-            for one in conclusions.found:
-                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, theme.QUIET)
-                parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
-            parts.append("</table>")
-        if conclusions.sentences:
-            parts.append("<h3>What else to know</h3>")
-        self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in conclusions.sentences]))
-
-
-def in_colour(text: str, colour: str) -> str:
-    """A text as HTML; no line ends within a unit such as m/s."""
-    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
-
-
 class AnalysePage(Page):
     """Everything of a data folder: of the open session's, or of one that was asked for."""
+
+    _job: Job  # of the newest export, once there was one
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
@@ -195,7 +83,8 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._reading, self._opening, self._concluding, self._excluding = Work(), Work(), Work(), Work()
+        self._reading, self._opening = Work(self._show_results), Work(self._show_trial)
+        self._excluding = Work(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = (
@@ -213,10 +102,7 @@ class AnalysePage(Page):
         self._charts = holder(column((row(*self.plots), 1), self.colours))
         self.stack = stack(self._charts, self.verdicts, self.empty)
         self.side = TrialView()
-        self._reading.done.connect(self._show_results)
-        self._concluding.done.connect(self.verdicts.show_conclusions)
-        self._opening.done.connect(self._show_trial)
-        self._excluding.done.connect(self._excluded)
+        self._concluding = Work(self.verdicts.show_conclusions)
         self.side.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
@@ -229,11 +115,8 @@ class AnalysePage(Page):
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
-        self._export, self._cancelled = Verb(), False
-        self._job: Job | None = None  # the newest
+        self._export, self._cancelled = Verb(self._exported), False
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
-        self._export.done.connect(self._exported)
-        QApplication.instance().aboutToQuit.connect(self.cancel_export)
         self._lay_out()
         self._show_busy()
         for absent in (self.side, self._foot):
@@ -337,7 +220,7 @@ class AnalysePage(Page):
         self._tell(" ".join(results.problems), "caution")
         self._show()
         now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
-        if now is not None and now.status != self.chosen.status:
+        if self.chosen is not None and now is not None and now.status != self.chosen.status:
             self.open_trial(now)
 
     # what is shown
@@ -354,9 +237,8 @@ class AnalysePage(Page):
             if row.participant in people and row.configuration in devices and row.status in statuses
         )
 
-    @property
-    def view(self) -> View:
-        results = self.results
+    def view(self, results: Results) -> View:
+        """How they are shown."""
         devices = tuple(name for name in results.configurations if name in self.devices.chosen)
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()
         return View(devices or results.configurations, results.labels, results.lengths, *on)
@@ -386,24 +268,25 @@ class AnalysePage(Page):
             self.verdicts.show_conclusions(None)
             self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked())
         else:
-            self._show_charts(rows)
+            self._show_charts(results, rows)
         self._make_room()
 
-    def _show_charts(self, rows: Sequence[TrialRow]) -> None:
-        answers = [answer for answer in self.results.answers if answer.participant in self.people.chosen]
-        shown = charts(self.page, rows, self.view, answers)
+    def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
+        answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
+        view = self.view(results)
+        shown = charts(self.page, rows, view, answers)
         if not shown:
             self._show_empty("No questionnaire was answered in these sessions.")
             return
         self.stack.setCurrentWidget(self._charts)
-        self.caption.setText(" ".join(legend(shown[0], self.view)))
-        named = {one: escape(f" {name}").replace(" ", "\u00a0") for one, name in coloured(shown, self.view).items()}
+        self.caption.setText(" ".join(legend(shown[0], view)))
+        named = {one: escape(f" {name}").replace(" ", "\u00a0") for one, name in coloured(shown, view).items()}
         self.colours.setText(" &nbsp; ".join(in_colour("●", colour_of(one)) + name for one, name in named.items()))
         self.colours.setVisible(bool(named))
         if self.page != QUESTIONS:
-            self.warning.setText(left_out(rows, *self.view.timeouts_on(shown[0])))
+            self.warning.setText(left_out(rows, *view.timeouts_on(shown[0])))
         for plot, chart in zip(self.plots, shown, strict=False):
-            plot.show_chart(chart, self.view.logarithmic)
+            plot.show_chart(chart, view.logarithmic)
         self._ring()
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
@@ -434,7 +317,7 @@ class AnalysePage(Page):
         """Beside the charts, and ringed in all of them."""
         self.chosen = row
         self.side.show_row(row)
-        if row.recording:
+        if row.recording and self.results is not None:
             self._open(self.results.folder / row.recording)
         self.side.show()
         self._ring()
@@ -473,11 +356,14 @@ class AnalysePage(Page):
 
     def exclude(self, reason: str) -> None:
         """The trial that is shown, out of every result: by the session server if it has the session, else here."""
-        session = self.side.trial.path.resolve().parent.parent
+        trial = self.side.trial
+        if trial is None or trial.row is None:
+            return
+        session = trial.path.resolve().parent.parent
         if self.opened is not None and self.opened.participant and Path(self.opened.folder).resolve() == session:
-            self.send(m.Exclude(self.side.trial.row.run, reason))
+            self.send(m.Exclude(trial.row.run, reason))
         else:
-            self._excluding.ask(exclude_run, session, self.side.trial.row.run, reason)
+            self._excluding.ask(exclude_run, session, trial.row.run, reason)
 
     def _excluded(self, refused: InputError | None) -> None:
         if refused is not None:
@@ -498,7 +384,9 @@ class AnalysePage(Page):
         page = self.page if self.page != FINDINGS else POOLED
         whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
         folder = first_free(whole, "results")  # there when all of it has been written
-        self._job = Job(page, rows, answers, self.view, results.note, results.folder, tuple(sessions), folder, report)
+        self._job = Job(
+            page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
+        )
         self._cancelled = False
         self._export.begin(module="app.window.export", given=pickle.dumps(self._job))
         self._show_busy()
@@ -535,9 +423,9 @@ class AnalysePage(Page):
     def _allow_export(self) -> None:
         can = bool(self.rows) and not self._export.busy
         self.export_button.setEnabled(can)
-        self.report_button.setEnabled(can and bool(self.results.sessions))
+        self.report_button.setEnabled(can and self.results is not None and bool(self.results.sessions))
 
-    def closeEvent(self, event) -> None:
+    def closeEvent(self, event: QCloseEvent) -> None:
         self.side.end()
         self.cancel_export()
         super().closeEvent(event)

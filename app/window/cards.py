@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
@@ -16,11 +17,41 @@ from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-AGAIN = {"now": "Repeat now", "end": "Repeat later", "never": "Do not repeat"}  # an aborted trial
 
-ABORT_REASONS = ("the participant asked", "the participant was distracted", "something was wrong with the device")
-REDO_REASONS = ("the participant was distracted", "the participant had not understood", "something disturbed the trial")
-SKIP_REASONS = ("the participant asked", "short of time", "something is wrong with this condition")
+
+class Ask(NamedTuple):
+    """A question that is answered with a reason: one of these, or one's own words."""
+
+    kind: str
+    title: str
+    text: str
+    do: str  # the words of its button
+    reasons: tuple[str, ...] = ()
+    choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
+
+
+ABORT = Ask(
+    "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
+    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
+    (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
+)  # fmt: skip
+REDO = Ask(
+    "redo", "Repeat the trial of run {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
+)  # fmt: skip
+SKIP = Ask(
+    "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
+    ("the participant asked", "short of time", "something is wrong with this condition"),
+)  # fmt: skip
+UNBLIND = Ask(
+    "unblind", "Open the key?",
+    "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
+)  # fmt: skip
+RESTED = "Go on when the participant is ready."
+CLOSE = (
+    "A trial is being recorded",
+    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
+)
 
 
 class Card(Panel):
@@ -31,8 +62,9 @@ class Card(Panel):
 
     wide = WIDTH_PX  # where there is room
 
-    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], None]]], parent: QWidget):
+    def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], object]]], parent: QWidget):
         super().__init__("card", parent)
+        self._around = parent
         self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)
@@ -65,13 +97,13 @@ class Card(Panel):
 
     def place(self) -> None:
         """Into the middle of the parent."""
-        parent = self.parentWidget()
-        self.setFixedWidth(min(self.wide, max(parent.width() - 2 * theme.GAP, 280)))
+        around = self._around
+        self.setFixedWidth(min(self.wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
-        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(parent.height() - 8, 120)))
-        self.move((parent.width() - self.width()) // 2, max((parent.height() - self.height()) // 2, 4))
+        self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
+        self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
 
-    def key(self, key: str, do: Callable[[], None]) -> None:
+    def key(self, key: str, do: Callable[[], object]) -> None:
         """Let a key act while the card is there."""
         QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
 
@@ -92,7 +124,7 @@ class Card(Panel):
             super().keyPressEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.parentWidget() and not self.isHidden():
+        if watched is self._around and not self.isHidden():
             if event.type() == QEvent.Type.Resize:
                 self.place()
             elif event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent) and event.key() in ENTER:
@@ -104,31 +136,21 @@ class Card(Panel):
 class Question(Card):
     """What to do, and why: Alt with 1, 2, 3, or one's own words and Enter, which may begin with any digit."""
 
-    answered = Signal(str)
-    left = Signal()
-
     def __init__(
-        self,
-        title: str,
-        text: str,
-        reasons: Sequence[str],
-        do: str,
-        parent: QWidget,
-        choices: Mapping[str, str] | None = None,
+        self, ask: Ask, answered: Callable[[str], object], leave: Callable[[], object], parent: QWidget
     ) -> None:
-        """do: the words of the button; choices: of these one is chosen besides, the first unless another is clicked."""
-        super().__init__(
-            title, text, ((f"{do}  Enter", lambda: self._answer()), ("Cancel  Esc", lambda: self.left.emit())), parent
-        )
+        buttons = ((f"{ask.do}  Enter", lambda: self._answer()), ("Cancel  Esc", leave))
+        super().__init__(ask.title, ask.text, buttons, parent)
+        self._answered = answered
         self.confirm, self.cancel = self.buttons
-        self.choices = Segments(choices or {})
-        if choices:
-            self.choices.choose(next(iter(choices)))
+        self.choices = Segments(dict(ask.choices))
+        if ask.choices:
+            self.choices.choose(ask.choices[0][0])
             self.inside.addWidget(self.choices)
             self.inside.addWidget(word("Why?", "quiet"))
-        for number, reason in enumerate(reasons, start=1):
+        for number, reason in enumerate(ask.reasons, start=1):
             made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
-            made.clicked.connect(lambda _=False, chosen=reason: self.answered.emit(chosen))
+            made.clicked.connect(lambda _=False, reason=reason: answered(reason))
             self.key(f"Alt+{number}", made.click)
             self.inside.addWidget(made)
         self.own = QLineEdit(placeholderText="Another reason", accessibleName="Another reason", maxLength=200)
@@ -142,23 +164,9 @@ class Question(Card):
 
     enter = take_focus
 
-    @property
-    def choice(self) -> str:
-        """The chosen one of the choices; "" where there are none."""
-        return self.choices.value() or ""
-
     def _answer(self) -> None:
         if reason := self.own.text().strip():
-            self.answered.emit(reason)
-
-
-ABORT = ("Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.")
-UNBLIND = ("Open the key?", "The controllers become visible here and in the tables. The journal keeps who asked.")
-RESTED = "Go on when the participant is ready."
-CLOSE = (
-    "A trial is being recorded",
-    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
-)
+            self._answered(reason)
 
 
 class Cards:
@@ -180,27 +188,16 @@ class Cards:
         self.question, self._kind = question, kind
         question.appear()
 
-    def ask(
-        self,
-        kind: str,
-        title: str,
-        text: str,
-        reasons: Sequence[str],
-        do: str,
-        then: Callable[..., None],
-        choices: Mapping[str, str] | None = None,
-    ) -> None:
-        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one's key."""
-        question = Question(title, text, reasons, do, self._parent, choices)
+    def ask(self, ask: Ask, then: Callable[..., object]) -> None:
+        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one."""
 
         def answered(reason: str) -> None:
-            choice = question.choice
+            chosen = [question.choices.value()] if ask.choices else []
             self.leave()
-            then(reason, choice) if choices else then(reason)
+            then(reason, *chosen)
 
-        question.answered.connect(answered)
-        question.left.connect(self.leave)
-        self.put(question, kind)
+        question = Question(ask, answered, self.leave, self._parent)
+        self.put(question, ask.kind)
 
     def show_message(self, title: str, text: str) -> None:
         """Something that has to be read."""
@@ -212,7 +209,9 @@ class Cards:
         card.wide = KEYS_PX
         columns = row(spacing=24)
         for title, keys in groups.items():
-            grid = QGridLayout(horizontalSpacing=14, verticalSpacing=4)
+            grid = QGridLayout()
+            grid.setHorizontalSpacing(14)
+            grid.setVerticalSpacing(4)
             grid.setColumnStretch(1, 1)
             for down, (key, does) in enumerate(keys.items()):
                 grid.addWidget(word(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
@@ -270,9 +269,8 @@ class Cards:
         """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        waits = (card, coming, snapshot.blind, opened.folder)
-        if card is None and snapshot.stage != m.FINISHED:
-            waits = None
+        there = card is not None or snapshot.stage == m.FINISHED
+        waits = (card, coming, snapshot.blind, opened.folder) if there else None
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None
@@ -301,8 +299,7 @@ class Cards:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
-            key = ("unblind", *UNBLIND, (), "Open", lambda who: page.send(m.Unblind(who)))
-            buttons.append(("Open the key …", lambda: self.ask(*key)))
+            buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
         buttons.append(("Next participant", lambda: page.send(m.Leave())))
         return Card("The plan is done", text, buttons, self._parent)
 

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -35,6 +37,7 @@ from app.window.words import LACKING, LEAVE, from_home, show_folder
 from app.window.work import Verb, Work
 from core.files import InputError
 from experiments.plan import counted
+from experiments.recording.atomic_files import first_free
 from experiments.session.files import STORED, recordings_in
 from experiments.session.overview import DataOverview, SessionOverview, look_into
 
@@ -51,8 +54,8 @@ class Recent:
         user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
         self._settings = QSettings(*user) if QApplication.organizationName() else None
         kept = self._settings.value(kind, []) if self._settings else []
-        kept = [kept] if isinstance(kept, str) else kept or []  # a list of one comes back as a text
-        self.paths: list[str] = [path for path in kept if Path(path).exists()]
+        paths = kept if isinstance(kept, list) else [kept]  # a list of one comes back as a text
+        self.paths = [str(path) for path in paths if path and Path(str(path)).exists()]
 
     def add(self, path: str) -> None:
         self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
@@ -75,8 +78,7 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
         self._recent = Recent("folders")
-        self._looking, self._export, self._out = Work(), Verb(), Path()
-        self._looking.done.connect(self._looked)
+        self._looking, self._export, self._out = Work(self._looked), Verb(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
@@ -85,7 +87,7 @@ class DataPanel(Panel):
         self.export_as = QPushButton("Export …")
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
-            self._entry(forms, f"{name}, into a new folder", lambda form=form: self._ask_export(form))
+            self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self._export.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
@@ -93,7 +95,6 @@ class DataPanel(Panel):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
         self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
-        self._export.done.connect(self._exported)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -106,12 +107,12 @@ class DataPanel(Panel):
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
             absent.hide()
 
-    def showEvent(self, event) -> None:
+    def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._timer.start(LOOK_MS)
         self.look()
 
-    def hideEvent(self, event) -> None:
+    def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)
         self._timer.stop()
 
@@ -218,7 +219,7 @@ class DataPanel(Panel):
     def _offer(self, menu: QMenu) -> None:
         menu.clear()
         for path in self._recent.paths:
-            self._entry(menu, path, lambda path=path: self._choose(Path(path)), path != str(self._folder))
+            self._entry(menu, path, partial(self._choose, Path(path)), path != str(self._folder))
         menu.addSeparator()
         self._entry(menu, "Another folder …", self._browse)
 
@@ -241,11 +242,9 @@ class DataPanel(Panel):
 
     def export(self, form: str, into: Path) -> None:
         """Write all sessions for other programs into a new folder in this one."""
-        assert self._folder is not None
-        number, self._out = 1, into / f"{self._folder.name}-{form}"
-        while self._out.exists():
-            number += 1
-            self._out = into / f"{self._folder.name}-{form}-{number}"
+        if self._folder is None:
+            return
+        self._out = first_free(into, f"{self._folder.name}-{form}")
         self.exporting.setText(f"Exporting as {FORMS[form]} …")
         self.bar.setValue(0)
         for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):

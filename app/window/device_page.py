@@ -4,8 +4,10 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from functools import partial
 
 from PySide6.QtCore import Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
@@ -18,7 +20,7 @@ from core.device import Device
 from core.device_interface import VELOCITY_NOISE_HZ, encoder_step
 from core.mechanism import JOINTS
 from experiments.plan import grouped
-from experiments.protocol import home_of
+from experiments.protocol import Protocol, home_of
 
 RECENT_S = 10.0  # what is counted as happening now
 SAMPLE_HZ, LEAST_HZ = 1000.0, 990.0  # samples a second; fewer than the second are worth a word. Our choice
@@ -188,12 +190,12 @@ class DevicePage(QWidget):
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
         self._status: m.DeviceStatus | None = None
-        self._rates, self._recent = {}, Rates()
+        self._rates, self._recent = dict[str, float](), Rates()
         self.cards = Cards(self)
         self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
         self.why, self.quantised = line("", "quiet"), line("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
-        self.steps = {text: button(text, lambda text=text: self._ask(text)) for text in STEPS}
+        self.steps = {text: button(text, partial(self._ask, text)) for text in STEPS}
         self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
         self._lay_out()
         self._refresh()
@@ -228,18 +230,19 @@ class DevicePage(QWidget):
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
                 self._recent = Rates()  # what the encoders gave before they were homed means nothing
-            self._rates = self._recent.rates(status.told_s, counters_of(status.report)) if status else {}
+            self._rates = self._recent.rates(status.reported_s, counters_of(status.report)) if status else {}
             self._refresh()
 
-    def showEvent(self, event) -> None:
+    def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._refresh()
 
     def _refresh(self) -> None:
-        status, snapshot, on_bench = self._status, self._snapshot, bool(self._opened and self._opened.real_device)
+        status, snapshot, opened = self._status, self._snapshot, self._opened
+        on_bench = opened is not None and opened.real_device
         self.simulated.setVisible(not on_bench)
         self.bench.setVisible(on_bench)
-        if not on_bench or not self.isVisible():
+        if opened is None or not on_bench or not self.isVisible():
             return
         found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
         found += worth_a_look(status, self._rates) if status and not status.problem else []
@@ -247,52 +250,55 @@ class DevicePage(QWidget):
         figures = figures_of(status, self._rates) if status else {}
         for name, label in self.values.items():
             label.setText(figures.get(name) or NOTHING)
-        self.quantised.setText(self._quantised(status) if status else "")
-        why = self._why_not()
+        self.quantised.setText(quantised(status, opened.protocol) if status else "")
+        why = why_no_step(opened, snapshot)
         self.why.setText(why)
         self.why.setVisible(bool(why))
-        there = not why and status is not None and not status.problem and not status.fault and bool(status.device)
+        there = status if status is not None and not why and not status.problem and not status.fault else None
         home, zero, reconnect = self.steps.values()
-        home.setEnabled(there)
-        zero.setEnabled(there and status.force_channels > 0)
+        home.setEnabled(there is not None and bool(there.device))
+        zero.setEnabled(there is not None and bool(there.device) and there.force_channels > 0)
         reconnect.setEnabled(not why)
         self.reset.setEnabled(bool(snapshot.brakes_off) and snapshot.stage != m.RUNNING)
 
-    def _why_not(self) -> str:
-        """Why no step can be taken now."""
-        if not self._opened.participant:
-            return "Start a session first: its journal records these steps."
-        if self._snapshot.coming is None:
-            return "All trials of the plan are done."
-        between = self._snapshot.stage == m.READY or self._snapshot.card is not None
-        return "" if between else "These steps are taken between two trials."
-
-    def _quantised(self, status: m.DeviceStatus) -> str:
-        device = self._device(status.device)
-        found = quantisation(device, status, self._opened.protocol.controllers) if device else None
-        if found is None:
-            return ""
-        gain, step, noise, force = found
-        return (
-            f"One encoder count is {1e6 * step:.0f} µm at the handle. The velocity is known to {1e3 * noise:.2g} mm/s, "
-            f"which a gain of {grouped(gain)} N s/m turns into {force:.1f} N (every brake reaches "
-            f"{device.force_normalised_N:.0f} N)"
-            f"{': the encoder steps can be felt.' if force > FELT_SHARE * device.force_normalised_N else '.'}"
-        )
-
-    def _device(self, name: str) -> Device | None:
-        return next((one for one in self._opened.protocol.devices if one.name == name), None)
-
     def _ask(self, text: str) -> None:
         """Say what the step needs before it is taken."""
-        step, says = STEPS[text]
+        step, needs = STEPS[text]
+        coming, opened = self._snapshot.coming, self._opened
+        if coming is None or opened is None:
+            return
         if step == m.HOME:
-            x, y = home_of(self._device(self._snapshot.coming.configuration), self._opened.protocol.paths)
-            says = says.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
+            x, y = home_of(opened.protocol.device(coming.configuration), opened.protocol.paths)
+            needs = needs.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
 
         def do() -> None:
             self.cards.leave()
             self.send(m.Rig(step))
 
         answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
-        self.cards.put(Card(text.removesuffix(" …"), says, answers, self))
+        self.cards.put(Card(text.removesuffix(" …"), needs, answers, self))
+
+
+def why_no_step(opened: m.Opened, snapshot: m.Snapshot) -> str:
+    """Why no step can be taken now, one sentence; "": one can."""
+    if not opened.participant:
+        return "Start a session first: its journal records these steps."
+    if snapshot.coming is None:
+        return "All trials of the plan are done."
+    between = snapshot.stage == m.READY or snapshot.card is not None
+    return "" if between else "These steps are taken between two trials."
+
+
+def quantised(status: m.DeviceStatus, protocol: Protocol) -> str:
+    """What the encoders' steps do, in words; "": nothing is known of it."""
+    device = next((one for one in protocol.devices if one.name == status.device), None)
+    found = quantisation(device, status, protocol.controllers) if device else None
+    if device is None or found is None:
+        return ""
+    gain, step, noise, force = found
+    return (
+        f"One encoder count is {1e6 * step:.0f} µm at the handle. The velocity is known to {1e3 * noise:.2g} mm/s, "
+        f"which a gain of {grouped(gain)} N s/m turns into {force:.1f} N (every brake reaches "
+        f"{device.force_normalised_N:.0f} N)"
+        f"{': the encoder steps can be felt.' if force > FELT_SHARE * device.force_normalised_N else '.'}"
+    )

@@ -5,11 +5,11 @@ session starts, a board is connected or a data folder is chosen.
 """
 
 import contextlib
-import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 )  # fmt: skip
 
 from app.ipc import messages as m
+from app.window.board_ports import BoardPorts
 from app.window.data_panel import DataPanel, Recent
 from app.window.device_page import DevicePage
 from app.window.page import RUN, TRY, Page
@@ -28,12 +29,10 @@ from app.window.painting.layers import SPACING_M
 from app.window.painting.linkage_view import SmallView
 from app.window.painting.parts import (
     Choice,
-    Flow,
-    OneLine,
+    Part,
     Segments,
     breakable,
     button,
-    clear,
     column,
     holder,
     line,
@@ -45,6 +44,7 @@ from app.window.painting.parts import (
     word,
 )
 from app.window.painting.plane import Sizes
+from app.window.participant_form import ParticipantForm
 from app.window.preflight import Checklist
 from app.window.protocol_editor import TOML, ProtocolEditor
 from app.window.words import LEAVE
@@ -54,13 +54,11 @@ from core.files import InputError
 from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
 from experiments.plan import counted, make_plan, plan_summary, print_plan
-from experiments.protocol import NUMBER, Protocol, load_protocol, shipped_protocols
+from experiments.protocol import Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant
 from experiments.session.overview import look_into
-from hardware.discovery import BoardFound, look_at_ports
 
 DEVICE = "device"  # what `begin` takes to show the device page
-LOOK_MS = 2000  # between two looks at the ports
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
@@ -102,23 +100,16 @@ def proposed(data_dir: Path, protocol: Protocol) -> str:
 class HomePage(Page):
     """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
 
-    def __init__(self, send) -> None:
+    def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
-        self._ports: tuple[BoardFound, ...] = ()
-        self._ports_shown: tuple | None = None  # these, and the port that is connected
         self._typed = False  # the participant was typed, and is not proposed anew
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
-        self._loading, self._planning, self._looking = Work(), Work(), Work()
-        self._loading.done.connect(self._show_loaded)
-        self._planning.done.connect(self._show_plan)
-        self._looking.done.connect(self._show_ports)
+        self._loading, self._planning = Work(self._show_loaded), Work(self._show_plan)
         self._recent = Recent("protocols")
         self.data = DataPanel()
         self.device, self.editor = DevicePage(send), ProtocolEditor()
-        self._timer = QTimer(self, interval=LOOK_MS)
-        self._timer.timeout.connect(self._look_at_ports)
         self._make_choices()
         self._lay_out()
         self.data.folder_chosen.connect(self._take_folder)
@@ -140,24 +131,20 @@ class HomePage(Page):
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.chosen.connect(self._link_chosen)
-        self.again = button("Look again", self._look_again)
-        self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
-        self.port.returnPressed.connect(lambda: self._connect(self.port.text()))
+        self.ports = BoardPorts()
+        self.ports.connect_asked.connect(self._connect)
+        self.ports.device_page_asked.connect(lambda: self.begin(DEVICE))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
-        self._port_rows = column()
-        by_name = Flow(self.port, button("Connect", lambda: self._connect(self.port.text())), self.again, gap=8)
-        self._ports_box = holder(column(self._port_rows, by_name))
         self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = word("", "quiet")  # "new", "14 of 60 done"
         self.blind = QCheckBox("Hide the names of the controllers")
         self._picture = SmallView(PICTURE)  # of the protocol's first device
-        self._form = QGridLayout(spacing=8)
-        self._asked: dict = {}  # the form that the protocol asks for, and its fields
-        self.fields: dict[str, QWidget] = {}
+        self.form = ParticipantForm()
+        self.form.changed.connect(self._refresh)
         self.checks = Checklist()
         self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
         self.plan_text = printed()
@@ -171,20 +158,21 @@ class HomePage(Page):
         grid.setHorizontalSpacing(12)
         grid.setVerticalSpacing(9)
         grid.setColumnStretch(1, 1)
-        for at, (name, *parts) in enumerate((
-            ("Protocol", self.protocol, self.show_plan, self.edit), ("", self.summary),
-            ("Device", self.link), ("", self._ports_box), ("", self.devices),
-            ("Hand", self.hand, self.hand_words), ("Participant", self.participant, self.standing, 1),
-            ("", self._form), ("Blind", self.blind), ("Ready?", self.checks),
-        )):  # fmt: skip
+        lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
+            ("Protocol", self.protocol, (self.show_plan, self.edit)), ("", self.summary, ()),
+            ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
+            ("Hand", self.hand, (self.hand_words,)), ("Participant", self.participant, (self.standing, 1)),
+            ("", self.form, ()), ("Blind", self.blind, ()), ("Ready?", self.checks, ()),
+        )  # fmt: skip
+        for at, (name, first, others) in enumerate(lines):
             if name:
                 label = word(name, "quiet")
-                label.setMinimumHeight(min(parts[0].sizeHint().height(), LINE_PX))  # level with what it names
+                label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addLayout(row(*parts), at, 1)
+            grid.addLayout(row(first, *others), at, 1)
         grid.setRowStretch(grid.rowCount(), 1)
-        self.form = scrolled(holder(grid))
-        session = panel("Run a session", (self.form, 1), self.why, self.start)
+        self.area = scrolled(holder(grid))
+        session = panel("Run a session", (self.area, 1), self.why, self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
             large.setFont(theme.font(size, bold=True))
             large.setMinimumHeight(height)
@@ -205,7 +193,7 @@ class HomePage(Page):
             self._typed, self._named = False, setup.participant
             self.link.choose(BOARD if setup.link else SIMULATED)
             self._take(setup)
-        self._show_ports(self._ports)
+        self.ports.show_link(setup.link)
 
     def show_opened(self, opened: m.Opened) -> None:
         ended = self.opened is not None and self.opened.participant and not opened.participant
@@ -248,13 +236,14 @@ class HomePage(Page):
         shipped = {name: name.capitalize() for name in shipped_protocols()}
         files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
         self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
-        devices = {None: AS_PROTOCOL, **{(name,): name for name in shipped_devices()}}
+        devices: dict[tuple[str, ...] | None, str] = {None: AS_PROTOCOL}
+        devices |= {(name,): name for name in shipped_devices()}
         devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))
         self.devices.fill({**devices, (): FILE}, setup.devices)
         self.hand.fill(HANDS, setup.hand)
         self._load()
 
-    def _choose(self, **changes) -> None:
+    def _choose(self, **changes: Any) -> None:
         """Another choice; it takes effect when a session starts."""
         self._take(self.chosen._replace(**changes))
 
@@ -295,10 +284,9 @@ class HomePage(Page):
         if isinstance(loaded, Loaded):
             if not self._typed and loaded.participant != self.participant.text():
                 self.participant.setText(loaded.participant)
-                self._asked = {}  # of another participant
+                self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
-            if loaded.protocol.form != self._asked:
-                self._show_form(loaded.protocol.form)
+            self.form.show_form(loaded.protocol.form)
             self._show_device(loaded.protocol)
         self._refresh()
 
@@ -308,29 +296,6 @@ class HomePage(Page):
         way = outline(path, SPACING_M).tolist()
         self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
         self._picture.show()
-
-    def _show_form(self, form: dict[str, tuple[str, ...] | str]) -> None:
-        """A field for each thing that the protocol asks of a participant."""
-        clear(self._form)
-        self._asked, self.fields = form, {}
-        for at, (name, kind) in enumerate(form.items()):
-            field = QLineEdit(maxLength=200) if isinstance(kind, str) else Segments({one: one for one in kind})
-            field.setAccessibleName(name)
-            (field.textEdited if isinstance(field, QLineEdit) else field.chosen).connect(lambda _: self._refresh())
-            self._form.addWidget(word(name.replace("_", " ").capitalize(), "quiet"), at, 0)
-            self._form.addWidget(field, at, 1)
-            self.fields[name] = field
-
-    def _answers(self) -> dict[str, str | float]:
-        """What the form says; fields that are empty, or no number where one is asked for, are left out."""
-        answers: dict[str, str | float] = {}
-        for name, field in self.fields.items():
-            text = field.text().strip() if isinstance(field, QLineEdit) else field.value() or ""
-            if self._asked[name] != NUMBER:
-                answers |= {name: text} if text else {}
-            elif (number := number_of(text)) is not None:
-                answers[name] = number
-        return answers
 
     # --------------------------------------------------------------------------------------- the board
 
@@ -344,39 +309,9 @@ class HomePage(Page):
             self.setup_asked.emit(self.chosen._replace(link=""), None)  # let the board go
         else:
             self._choose(link=self.setup.link)
-        self._look_at_ports()
-
-    def showEvent(self, event) -> None:
-        super().showEvent(event)
-        self._timer.start()
-
-    def _look_at_ports(self) -> None:
-        """See what answers at the ports, again and again while they are shown."""
-        if self.on_board and self.isVisible() and not self._looking.busy:
-            self._looking.ask(look_at_ports, self._ports, self.setup.link)
-
-    def _look_again(self) -> None:
-        """Ask every port, those that did not answer too."""
-        self._ports = ()
-        self._look_at_ports()
-
-    def _show_ports(self, ports: tuple[BoardFound, ...]) -> None:
-        self._ports, mine = ports, self.setup.link
-        if (ports, mine) == self._ports_shown:
-            return
-        self._ports_shown = ports, mine
-        clear(self._port_rows)
-        if mine:
-            own = button("Device page  F3", lambda: self.begin(DEVICE))
-            self._port_rows.addLayout(row(OneLine(mine, size=theme.NORMAL), word("connected", "good"), own))
-        for found in ports:
-            connect = button("Connect", lambda port=found.port: self._connect(port))
-            self._port_rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
-        if not ports and not mine:
-            self._port_rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
 
     def _connect(self, port: str) -> None:
-        if port and not self._session_open:
+        if not self._session_open:
             self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
 
     def _take_folder(self, folder: Path) -> None:
@@ -433,7 +368,7 @@ class HomePage(Page):
             return "This protocol cannot be run." if loaded else "Reading the protocol …"
         if loaded.protocol.participants and label not in loaded.protocol.participants:
             return f"The protocol's participants are {', '.join(loaded.protocol.participants)}."
-        missing = [name.replace("_", " ") for name in self.fields if name not in self._answers()]
+        missing = self.form.missing()
         return f"Fill in {' and '.join(missing)}." if missing else ""
 
     @property
@@ -461,13 +396,16 @@ class HomePage(Page):
         wrong = self.snapshot.notice if bad else ""
         self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
         self.why.setVisible(bool(wrong or why))
-        for choice in (self.protocol, self.devices, self.hand, self.link, self.port, self.participant):
+        for choice in (self.protocol, self.devices, self.hand, self.link, self.ports.port, self.participant):
             choice.setEnabled(not is_open)
-        for new in (self.blind, *self.fields.values()):  # of a session that is there this was settled when it began
+        for new in (
+            self.blind,
+            *self.form.fields.values(),
+        ):  # of a session that is there this was settled when it began
             new.setEnabled(there is None and not is_open)
         if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
             self.blind.setEnabled(False)
-        self._ports_box.setVisible(self.on_board)
+        self.ports.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
         self.checks.show_checks(self._checks)
@@ -478,7 +416,7 @@ class HomePage(Page):
             self.page_asked.emit(RUN, None)
         elif self.start.isEnabled():
             there = self.data.session_of(self.participant.text()) is not None
-            blind, form = (False, {}) if there else (self.blind.isChecked(), self._answers())
+            blind, form = (False, {}) if there else (self.blind.isChecked(), self.form.answers())
             self._ask(m.Open(self.participant.text(), there, blind, form))
 
     def _ask(self, command: m.Open) -> None:
@@ -501,12 +439,3 @@ class HomePage(Page):
     def _edit(self) -> None:
         self.editor.open(self.chosen.protocol)
         self.stack.setCurrentWidget(self.editor)
-
-
-def number_of(text: str) -> float | None:
-    """A number as a person types it; None: it is none."""
-    try:
-        number = float(text.replace(",", "."))
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None

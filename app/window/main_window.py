@@ -4,6 +4,8 @@ It shows what the session server sends and asks it for what the experimenter wan
 goes straight to the control loop, whichever page is at the front.
 """
 
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -138,7 +140,7 @@ class MainWindow(QWidget):
         self.preflight.brakes.clicked.connect(self._press_brakes)
         self.preflight.device_asked.connect(lambda: self.do("device"))
         self.footer.keys.clicked.connect(self.show_keys)
-        own = {
+        own: dict[str, Callable[[], object]] = {
             "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
@@ -146,9 +148,9 @@ class MainWindow(QWidget):
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             "device": lambda: self.show_page(HOME, "device"),
-            **{name.lower(): (lambda name=name: self.show_page(name)) for name in PAGES if name.lower() in KEYS},
+            **{name.lower(): partial(self.show_page, name) for name in PAGES},
         }
-        bind(self, own | {name: (lambda name=name: self.do(name)) for name in KEYS if name not in own})
+        bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})
 
     # ------------------------------------------------------------------------------------------- pages and keys
 
@@ -303,6 +305,8 @@ class MainWindow(QWidget):
             self.cards.ask_to_close(self.close_anyway)
             return
         event.accept()
+        for page in self.pages.values():
+            page.close()
         self.closed.emit()
 
     def close_anyway(self) -> None:

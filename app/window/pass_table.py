@@ -19,11 +19,15 @@ from experiments.protocol import Protocol
 class Bars(QStyledItemDelegate):
     """A measure, and a bar beside it where passes compare."""
 
+    def __init__(self, table: QTableWidget) -> None:
+        super().__init__(table)
+        self._table = table
+
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
-        box = QRectF(option.rect).adjusted(6.0, 0.0, -14.0, 0.0)
+        box = QRectF(self._table.visualRect(index)).adjusted(6.0, 0.0, -14.0, 0.0)
         wide = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
         number = QRectF(box.left(), box.top(), wide, box.height())
         painter.setFont(font(theme.NORMAL))
@@ -65,9 +69,9 @@ class PassTable(QTableWidget):
         head.setMinimumSectionSize(40)
         for across in (0, 1, 2, 6):
             head.setSectionResizeMode(across, QHeaderView.ResizeMode.ResizeToContents)
-        self._bars = Bars()
+        bars = Bars(self)
         for across in range(3, 3 + len(MEASURES)):
-            self.setItemDelegateForColumn(across, self._bars)
+            self.setItemDelegateForColumn(across, bars)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self.setColumnHidden(2, self.width() < theme.text_px(640))

@@ -326,7 +326,7 @@ class TimingStrip(Trace):
         self.item.addItem(self.late)
         self.rows.addWidget(self.foot_figures)
 
-    def add(self, rows: np.ndarray) -> None:  # type: ignore[override]
+    def add_ticks(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH) of the running trial."""
         t, lateness = rows[:, tick_log.T], rows[:, tick_log.LATENESS_US]
         share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
@@ -334,7 +334,7 @@ class TimingStrip(Trace):
         if late.any():
             colours = [theme.BAD if us >= tick_log.MISSED_US else theme.CAUTION for us in lateness[late]]
             self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
-        super().add(t, share[None])
+        self.add(t, share[None])
 
     def clear(self) -> None:
         self.late.clear()

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,9 @@ class ProtocolEditor(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self._reader = Work()
-        self._reader.done.connect(self._show_read)
+        self._reader = Work(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
-        self._name, self._as_read = "", {}  # what was opened, and its content then
+        self._name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
@@ -104,23 +104,24 @@ class ProtocolEditor(Panel):
         self.instructions.textChanged.connect(self._instructions_changed)
         self._lay_out()
 
-    def _field(self, key: str) -> QWidget:
+    def _field(self, key: str) -> QCheckBox | Choice | QLineEdit:
         name, default, choices = FIELDS[key]
         if isinstance(default, bool):
-            field = QCheckBox(name)
-            field.toggled.connect(lambda on: self._put(key, on))
-        elif choices:
-            field = Choice()
-            field.addItems(choices)
-            field.textActivated.connect(lambda text: self._put(key, text))
-        else:
-            field = QLineEdit(accessibleName=name)
-            field.textEdited.connect(lambda text: self._put(key, text if key == "name" else value_of(text)))
+            box = QCheckBox(name)
+            box.toggled.connect(lambda on: self._put(key, on))
+            return box
+        if choices:
+            choice = Choice()
+            choice.addItems(choices)
+            choice.textActivated.connect(lambda text: self._put(key, text))
+            return choice
+        field = QLineEdit(accessibleName=name)
+        field.textEdited.connect(lambda text: self._put(key, text if key == "name" else value_of(text)))
         return field
 
     def _lay_out(self) -> None:
         inside = QWidget()
-        grid = QGridLayout(inside)
+        self._grid = grid = QGridLayout(inside)
         grid.setContentsMargins(0, 0, 8, 0)
         grid.setColumnStretch(1, 1)
 
@@ -138,7 +139,7 @@ class ProtocolEditor(Panel):
             grid.addWidget(self.sentences[section_of(key)], place + 1, 0, 1, 2)
 
         small = "small"
-        draw = [button(f"Draw {kind}", lambda kind=kind: self.drawing.begin(kind), small) for kind in POINTS]
+        draw = [button(f"Draw {kind}", partial(self.drawing.begin, kind), small) for kind in POINTS]
         add("Name", "name", self.fields["name"])
         add("Devices", "devices", self._devices, row(button("Add a file …", self._add_device, small), 1))
         add("Controllers", "controller", self._controllers, row(button("Add one", self._add_controller, small), 1))
@@ -177,8 +178,10 @@ class ProtocolEditor(Panel):
             value = self._get(key)
             if isinstance(field, QCheckBox):
                 field.setChecked(bool(value))
+            elif isinstance(field, Choice):
+                field.setCurrentText(str(value))
             else:
-                (field.setCurrentText if isinstance(field, Choice) else field.setText)(str(value))
+                field.setText(str(value))
         self.form.setText(form_text(self.content.get("form", {})))
         pages = [str(page.get("text", "")) for page in self.content.get("instruction", [])]
         self.instructions.setPlainText(PAGE_BREAK.join(pages))
@@ -227,10 +230,10 @@ class ProtocolEditor(Panel):
             text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path))
             points = QLineEdit(text, accessibleName=f"Path {place + 1}")
             points.textEdited.connect(lambda text, place=place: self._reshape(place, lambda: typed_points(text), True))
-            gone = button("×", lambda place=place: self._remove("path", place), "small", "Remove this path")
+            gone = button("×", partial(self._remove, "path", place), "small", "Remove this path")
             self._paths.addLayout(row(word(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, gone))
         self.drawing.show_paths(paths)
-        self._form_area.widget().layout().activate()
+        self._grid.activate()
         self._form_area.setMinimumWidth(self._form_area.widget().minimumSizeHint().width() + 12)
         self._timer.start()
 
@@ -322,16 +325,19 @@ class ProtocolEditor(Panel):
         self._reader.ask(look, protocol_text(self.content), self._folder)
 
     def _show_read(self, found: tuple[str, str, np.ndarray] | InputError) -> None:
-        self._show_problem(str(found).removeprefix(f"{WHERE}: ") if isinstance(found, InputError) else "")
-        if not self.problem:
-            summary, plan, free = found
-            self.summary.setText(summary)
-            self.plan.setPlainText(plan)
-            self.drawing.show_free(free)
+        if isinstance(found, InputError):
+            self._show_problem(str(found).removeprefix(f"{WHERE}: "))
+            return
+        self._show_problem("")
+        summary, plan, free = found
+        self.summary.setText(summary)
+        self.plan.setPlainText(plan)
+        self.drawing.show_free(free)
 
     def _show_problem(self, problem: str) -> None:
         """The reader's sentence, at the field that it is about."""
-        key = "path" if "cannot follow path" in problem else re.match(r"(?:the required key )?(\w*)", problem)[1]
+        about = re.sub(r"\W.*", "", problem.removeprefix("the required key "), flags=re.DOTALL)
+        key = "path" if "cannot follow path" in problem else about
         for name, label in self.sentences.items():
             here = bool(problem) and name == (key if key in self.sentences else "")
             label.setText(breakable(problem) if here else "")

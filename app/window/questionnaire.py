@@ -91,10 +91,10 @@ class Done(QPushButton):
         self.setAutoDefault(True)
 
     def event(self, event: QEvent) -> bool:
-        asks = event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent)
-        if asks and event.key() == Qt.Key.Key_Space:  # type: ignore[attr-defined]
-            event.accept()
-            return True
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
+            if event.key() == Qt.Key.Key_Space:
+                event.accept()
+                return True
         return super().event(event)
 
 
@@ -116,14 +116,16 @@ class Questionnaire(QWidget):
         self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
         grid.addLayout(column(self._title, self._feedback), 0, 0, 1, 4)
-        self._asked, self._ends = [], []
-        for at, (item, *_) in enumerate(ITEMS, start=1):
-            self._asked.append(line(""))
-            self._ends += [word("", "quiet"), word("", "quiet")]
-            grid.addWidget(self._asked[-1], at, 0)
-            grid.addWidget(self._ends[-2], at, 1, Qt.AlignmentFlag.AlignRight)
+        self._asked: dict[QLabel, str] = {}  # the questions -> key of the language, and what stands at both ends
+        self._ends: dict[QLabel, str] = {}
+        for at, (item, low, high) in enumerate(ITEMS, start=1):
+            asked, left, right = line(""), word("", "quiet"), word("", "quiet")
+            self._asked |= {asked: item}
+            self._ends |= {left: low, right: high}
+            grid.addWidget(asked, at, 0)
+            grid.addWidget(left, at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
-            grid.addWidget(self._ends[-1], at, 3)
+            grid.addWidget(right, at, 3)
             self.scales[item].changed.connect(self._allow)
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
@@ -142,12 +144,10 @@ class Questionnaire(QWidget):
         self._language = language
         self._title.setText(language["questions_controller"])
         self.done.setText(language["questions_done"])
-        ends = iter(self._ends)
-        for (item, low, high), asked in zip(ITEMS, self._asked, strict=True):
-            asked.setText(language[item])
-            self.scales[item].setAccessibleName(language[item])
-            for key in (low, high):
-                next(ends).setText(language[key])
+        for label, key in (self._asked | self._ends).items():
+            label.setText(language[key])
+        for item, scale in self.scales.items():
+            scale.setAccessibleName(language[item])
         self._allow()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

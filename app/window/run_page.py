@@ -10,7 +10,7 @@ from PySide6.QtGui import QResizeEvent
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.cards import ABORT, ABORT_REASONS, AGAIN, REDO_REASONS, SKIP_REASONS, Cards
+from app.window.cards import ABORT, REDO, SKIP, Cards
 from app.window.energy_panel import EnergyPanel
 from app.window.page import Page
 from app.window.painting import theme
@@ -37,10 +37,8 @@ RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
-REDO = "It comes next. The recording is kept and marked as redone."
 KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
-SKIP = "It is marked as skipped and does not come again."
 
 
 class RunPage(Page):
@@ -61,13 +59,13 @@ class RunPage(Page):
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
         self._looked_at: int | None = None  # the run whose cell of the plan was clicked
-        self._reading = Work()  # its recording
+        self._reading = Work(self._show_read)  # its recording
         self._numbers = Reading()
         self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
-        desk = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
-        self._stack = stack(desk, self.questions)
+        whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
+        self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
         self.cards = Cards(self._centre)
         self._connect()
@@ -85,13 +83,12 @@ class RunPage(Page):
             (self.panel.pause.clicked, self.pause),
             (self.panel.abort.clicked, self.abort),
             (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
-            (self.panel.note.written, self._note),
+            (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
-            (self._reading.done, self._show_read),
             (self.workspace.view.pointer_moved, self.aimed),
             (self.workspace.view.pointer_left, self.left),
         ):
@@ -135,22 +132,22 @@ class RunPage(Page):
         last = on_card or next(filter(can_be_redone, reversed(self.snapshot.rows)), None)
         if last is None or not can_be_redone(last) or self.opened is None or not self.panel.redo.isEnabled():
             return
-        title, redo = f"Repeat the trial of run {last.run}?", lambda reason: self.send(m.Redo(last.run, reason))
-        self.cards.ask("redo", title, REDO, REDO_REASONS, "Repeat", redo)
+        ask = REDO._replace(title=REDO.title.format(last.run))
+        self.cards.ask(ask, lambda reason: self.send(m.Redo(last.run, reason)))
 
     def skip(self) -> None:
         """Ask why, then leave the next trial out."""
         coming = self.snapshot.coming
         if not self.panel.skip.isEnabled() or self.opened is None or coming is None:
             return
-        title = f"Skip trial {place(coming, self.opened.plan)}?"
-        text = f"{describe(coming, self.opened, self.snapshot.blind)}. {SKIP}"
-        self.cards.ask("skip", title, text, SKIP_REASONS, "Skip", lambda reason: self.send(m.Skip(reason)))
+        title = SKIP.title.format(place(coming, self.opened.plan))
+        text = SKIP.text.format(describe(coming, self.opened, self.snapshot.blind))
+        self.cards.ask(SKIP._replace(title=title, text=text), lambda reason: self.send(m.Skip(reason)))
 
     def abort(self) -> None:
         """Ask why and whether it comes again, then end the running trial."""
         if self.snapshot.stage == m.RUNNING:
-            self.cards.ask("abort", *ABORT, ABORT_REASONS, "Abort", lambda *why: self.send(m.Abort(*why)), AGAIN)
+            self.cards.ask(ABORT, lambda *why: self.send(m.Abort(*why)))
 
     def _note(self, text: str) -> None:
         self.send(m.Note(text))
@@ -211,7 +208,7 @@ class RunPage(Page):
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
-            self._judged = {row.run for row in snapshot.rows}  # of an earlier sitting
+            self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed
         elif before.stage != snapshot.stage:
@@ -265,8 +262,8 @@ class RunPage(Page):
         if self._waiting:
             rows = np.concatenate(self._waiting)
             self._waiting.clear()
-            for panel in (self.traces, self.energy, self.timing):
-                panel.add(rows)
+            for add in (self.traces.add, self.energy.add, self.timing.add_ticks):
+                add(rows)
             now = rows[-1, tick_log.T]
             if self._numbers.due(float(now)) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
@@ -299,7 +296,7 @@ class RunPage(Page):
         asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
         self._stack.setCurrentIndex(1 if asks else 0)
         self.questions.show_feedback(feedback(snapshot, opened))
-        self._show_card()
+        self._show_card(opened)
         self.panel.show_session(opened, snapshot)
         can_start = self.panel.start.isEnabled()
         self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
@@ -312,10 +309,9 @@ class RunPage(Page):
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
         self.cards.show_session(opened, snapshot, self)
 
-    def _show_card(self) -> None:
+    def _show_card(self, opened: m.Opened) -> None:
         """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""
-        snapshot, opened = self.snapshot, self.opened
-        assert opened is not None
+        snapshot = self.snapshot
         rows = [row for row in snapshot.rows if row.block > 0]
         looked_at = next((row for row in rows if row.run == self._looked_at), None)
         row = looked_at or (rows[-1] if rows else None)

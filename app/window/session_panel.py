@@ -24,6 +24,8 @@ SILENT = "No tones: neither paplay nor aplay is installed here."
 class SessionPanel(Panel):
     """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session."""
 
+    noted = Signal(str)
+
     def __init__(self) -> None:
         super().__init__()
         self.head = word("", size=theme.HEAD, bold=True)
@@ -40,7 +42,11 @@ class SessionPanel(Panel):
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
         self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
-        self.note = NoteLine()
+        self.note = QLineEdit(
+            placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500
+        )
+        self.note.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self.note.returnPressed.connect(self._keep_note)
         self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
         self.notes.setFont(theme.font(theme.SMALL))
         self.notes.setStyleSheet("padding: 2px 4px")
@@ -63,6 +69,13 @@ class SessionPanel(Panel):
     def write_note(self) -> None:
         if self.note.isEnabled():
             self.note.setFocus()
+
+    def _keep_note(self) -> None:
+        """Enter keeps it."""
+        if text := self.note.text().strip():
+            self.noted.emit(text)
+        self.note.clear()
+        self.note.clearFocus()
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         """Where the session stands and what can be asked for."""
@@ -125,20 +138,3 @@ class SessionPanel(Panel):
 def can_be_redone(trial: TrialRow) -> bool:
     """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
     return trial.status in ("done", "timeout", "aborted")
-
-
-class NoteLine(QLineEdit):
-    """One line for a note: Ctrl+N goes here, Enter keeps it."""
-
-    written = Signal(str)
-
-    def __init__(self) -> None:
-        super().__init__(placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500)
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-        self.returnPressed.connect(self._keep)
-
-    def _keep(self) -> None:
-        if text := self.text().strip():
-            self.written.emit(text)
-        self.clear()
-        self.clearFocus()

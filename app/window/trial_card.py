@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
@@ -40,14 +40,10 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        layout = QGridLayout(self)
-        layout.setContentsMargins(0, 2, 0, 2)
-        layout.setVerticalSpacing(0)
-        layout.addWidget(OneLine(SHORT.get(metric.title, metric.title), "quiet"), 0, 0)
-        layout.addLayout(row(self.value, self.unit, 1), 1, 0)
-        layout.addWidget(self.graph, 0, 1, 2, 1)
-        layout.setColumnStretch(0, 2)
-        layout.setColumnStretch(1, 3)
+        about = column(
+            OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
+        )
+        self.setLayout(row((about, 2), (self.graph, 3), spacing=6, margins=(0, 2, 0, 2)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -59,15 +55,17 @@ class Measure(QWidget):
         name, scale = self._metric.name, self._metric.scale
         value = getattr(now, name)
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
-        groups = ((others, theme.LINE, 7, 1.0), (earlier, colour, 9, EARLIER_ALPHA), ([now], colour, 13, 1.0))
-        spots = [
-            {"pos": (scale * there, 0.0), "size": size, "brush": theme.shade(shade, alpha),
-             "pen": pg.mkPen(theme.TEXT, width=2) if size == 13 else None}
-            for rows, shade, size, alpha in groups
-            for there in (getattr(row, name) for row in rows) if there is not None
-        ]  # fmt: skip
-        self.points.setData(spots)
-        highest = max((spot["pos"][0] for spot in spots), default=0.0)
+        ring = pg.mkPen(theme.TEXT, width=2)
+        groups = (
+            (others, 7, theme.shade(theme.LINE), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
+            ([now], 13, theme.shade(colour), ring),
+        )  # fmt: skip
+        self.points.clear()
+        highest = 0.0
+        for rows, size, brush, pen in groups:
+            there = [scale * value for value in (getattr(row, name) for row in rows) if value is not None]
+            self.points.addPoints(x=there, y=[0.0] * len(there), size=size, brush=brush, pen=pen)
+            highest = max(highest, *there, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
 
@@ -123,18 +121,14 @@ class TrialCard(Panel):
         self.reason.addItems(REASONS)
         self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
         self.out.setEnabled(False)
-        for widget in (self.redo, self.out, self.reason):
-            widget.setFocusPolicy(NO_FOCUS)
-        decide = QGridLayout()
-        decide.addWidget(self.keep, 0, 0, 1, 2)
-        for at, widget in enumerate((self.reason, self.out)):
-            decide.addWidget(widget, 1, at)
-        decide.addWidget(self.redo, 2, 0, 1, 2)
-        decide.setColumnStretch(0, 2)
-        decide.setColumnStretch(1, 1)
+        for deaf in (self.out, self.reason):
+            deaf.setFocusPolicy(NO_FOCUS)
+        decide = column(self.keep, row((self.reason, 2), (self.out, 1), spacing=6), self.redo)
         head = row(self.dot, self.title, 1, self.outcome)
-        parts = (head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide)
-        self.setLayout(column(*parts, margins=(14, 10, 14, 12)))
+        self.setLayout(column(
+            head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
+            margins=(14, 10, 14, 12),
+        ))  # fmt: skip
 
     @property
     def ready(self) -> bool:

@@ -124,6 +124,7 @@ class TrialTraces(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self._began_s = 0.0  # of the trial's first tick in its recording
         self.error = TrialTrace("Path error", "mm", theme.TRACE, 2.0, 1)
         self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
         self.currents = CurrentTrace()
@@ -139,19 +140,20 @@ class TrialTraces(QWidget):
 
     def show_trial(self, trial: Playback) -> None:
         ticks, t = trial.ticks, trial.t
+        self._began_s = float(ticks[0, tick_log.T])
         self.error.show_trial(t, 1e3 * trial.error)
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
         self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
         self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.01)  # a double click shows all
 
-    def show_beside(self, other: Beside | None, began_s: float) -> None:
-        """The same hand through another controller; began_s: time of the trial's first tick in its recording."""
+    def show_beside(self, other: Beside | None) -> None:
+        """The same hand through another controller."""
         if other is None:
             self.error.show_beside(*NONE)
             self.force.show_beside(*NONE)
             return
-        t = other.ticks[:, tick_log.T] - began_s
+        t = other.ticks[:, tick_log.T] - self._began_s
         self.error.show_beside(t, 1e3 * other.error[None])
         self.force.show_beside(t, np.hypot(other.ticks[:, tick_log.HAND_FX], other.ticks[:, tick_log.HAND_FY])[None])
 

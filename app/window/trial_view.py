@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
 
 from app.window.box_plot import colour_of
@@ -91,10 +91,9 @@ class TrialView(Panel):
         self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
-        self.replay, self._reading = Verb(), Work()
-        self.replay.done.connect(self._replayed)
-        self._reading.done.connect(self._show_beside)
-        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks
+        self.replay, self._reading = Verb(self._replayed), Work(self._show_beside)
+        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
+        self._table = Path()  # these
         self.steps = (
             button("‹", lambda: self.stepped.emit(-1), "small", "The trial before"),
             button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
@@ -194,7 +193,7 @@ class TrialView(Panel):
         if self.playing or self.trial is None:
             self._stop()
             return
-        if self.at >= len(self.trial.ticks) - 1:
+        if self._over:
             self.go_to(0.0)
         self._clock_s = time.perf_counter()
         self._timer.start(FRAME_MS)
@@ -205,44 +204,51 @@ class TrialView(Panel):
         now = time.perf_counter()
         self.go_on(self.speed.value() * (now - self._clock_s))
         self._clock_s = now
-        if self.at >= len(self.trial.ticks) - 1:
+        if self._over:
             self._stop()
+
+    @property
+    def _over(self) -> bool:
+        """Whether it is at its end."""
+        return self.trial is None or self.at >= len(self.trial.ticks) - 1
 
     def go_on(self, seconds: float) -> None:
         """So much further in the trial (s, > 0)."""
-        self._played_s = min(self._played_s + seconds, float(self.trial.t[-1]))
-        at = min(int(np.searchsorted(self.trial.t, self._played_s, side="right")), len(self.trial.ticks)) - 1
+        if (trial := self.trial) is None:
+            return
+        self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
+        at = min(int(np.searchsorted(trial.t, self._played_s, side="right")), len(trial.ticks)) - 1
         if at > self.at:
-            self.workspace.add(self.trial.ticks[self.at + 1 : at + 1])
-            self._show_place(at)
+            self.workspace.add(trial.ticks[self.at + 1 : at + 1])
+            self._show_place(trial, at)
 
     def go_to(self, seconds: float) -> None:
         """Any moment (s since the first tick): as if the ticks until then had just been played."""
-        if self.trial is None:
+        if (trial := self.trial) is None:
             return
-        ticks, t = self.trial.ticks, self.trial.t
+        ticks, t = trial.ticks, trial.t
         self._played_s = float(np.clip(seconds, 0.0, t[-1]))
         at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
-        self.workspace.show_trial(self.trial.device, self.trial.way, tuple(tips[0].tolist()))
+        self.workspace.show_trial(trial.device, trial.way, tuple(tips[0].tolist()))
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
             self.workspace.add(ticks[:near:STRIDE])
         self.workspace.add(ticks[near : at + 1])
         self._numbers = Reading()
-        self._show_place(at)
+        self._show_place(trial, at)
 
-    def _show_place(self, at: int) -> None:
+    def _show_place(self, trial: Playback, at: int) -> None:
         self.at = at
         self.traces.show_cursor(at)
-        now = self.trial.ticks[at]
+        now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
             self.workspace.word(now)
-        self.clock.setText(f"{self._played_s:.2f} / {self.trial.t[-1]:.2f} s")
-        word_of = self.trial.decisions[int(now[tick_log.DECISION])]
-        self.decision.setText("" if self.trial.blind else f"Decision: {word_of}")
+        self.clock.setText(f"{self._played_s:.2f} / {trial.t[-1]:.2f} s")
+        word_of = trial.decisions[int(now[tick_log.DECISION])]
+        self.decision.setText("" if trial.blind else f"Decision: {word_of}")
 
     def _stop(self) -> None:
         self._timer.stop()
@@ -258,14 +264,11 @@ class TrialView(Panel):
         self._forget_replay()
         self._show_beside(None)
         self.note_that("The recorded hand is being simulated …" if controller else "")
-        if controller:
+        if controller and self.trial is not None:
             self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
+            self._table = Path(self._folder.name) / "ticks.csv"
             asked = ("--controller", str(controller), "--out", str(self._table), "--json")
             self.replay.begin("replay", str(self.trial.path), *asked)
-
-    @property
-    def _table(self) -> Path:
-        return Path(self._folder.name) / "ticks.csv"
 
     def _replayed(self, summary: str | InputError) -> None:
         if isinstance(summary, InputError):
@@ -282,7 +285,7 @@ class TrialView(Panel):
         if isinstance(other, InputError):
             self.note_that(str(other), bad=True)
             return
-        self.traces.show_beside(other, float(self.trial.ticks[0, tick_log.T]))
+        self.traces.show_beside(other)
         self.beside_measures.setVisible(other is not None)
         tips = np.empty((0, 2))
         if other is not None:
@@ -333,7 +336,7 @@ class TrialWindow(QWidget):
         QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
         self.resize(*LARGEST)
 
-    def closeEvent(self, event) -> None:
+    def closeEvent(self, event: QCloseEvent) -> None:
         self.view.end()
         super().closeEvent(event)
 

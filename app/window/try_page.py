@@ -19,11 +19,18 @@ from app.window.painting.pass_view import INSET_PX, LAYERS, PassView
 from app.window.pass_table import PassTable
 from app.window.words import Shown
 from core import tick_log
+from experiments.protocol import Protocol
 
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
+
+
+def shown_of(protocol: Protocol) -> tuple:
+    """What of a protocol the page shows."""
+    devices = [(one.name, one.text) for one in protocol.devices]
+    return devices, protocol.controllers, protocol.paths, protocol.obstacle, protocol.trial
 
 
 class TryPage(Page):
@@ -35,9 +42,9 @@ class TryPage(Page):
         self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
         self._place: tuple[str, int] | None = None  # device and path on the canvas
         self._phase, self._since_s, self._reading = -1, 0.0, Reading()
+        self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
-        self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
         self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
@@ -131,8 +138,7 @@ class TryPage(Page):
     def show_opened(self, opened: m.Opened) -> None:
         before, protocol = self.opened, opened.protocol
         super().show_opened(opened)
-        had = before.protocol if before is not None else None
-        if had is None or any(getattr(had, it) != getattr(protocol, it) for it in ("controllers", "paths", "obstacle")):
+        if before is None or shown_of(before.protocol) != shown_of(protocol):
             self._theirs = self._place = None
             self.controls.show_protocol(protocol)
             self.canvas.show_obstacles(protocol.obstacle)

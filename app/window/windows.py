@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+from functools import partial
 from importlib import import_module
 
 from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
@@ -63,14 +64,18 @@ class Windows(QObject):
         """The same keys; what leads to a question brings the main window to the front first."""
         main = self.main
         direct = {
-            "start": lambda: self.participant.start() or main.do("start"),
+            "start": self._start,
             "escape": lambda: main.escape("Esc was pressed on the participant's screen"),
             "allow brakes": main.allow_brakes,
             "pause": lambda: main.do("pause"),
             "participant": self.show_or_hide_participant,
         }
         asking = ("redo", "skip", "abort", "note")
-        return direct | {name: (lambda name=name: self._at_main(name)) for name in asking}
+        return direct | {name: partial(self._at_main, name) for name in asking}
+
+    def _start(self) -> None:
+        if not self.participant.start():
+            self.main.do("start")
 
     def _at_main(self, action: str) -> None:
         if self.one_screen:
@@ -159,7 +164,7 @@ class Windows(QObject):
             if not self._ending.is_alive():
                 self._start_next()
             return
-        alive = self.client.alive  # asked first: what it said before it died is still read
+        alive = self.client.alive  # asked first: what it sent before it died is still read
         for message in self.client.receive():
             match message:
                 case m.Opened():
@@ -209,7 +214,7 @@ class Windows(QObject):
         self.participant.leaving = True
         self.participant.close()
         self.main.close_anyway()
-        if self._ending is not None:  # it is told to end already, and no other was started
+        if self._ending is not None:  # it was asked to end already, and no other was started
             self._ending.join()
         else:
             self.client.stop(reason)
@@ -244,9 +249,9 @@ def compile_kernels() -> None:
     bar.setWindowTitle("PHD")
     bar.setMinimumDuration(0)
     bar.setValue(0)
-    compiling, waiting = Verb(), QEventLoop()
+    waiting = QEventLoop()
+    compiling = Verb(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
     compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
-    compiling.done.connect(waiting.quit)  # failed: the session server compiles, and says why it cannot
     compiling.begin(module="app.compile_kernels")
     waiting.exec()
     bar.close()

@@ -19,11 +19,12 @@ class Work(QObject):
     It has no parent: a thread that outlives its page may still emit.
     """
 
-    done = Signal(object)  # the result, or the InputError that says why there is none
+    done = Signal(object)  # the result, or the InputError that says why there is none; a deleted page hears nothing
     _came = Signal(int, object)  # to this thread: the number of what was asked, and the same
 
-    def __init__(self) -> None:
+    def __init__(self, done: Callable[[Any], object]) -> None:
         super().__init__()
+        self.done.connect(done)
         self._newest = 0  # number of what was asked for last
         self.busy = False  # whether its result is still to come
         self._came.connect(self._emit)
@@ -55,8 +56,8 @@ class Verb(Work):
 
     progressed = Signal(float)  # the share done
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, done: Callable[[Any], object]) -> None:
+        super().__init__(done)
         self._process: subprocess.Popen | None = None
         self._stopped = False
 
@@ -79,9 +80,7 @@ class Verb(Work):
         if self._stopped:
             process.terminate()
         text = trouble = ""
-        assert (
-            process.stdin is not None and process.stdout is not None and process.stderr is not None
-        )  # as `pipes` asks
+        assert process.stdin and process.stdout and process.stderr  # all three are pipes
         with process, contextlib.suppress(BrokenPipeError):  # it has ended already: there is nothing that it prints
             process.stdin.write(given)
             process.stdin.close()

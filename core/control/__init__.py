@@ -1,1 +1,1 @@
-"""The five controllers: what they decide from position, velocity and hand force. They touch no device."""
+"""The controllers: what they decide from position, velocity and hand force. They touch no device."""

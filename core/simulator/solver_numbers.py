@@ -47,7 +47,7 @@ GRAZING = 1e-10
 #: N s; a step whose evaluations miss the course of the force table by more (force times step) is split at its knots.
 #: Larger: a pulse between two evaluations is overlooked. Smaller: noise in a force file costs steps.
 FORCE_MISSED = 1e-6
-#: s; a schedule row or force knot this near to a step's edge is that edge (DESIGN of the scene file).
+#: s; a schedule row or force knot this near to a step's edge is that edge.
 EDGE_S = 1e-9
 
 # The pattern of stick and slip

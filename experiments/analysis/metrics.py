@@ -412,7 +412,9 @@ METRICS = (
 BY_NAME = {metric.name: metric for metric in METRICS}
 FIGURES = tuple(metric for metric in METRICS if metric.figure)
 #: Figs. 16, 17 and 18: the definition of accuracy, force and smoothness.
-DRAWN = tuple({metric.stands_for: metric for metric in reversed(FIGURES)}.values())[::-1]
+DRAWN = tuple(
+    next(metric for metric in FIGURES if metric.stands_for == thing) for thing in ("accuracy", "force", "smoothness")
+)
 
 
 def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:

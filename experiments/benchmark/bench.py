@@ -1,4 +1,4 @@
-"""`phd bench`: speed against error of each integrator (DESIGN section 6).
+"""`phd bench`: speed against error of each integrator.
 
 Every time is the least of several repeats inside compiled loops over whole scenes; the four closed-form accelerations
 that a step cannot do without are timed between the repeats, so that the ratio of the two does not hang on what else
@@ -69,7 +69,7 @@ class Row:
 
 
 def run_bench(quick: bool = False, progress: Progress = unseen) -> dict:
-    """All of it; the JSON of DESIGN section 6 with more beside the rows. quick: fewer repeats, steps and devices."""
+    """All of it, as `--json` prints it. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S
     repeats = QUICK_REPEATS if quick else REPEATS

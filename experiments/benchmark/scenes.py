@@ -1,4 +1,4 @@
-"""The scenes S1-S4 and the two devices of `phd bench`, as data (DESIGN section 6)."""
+"""The scenes S1-S4 and the two devices of `phd bench`, as data."""
 
 import math
 from dataclasses import dataclass

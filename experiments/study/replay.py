@@ -199,8 +199,8 @@ def warnings(without_start: bool, difference: str | None, checked: Checked | Non
         )
     if checked and checked.different:
         found.append(
-            f"{checked.different} of {checked.decisions} recorded decisions are not what the controller decides on "
-            "what it was given"
+            f"{checked.different} of {checked.decisions} recorded decisions are not what the controller decides "
+            "from the recorded motion and force"
         )
     return found
 

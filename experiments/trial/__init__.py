@@ -1,1 +1,1 @@
-"""One trial: the tick, its phases, the simulated operator. No files."""
+"""One trial: the tick, its phases, the simulated operator. Reads population files, writes none."""

@@ -203,7 +203,7 @@ class Emulator:
         self._shown = shown
 
     def _take_order(self) -> None:
-        """An order, a JSON object; answered with the truth."""
+        """An order, a JSON object; the answer is the true state."""
         try:
             data, sender = self._orders.recvfrom(ORDER_BYTES)
         except (BlockingIOError, ConnectionResetError):  # Windows' reset: the sender of the last order has gone

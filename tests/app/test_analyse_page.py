@@ -115,7 +115,7 @@ def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path)
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     assert len(page.plots[0].points.points()) == 120 and {row.participant for row in page.rows} == {"01", "03"}
     QTest.mouseClick(page.devices.chips["four-brake"], Qt.MouseButton.LeftButton)
-    assert len(page.plots[0].points.points()) == 60 and page.view.configurations == ("three-brake",)
+    assert len(page.plots[0].points.points()) == 60 and page.view(page.results).configurations == ("three-brake",)
 
 
 def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_asked(qtbot, data: Path) -> None:
@@ -162,7 +162,7 @@ def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, tmp_p
     shown = page.colours.text().replace("\u00a0", " ")
     assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
     for controller, colour in drawn.items():
-        assert f'color: {colour}">●</span> {page.view.name(controller)}'.lower() in shown.lower()
+        assert f'color: {colour}">●</span> {page.view(page.results).name(controller)}'.lower() in shown.lower()
 
 
 def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:

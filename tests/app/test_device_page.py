@@ -103,14 +103,14 @@ def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str])
 
 def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
     for second in range(1, 4):
-        page.show_status(status({"samples": 812_345 + 1000 * second}, told_s=float(second)))
+        page.show_status(status({"samples": 812_345 + 1000 * second}, reported_s=float(second)))
     assert page.values["Samples"].text() == "1000 a second"
 
 
 def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: DevicePage) -> None:
     def hear(second: int, not_closed: int, homed: bool) -> str:
         report = {"samples": 1000 * second, "not_closed": not_closed}
-        page.show_status(status(report, homed=homed, told_s=float(second)))
+        page.show_status(status(report, homed=homed, reported_s=float(second)))
         return texts(page)
 
     hear(0, 0, False)

@@ -144,11 +144,13 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     page._take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
     assert not page.start.isEnabled() and page.why.text() == "Fill in handedness and age."
-    right = next(button for button in page.fields["handedness"].findChildren(QPushButton) if button.text() == "right")
+    right = next(
+        button for button in page.form.fields["handedness"].findChildren(QPushButton) if button.text() == "right"
+    )
     shown.click(right)
-    shown.type(page.fields["age"], "old")
+    shown.type(page.form.fields["age"], "old")
     assert page.why.text() == "Fill in age."
-    shown.type(page.fields["age"], "27")
+    shown.type(page.form.fields["age"], "27")
     shown.click(page.start)
     ((_, command),) = shown.setups
     assert command == m.Open("01", form={"handedness": "right", "age": 27.0})
@@ -164,15 +166,15 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
 
 def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch) -> None:
     page = shown.page
-    monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: ())
+    monkeypatch.setattr("app.window.board_ports.look_at_ports", lambda before, mine: ())
     page.resize(1000, 600)
     page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
     page.show_opened(opened("", **ON_BENCH))
     shown.wait()
     settle(page)
-    assert page.again.isVisible() and "connected" in texts(shown)
-    assert page.form.widget().minimumSizeHint().width() <= page.form.viewport().width()
-    assert not page.form.horizontalScrollBar().isVisible()
+    assert page.ports.again.isVisible() and "connected" in texts(shown)
+    assert page.area.widget().minimumSizeHint().width() <= page.area.viewport().width()
+    assert not page.area.horizontalScrollBar().isVisible()
 
 
 def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
@@ -205,7 +207,7 @@ def test_a_protocol_that_was_saved_in_try_can_be_chosen_at_once(shown: Shown, tm
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
-    monkeypatch.setattr("app.window.home_page.look_at_ports", lambda before, mine: found if not mine else ())
+    monkeypatch.setattr("app.window.board_ports.look_at_ports", lambda before, mine: found if not mine else ())
     page.link.choose(BOARD)
     page._link_chosen(BOARD)
     shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)
@@ -213,8 +215,8 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     shown.qtbot.waitUntil(lambda: "no board is connected" in page.why.text(), timeout=60_000)
     assert not page.start.isEnabled() and page.start.isVisible()
     assert {check.text for check in page.checks._shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
-    shown.type(page.port, "/tmp/port")
-    QTest.keyClick(page.port, Qt.Key.Key_Return)
+    shown.type(page.ports.port, "/tmp/port")
+    QTest.keyClick(page.ports.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
     assert shown.setups == [(chosen, None)]
     page.show_setup(chosen)
@@ -331,7 +333,7 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
         qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
         assert says in texts(shown)
 
-    (tmp_path / "data-csv").mkdir()
+    (tmp_path / "data-csv-1").mkdir()
     export(f"Exported to {tmp_path / 'data-csv-2'}")
     assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
     data._folder = tmp_path / "none"
@@ -345,7 +347,7 @@ def test_no_text_is_cut(shown: Shown) -> None:
         shown.page.resize(*size)
         shown.page.show_snapshot(before(checks=checks))
         settle(shown.page)
-        for area in (shown.page.form, shown.page.data.area):
+        for area in (shown.page.area, shown.page.data.area):
             assert area.widget().minimumSizeHint().width() <= area.viewport().width()
-        low = {text for text in visible_texts(shown.page.form)} if size[1] < 700 else set()  # the form scrolls
+        low = {text for text in visible_texts(shown.page.area)} if size[1] < 700 else set()  # the form scrolls
         assert [text for text in cut_texts(shown.page) if text not in low] == [], size

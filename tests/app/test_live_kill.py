@@ -112,7 +112,7 @@ def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(
     wait_until(lambda: all(map(gone, pids)))
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] == "stopped"
-    assert kept.outcome["reason"] == "the session server was told to end"
+    assert kept.outcome["reason"] == "the session server was ended by the system"
     snapshot = resume(opened, setup)
     assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
 

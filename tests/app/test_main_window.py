@@ -31,7 +31,7 @@ from sessions import session_of
 
 from app.ipc import messages as m
 from app.window import words
-from app.window.cards import REDO_REASONS
+from app.window.cards import REDO
 from app.window.main_window import SMALLEST
 from app.window.page import HOME, RUN
 from app.window.plots import Graph
@@ -110,7 +110,7 @@ def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_b
 def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
     assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "run 5" in screens.run.cards.question.title.text()
-    assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO_REASONS[1])]
+    assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO.reasons[1])]
     assert screens.run.cards.question is None
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))

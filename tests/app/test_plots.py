@@ -152,7 +152,7 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
     for begin in range(0, 3000, 16):
         rows = quiet(16, start_s=1e-3 * begin)[: 3000 - begin]
         rows[:, tick_log.LATENESS_US] = lateness[begin : begin + 16]
-        strip.add(rows)
+        strip.add_ticks(rows)
     points = strip.late.points()
     assert [round(point.pos().x(), 3) for point in points] == [1.0, 2.0]
     assert [point.brush().color().name() for point in points] == [theme.CAUTION.lower(), theme.BAD.lower()]

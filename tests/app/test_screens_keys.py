@@ -11,7 +11,7 @@ from screens import Screens, cut_texts, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.window.cards import ABORT_REASONS
+from app.window.cards import ABORT
 from app.window.keys import KEYS
 from app.window.page import RUN, TRY
 from app.window.painting.theme import show_whole
@@ -34,7 +34,7 @@ def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
     assert sent == [m.Abort("3 s too late, as p. 2 says", "now")]
 
 
-@pytest.mark.parametrize("number", range(1, len(ABORT_REASONS) + 1))
+@pytest.mark.parametrize("number", range(1, len(ABORT.reasons) + 1))
 def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(screens: Screens, number: int) -> None:
     console = screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)
@@ -43,7 +43,7 @@ def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(sc
     assert cut_texts(console) == []
     QTest.keyClicks(question.own, "half a rea")
     sent = screens.press(KEY(KEY.Key_0 + number), question.own, ALT)
-    assert sent == [m.Abort(ABORT_REASONS[number - 1], "now")] and screens.run.cards.question is None
+    assert sent == [m.Abort(ABORT.reasons[number - 1], "now")] and screens.run.cards.question is None
 
 
 @pytest.mark.parametrize("backwards", [False, True])

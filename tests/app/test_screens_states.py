@@ -328,6 +328,6 @@ def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_h
 def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
     monkeypatch.setattr("app.window.session_panel.player", lambda: None)
     screens.hear(opened(protocol=paper(tones=True)), ready(1))
-    assert "No tones" in screens.run.panel.notice.text()
+    assert "neither paplay nor aplay" in screens.run.panel.notice.text()
     screens.hear(opened(protocol=paper(tones=False)), ready(1))
     assert not screens.run.panel.notice.isVisible()

@@ -6,7 +6,7 @@ from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper,
 from PySide6.QtCore import QEvent, QPoint, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
-from screens import point
+from screens import cut_texts, point, settle
 
 from app.ipc import messages as m
 from app.window.dials import DIALS, Dial
@@ -15,6 +15,7 @@ from app.window.try_page import BACK, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
+from experiments.protocol import load_protocol
 
 INITIAL = m.SandboxSettings(
     "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 2000.0, 1.0, 0.75, IDEAL
@@ -68,6 +69,15 @@ def held(qtbot) -> Held:
     made = Held(qtbot)
     made.page.show_snapshot(tried())
     return made
+
+
+def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_their_names_do_not_fit(held) -> None:
+    held.page.show_opened(opened("", protocol=load_protocol("displays")))  # the paper's controllers and paths
+    held.page.show_snapshot(tried(INITIAL._replace(device="er-two-brake")))
+    settle(held.page)
+    buttons = held.page.controls.segments["device"].findChildren(QPushButton)
+    assert [one.text() for one in buttons if one.isChecked()] == ["Er-two brakes"] and len(buttons) == 4
+    assert len({one.y() for one in buttons}) == 2 and cut_texts(held.page.controls) == []
 
 
 def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:

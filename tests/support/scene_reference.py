@@ -6,7 +6,7 @@
   play edges and stops.
 - Stick and slip by trying every case: the tip rests, moves along each line on which a joint rests, or slips everywhere
   with each choice of signs. The case of least energy is the answer (the problem is strictly convex).
-- Eqs. (1), (2), (4) and the backlash as in DESIGN section 3, the yield a state of its own; hard stops are plastic.
+- Eqs. (1), (2), (4) and the backlash, the lag on the yield (docs/decisions/02), a state of its own; stops are plastic.
 
 `solve_scene` runs twice, with two tolerances; how far the runs differ is its estimate of its own error.
 """

@@ -34,6 +34,6 @@ def status(report: dict | None = None, **changes) -> DeviceStatus:
     return well._replace(**changes)
 
 
-def told(device: DeviceStatus | None, told_s: float = 0.0) -> m.Pulse:
+def told(device: DeviceStatus | None, reported_s: float = 0.0) -> m.Pulse:
     """A pulse that brings it."""
-    return pulse("")._replace(device=device and device._replace(told_s=told_s))
+    return pulse("")._replace(device=device and device._replace(reported_s=reported_s))

@@ -5,12 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QWheelEvent
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
     QButtonGroup,
     QComboBox,
     QFrame,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLayout,
@@ -293,7 +294,7 @@ def clear(layout: QLayout) -> None:
 
 
 class Segments(QWidget):
-    """One of a few, side by side."""
+    """One of a few, side by side; in several lines where a text would not fit."""
 
     chosen = Signal(object)  # its value
 
@@ -305,7 +306,24 @@ class Segments(QWidget):
         for place, text in enumerate(choices.values()):
             self._group.addButton(QPushButton(text, objectName="segment", checkable=True), place)
         self._group.idClicked.connect(lambda place: self.chosen.emit(self._values[place]))
-        self.setLayout(row(*((one, 1) for one in self._group.buttons()), spacing=4))
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setSpacing(4)
+        self._arrange(len(choices))
+
+    def _arrange(self, columns: int) -> None:
+        for place, one in enumerate(self._group.buttons()):
+            self._grid.addWidget(one, *divmod(place, columns))
+            self._grid.setColumnStretch(place, place < columns)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        wide, gap = [one.sizeHint().width() for one in self._group.buttons()], self._grid.spacing()
+
+        def fit(columns: int) -> bool:
+            return sum(max(wide[n::columns]) + gap for n in range(columns)) - gap <= self.width()
+
+        self._arrange(next((columns for columns in range(len(wide), 1, -1) if fit(columns)), 1))
 
     def value(self) -> Any:
         """What is chosen; None: nothing."""

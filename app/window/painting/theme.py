@@ -1,4 +1,4 @@
-"""The look of every screen: palette, typeface, sizes (DESIGN, section 10)."""
+"""The look of every screen: palette, typeface, sizes."""
 
 import os
 from functools import cache, lru_cache
@@ -133,6 +133,7 @@ QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on
 QPushButton#key {{ text-align: left; }}
 QPushButton#key:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
     border-color: {ACCENT}; }}
+QPushButton#segment {{ padding: 6px 8px; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
 QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
