@@ -9,7 +9,7 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
 from app.ipc import messages as m
-from app.window.page import ANALYSE, HOME, Page
+from app.window.page import ANALYSE, HOME, RUN, Page
 from app.window.painting import theme
 from app.window.painting.parts import KeyButton, Panel, Segments, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
@@ -290,7 +290,7 @@ class Cards:
                 self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
-                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, "device")))
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
             return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."
