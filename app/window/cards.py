@@ -80,8 +80,9 @@ class Card(Panel):
 
     def appear(self, focused: bool = True) -> None:
         """Take its place and come to the front, with the keyboard or without."""
-        self.show()
         self.place()
+        self.show()
+        self.place()  # again: choices stand in as many lines as its width asks for
         self.raise_()
         if focused:
             self.take_focus()
