@@ -46,7 +46,7 @@ SIMILAR_SHARE = 0.15  # of the uncontrolled median
 LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
-#: What the statements are judged by within each participant, fixed with the rules: no further measure changes a verdict.
+#: What judges the statements within each participant, fixed with the rules: a further measure changes no verdict.
 #: The exact acceleration is none of them, a real device has no accelerometer.
 ERROR, FORCE = ("path_error_m",), ("mean_tip_force_N", "force_over_progress_N")
 ROUGHNESS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
