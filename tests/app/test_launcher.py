@@ -51,7 +51,8 @@ sys.exit(bool(os.environ.get("PIP_FAILS")))
 PYTEST = """
 interpreted = "NUMBA_DISABLE_JIT" in os.environ
 words = [word for word in sys.argv[1:] if not word.startswith("--junitxml=")]
-print("pytest", *words, *["interpreted"] * interpreted, file=log)
+anew = words != sys.argv[1:] and sys.dont_write_bytecode
+print("pytest", *words, *["interpreted"] * interpreted, *["compiles all anew"] * anew, file=log)
 for word in sys.argv:
     if word.startswith("--junitxml=") and "--ignore-glob=*/test_live_*.py" in words:
         pathlib.Path(word[11:]).write_text('<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>')
@@ -331,6 +332,9 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
     assert "--ignore-glob" in whole and live.endswith("test_live_one.py")
     assert marked.endswith("-m nojit tests/app/test_marked.py interpreted")
     assert tree.calls("pip")[-1].endswith("-e .[test]")
+    assert not list(tree.root.glob("tests/**/*.pyc")), (
+        "bytecode is kept elsewhere where it may not be beside the sources"
+    )
 
 
 def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:

@@ -33,7 +33,7 @@ from app.ipc import messages as m
 from app.window import words
 from app.window.cards import REDO
 from app.window.main_window import SMALLEST
-from app.window.page import HOME, RUN
+from app.window.page import ANALYSE, HOME, RUN
 from app.window.plots import Graph
 from core import tick_log
 
@@ -359,9 +359,11 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
-def test_closing_between_trials_just_closes(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    assert console.close() and screens.client.stopped
+def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
+    console, ended = screens.hear(opened(), ready(3)), []
+    analyse = console.page(ANALYSE)
+    analyse.side.end, analyse._export.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
+    assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
 
 
 STATES = {

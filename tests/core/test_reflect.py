@@ -13,7 +13,7 @@ from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
-LAW = 4000  # random problems
+LAW = 1000  # random problems
 
 
 def solved(a, low, high, force):

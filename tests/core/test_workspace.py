@@ -64,7 +64,7 @@ def test_a_device_whose_stops_leave_room_around_a_pose_is_accepted():
     """Random poses of random five-bars, each joint with a stop 1e-4 to 0.1 rad to either side, or with none."""
     generator = np.random.default_rng(1)
     accepted = 0
-    while accepted < 60:
+    while accepted < 25:
         bar = random_bar(generator)
         if why_impossible(loose := mechanism_of(bar)):
             continue
@@ -91,7 +91,7 @@ def test_a_cell_that_is_ruled_out_holds_no_free_tip():
     """Random cells of random five-bars with stops, each with 400 tips inside, against the test of single tips."""
     generator = np.random.default_rng(2)
     ruled_out = 0
-    for _ in range(150):
+    for _ in range(60):
         ends = np.sort(generator.uniform(-math.pi, math.pi, (4, 2)), axis=1)
         stops = {joint: tuple(map(float, pair)) for joint, pair in zip(JOINTS, ends, strict=True) if pair[1] > pair[0]}
         mechanism = mechanism_of(with_stops(random_bar(generator), dict(list(stops.items())[: generator.integers(5)])))
@@ -112,7 +112,7 @@ def test_a_cell_that_is_ruled_out_holds_no_free_tip():
             own_side = -arm.side * np.sin(inside.elbow) > 0.0  # else the arm reaches that tip with the other elbow
             assert not np.any(tip_is_free(mechanism, x, y) & own_side & ~may)
             ruled_out += np.count_nonzero(~may)
-    assert ruled_out > 1000
+    assert ruled_out > 400
 
 
 @pytest.mark.parametrize(

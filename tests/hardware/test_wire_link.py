@@ -15,7 +15,8 @@ from hardware.emulated_board.line_faults import read_fault
 from hardware.sensing.samples import ZERO_SAMPLES
 from hardware.serial_device import Connection, SerialDevice
 from hardware.serial_port import find_port, usb_ports
-from hardware.wire.messages import Command, Limits, State
+from hardware.wire.frames import FrameDecoder
+from hardware.wire.messages import Command, Limits, State, unpack
 
 
 @pytest.fixture
@@ -66,9 +67,10 @@ def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: S
 def test_no_current_above_the_brake_files_limit_reaches_the_wire(
     bench: Bench, link: SerialDevice, current: float
 ) -> None:
-    bench.sent.clear()
+    bench.heard.clear()
     run(link, 3, (current, 0.0, 0.25, -current))
-    assert {command.current_mA for command in bench.sent if isinstance(command, Command)} == {(1000, 0, 250, 0)}
+    sent = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
+    assert {command.current_mA for command in sent if isinstance(command, Command)} == {(1000, 0, 250, 0)}
 
 
 @pytest.mark.parametrize(

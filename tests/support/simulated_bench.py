@@ -15,8 +15,6 @@ from hardware.emulated_board.line_faults import Line, LineFault, read_fault
 from hardware.emulated_board.plug import TcpPort
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import Port
-from hardware.wire.frames import FrameDecoder
-from hardware.wire.messages import unpack
 
 DEVICE = load_device("four-brake")
 TIP = (0.02, 0.40)
@@ -37,8 +35,7 @@ class Bench:
         self.to_host, self.to_board = Line(self.faults, 1, 0), Line(self.faults, 1, 1)
         self.ticks = self.last_current = 0
         self.board_began_us = board_began_us  # by its own clock
-        self.sent: list[tuple] = []  # every message of the host
-        self._decoder = FrameDecoder()
+        self.heard: list[bytes] = []  # all that the host sent
         self.plugged = self.powered = True
         self.backlog = b""  # what waits for a host that was late
         self._acting: set[str] = set()  # kinds of faults
@@ -84,9 +81,6 @@ class Bench:
         for frame in data.split(b"\0")[:-1]:
             self.to_host.put(frame + b"\0", self.now_s)
 
-    def hear(self, data: bytes) -> None:
-        self.sent += filter(None, map(unpack, self._decoder.feed(data)))
-
     def fault(self, text: str) -> None:
         self.faults.append(read_fault(text, self.now_s))
 
@@ -113,7 +107,7 @@ class BenchWire:
         self.check()
         with self.bench.lock:
             self.bench.to_board.put(data, self.bench.now_s)
-            self.bench.hear(data)
+            self.bench.heard.append(data)
 
     def close(self) -> None:
         self.closed = True
@@ -150,7 +144,7 @@ class TcpWire:
         if data := self._plug.read():
             with self.bench.lock:
                 self.bench.to_board.put(data, self.bench.now_s)
-                self.bench.hear(data)
+                self.bench.heard.append(data)
 
     def close(self) -> None:
         self._plug.close()
