@@ -40,7 +40,7 @@ class Windows(QObject):
         self.client = client
         self.main = MainWindow(client)
         self.participant = ParticipantWindow()
-        self._dead = self.over = False
+        self.over = False
         self._warm_up: threading.Thread | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
         self._next: tuple[Setup, object] = client.setup, None
@@ -98,7 +98,7 @@ class Windows(QObject):
     def _start_next(self) -> None:
         """The old session server has ended."""
         setup, then = self._next
-        self.client, self._dead, self._ending = Client(setup), False, None
+        self.client, self._ending = Client(setup), None
         self.main.show_client(self.client, then)
         self.participant.show_snapshot(self.main.snapshot)
 
@@ -184,8 +184,7 @@ class Windows(QObject):
             self.main.show_ticks(rows, taken)
         self.participant.view.follow_pointer()
         self.main.pages[self.main.shown].show_time(time.perf_counter())
-        if not alive and not self._dead:
-            self._dead = True
+        if not alive and not self.main.dead:
             last = self.main.snapshot
             self.main.show_dead(last.notice if last.notice_bad and last.notice else words.SERVER_DIED)
             self.participant.show_dead()

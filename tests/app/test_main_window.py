@@ -33,7 +33,7 @@ from app.ipc import messages as m
 from app.window import words
 from app.window.cards import REDO
 from app.window.main_window import SMALLEST
-from app.window.page import HOME, RUN
+from app.window.page import ANALYSE, HOME, RUN
 from app.window.plots import Graph
 from core import tick_log
 
@@ -92,6 +92,17 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     screens.hear(ready(1, brakes_off=cause))
     assert cause in screens.main.preflight.advice.text() and not screens.run.panel.start.isEnabled()
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
+
+
+def test_escape_leads_from_the_device_page_back_to_where_it_was_asked_for(screens: Screens) -> None:
+    screens.hear(opened(), ready(1))
+    for page in (RUN, HOME):
+        screens.main.show_page(page)
+        screens.press(KEY.Key_F3)
+        home = screens.main.pages[HOME]
+        assert screens.main.shown == HOME and home.stack.currentWidget() is home.device
+        screens.press(KEY.Key_Escape)
+        assert screens.main.shown == page and home.stack.currentWidget() is home.columns
 
 
 def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
@@ -359,9 +370,11 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
-def test_closing_between_trials_just_closes(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    assert console.close() and screens.client.stopped
+def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
+    console, ended = screens.hear(opened(), ready(3)), []
+    analyse = console.page(ANALYSE)
+    analyse.side.end, analyse._export.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
+    assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
 
 
 STATES = {

@@ -375,14 +375,10 @@ class Flow(QLayout):
 
     def minimumSize(self) -> QSize:
         sizes = [item.minimumSize() for item in self._items if not item.isEmpty()]
-        return QSize(max((s.width() for s in sizes), default=0), max((s.height() for s in sizes), default=0)).grownBy(
-            self.contentsMargins()
-        )
+        return QSize(max((s.width() for s in sizes), default=0), max((s.height() for s in sizes), default=0))
 
     def _place(self, rect: QRect, only_measure: bool = False) -> int:
         """Put every item into its place; the height of all lines."""
-        margins = self.contentsMargins()
-        rect = rect.marginsRemoved(margins)
         x, y, high, gap = rect.x(), rect.y(), 0, self.spacing()
         for item in self._items:
             if item.isEmpty():
@@ -393,4 +389,4 @@ class Flow(QLayout):
             if not only_measure:
                 item.setGeometry(QRect(QPoint(x, y), size))
             x, high = x + size.width() + gap, max(high, size.height())
-        return y + high - rect.y() + margins.top() + margins.bottom()
+        return y + high - rect.y()
