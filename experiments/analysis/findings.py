@@ -26,7 +26,7 @@ import numpy as np
 
 from core.control.controllers import Preset
 from experiments.analysis.charts import QUARTILE_METHOD
-from experiments.analysis.metrics import BY_NAME, DRAWN, compared_for
+from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.statistics import (
     PAPER_CONFIGURATIONS,
     Interval,
@@ -46,7 +46,10 @@ SIMILAR_SHARE = 0.15  # of the uncontrolled median
 LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
-ERROR, FORCE, ROUGHNESS = (compared_for(thing, on_any_device=True) for thing in ("accuracy", "force", "smoothness"))
+#: What judges the statements within each participant, fixed with the rules: a further measure changes no verdict.
+#: The exact acceleration is none of them, a real device has no accelerometer.
+ERROR, FORCE = ("path_error_m",), ("mean_tip_force_N", "force_over_progress_N")
+ROUGHNESS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
 IN_BOXES = tuple(metric.name for metric in DRAWN)  # the measures that have boxes
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}

@@ -277,7 +277,6 @@ class Metric(NamedTuple):
     figure: str = ""  # drawn as box plots, in this file: the number is that of the paper's figure
     stands_for: str = ""  # accuracy, force or smoothness; the first that stands for one of them is its definition
     compared: bool = False  # statistics compare the controllers by it
-    simulated_only: bool = False  # a real device has none of it: the paper's statements are not judged by it
     better: str = "lower"
     needs_progress: bool = True  # None where the tip came no way along the path: there was no movement to judge
     tells_controller: bool = False  # hidden while a session is blind
@@ -393,7 +392,6 @@ METRICS = (
         "20 Hz on position hides; none on a real device, which has no accelerometer",
         lambda m: amplitude_sum(weighted_amplitudes(m.exact_acceleration)),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_to_100_Hz", stands_for="smoothness", compared=True,
-        simulated_only=True,
     ),
     Metric(
         "locked_share", "", "Locked share", "share locked",
@@ -415,12 +413,6 @@ FIGURES = tuple(metric for metric in METRICS if metric.figure)
 DRAWN = tuple(
     next(metric for metric in FIGURES if metric.stands_for == thing) for thing in ("accuracy", "force", "smoothness")
 )
-
-
-def compared_for(thing: str, on_any_device: bool = False) -> tuple[str, ...]:
-    """The measures that stand for accuracy, force or smoothness ("": for themselves) and are compared."""
-    of_it = (metric for metric in METRICS if metric.stands_for == thing and metric.compared)
-    return tuple(metric.name for metric in of_it if not (on_any_device and metric.simulated_only))
 
 
 Metrics = dict[str, float | None]  # the measures of one trial, by name

@@ -17,12 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import compared_for
+from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, to_compare
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
-MEASURES = tuple(name for thing in ("accuracy", "force", "smoothness", "") for name in compared_for(thing))
+#: Those that controllers are compared by: of accuracy, force, smoothness, then the others.
+MEASURES = tuple(
+    one.name for thing in ("accuracy", "force", "smoothness", "") for one in METRICS
+    if one.compared and one.stands_for == thing
+)  # fmt: skip
 POOLED = "pooled"
 TREND_TRIALS = 10  # a trend is the change over so many trials
 SEED, RESAMPLES = 1, 2000  # of the bootstrap

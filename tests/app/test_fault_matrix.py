@@ -156,11 +156,11 @@ HEAD = """# Faults, phase by phase
 Written by `python tests/app/test_fault_matrix.py docs/fault-matrix.md` from a run in simulated time: the real loop,
 link, trial, session and recording over the emulated board, whose clock is the test's.
 `tests/app/test_fault_matrix.py` holds the same cases to their limits; `tests/app/test_live_board.py` does some of
-them to real processes over a pseudo-terminal, `tests/app/test_live_net_ft.py` over a TCP port.
+them to real processes over a pseudo-terminal, `tests/app/test_net_ft.py` over a TCP port.
 
 - *Zero*: ms until the currents on the board are zero, where currents flowed (in a movement); the board's limit is 50.
 - *Seen*: ms until the app has ended the trial, or, between trials, where no current flows, shows the device as unfit: a
-  link counts as silent after 200 ms, and the window is told every 100 ms.
+  link counts as silent after 200 ms, and the window gets a report every 100 ms.
 - *Again*: s from the end of the fault until the next trial could start, without a restart: with brakes allowed, homed.
 - In all rows the recording is whole (or recovered) with every tick, and `phd verify` finds nothing.
 - "Run 7: " and, for what comes after a trial's end, "after its end: " stand before the words.
