@@ -23,7 +23,7 @@ from app.ipc.ring import Ring
 from app.session_server.loop_process import LoopProcess
 from core import tick_log
 from core.files import InputError
-from experiments.inputs import is_person
+from experiments.inputs import INPUTS, is_person
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
@@ -101,15 +101,15 @@ class SessionServer:
         run = self._state.runner.run
         if run is None:
             self.end = WINDOW_GONE
-        elif is_person(self._state.setup.hand) and self._waits_for_start():
+        elif is_person(self._state.setup.hand) and self._has_lost_its_hand():
             run.stop(WINDOW_GONE)
 
-    def _waits_for_start(self) -> bool:
-        """Whether the trial's movement has not begun. Our choice: without its window a person cannot be led to the
-        start, so such a trial is ended and comes again; one whose movement has begun goes on to its end.
+    def _has_lost_its_hand(self) -> bool:
+        """Our choice: a pointer goes with its window, and without a window no person can be led to the start: such a
+        trial is ended and comes again. One that another hand is moving goes on to its end.
         """
         phase = self._ring.last(tick_log.PHASE)
-        return phase in (tick_log.APPROACH, tick_log.HOLD)
+        return INPUTS[self._state.setup.hand].by_pointer or phase in (tick_log.APPROACH, tick_log.HOLD)
 
     def _send_state(self) -> None:
         if self._window.behind:  # it hangs; once it reads again it gets the newest state

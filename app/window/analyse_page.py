@@ -133,11 +133,9 @@ class AnalysePage(Page):
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for one in (self.report_button, self.export_button):
             head.setAlignment(one, Qt.AlignmentFlag.AlignTop)
-        self.setLayout(column(
-            head, Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14),
-            (row((self.stack, 1), self.side), 1), row(self.caption, self.warning, self.summary, spacing=14),
-            self._foot, spacing=8,
-        ))  # fmt: skip
+        left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
+        filters = Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14)
+        self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
 
     # what the main window hands over
 

@@ -22,7 +22,7 @@ FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 #: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
 SHORT = {
-    "Acceleration, weighted DFT sum": "Acceleration DFT sum",
+    "Acceleration, weighted DFT sum": "Acceleration sum",
     "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QButtonGroup, QGridLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
 from app.ipc import messages as m
-from app.window.page import ANALYSE, HOME, Page
+from app.window.page import ANALYSE, HOME, RUN, Page
 from app.window.painting import theme
-from app.window.painting.parts import NO_FOCUS, KeyButton, Panel, breakable, button, column, line, row, word
+from app.window.painting.parts import KeyButton, Panel, Segments, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
 from experiments.session.files import settled_cells
 
@@ -33,7 +33,7 @@ class Ask(NamedTuple):
 ABORT = Ask(
     "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
     ("the participant asked", "the participant was distracted", "something was wrong with the device"),
-    (("now", "Repeat it now"), ("end", "Repeat it at the end"), ("never", "Do not repeat it")),
+    (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
 )  # fmt: skip
 REDO = Ask(
     "redo", "Repeat the trial of run {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
@@ -80,8 +80,9 @@ class Card(Panel):
 
     def appear(self, focused: bool = True) -> None:
         """Take its place and come to the front, with the keyboard or without."""
-        self.show()
         self.place()
+        self.show()
+        self.place()  # again: choices stand in as many lines as its width asks for
         self.raise_()
         if focused:
             self.take_focus()
@@ -143,11 +144,11 @@ class Question(Card):
         super().__init__(ask.title, ask.text, buttons, parent)
         self._answered = answered
         self.confirm, self.cancel = self.buttons
-        self.choices = QButtonGroup(self)
-        for at, (_, words) in enumerate(ask.choices):
-            choice = QPushButton(words, objectName="choice", checkable=True, checked=at == 0, focusPolicy=NO_FOCUS)
-            self.choices.addButton(choice, at)
-            self.inside.addWidget(choice)
+        self.choices = Segments(dict(ask.choices))
+        if ask.choices:
+            self.choices.choose(ask.choices[0][0])
+            self.inside.addWidget(self.choices)
+            self.inside.addWidget(word("Why?", "quiet"))
         for number, reason in enumerate(ask.reasons, start=1):
             made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
             made.clicked.connect(lambda _=False, reason=reason: answered(reason))
@@ -192,7 +193,7 @@ class Cards:
         """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one."""
 
         def answered(reason: str) -> None:
-            chosen = [ask.choices[question.choices.checkedId()][0]] if ask.choices else []
+            chosen = [question.choices.value()] if ask.choices else []
             self.leave()
             then(reason, *chosen)
 
@@ -290,7 +291,7 @@ class Cards:
                 self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
-                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, "device")))
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
             return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         text = f"{kept} runs are recorded and verified in {opened.folder}."

@@ -23,7 +23,7 @@ from app.ipc import messages as m
 from app.window.board_ports import BoardPorts
 from app.window.data_panel import DataPanel, Recent
 from app.window.device_page import DevicePage
-from app.window.page import RUN, TRY, Page
+from app.window.page import HOME, RUN, TRY, Page
 from app.window.painting import theme
 from app.window.painting.layers import SPACING_M
 from app.window.painting.linkage_view import SmallView
@@ -58,7 +58,6 @@ from experiments.protocol import Protocol, load_protocol, shipped_protocols
 from experiments.session.files import free_participant
 from experiments.session.overview import look_into
 
-DEVICE = "device"  # what `begin` takes to show the device page
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
@@ -105,6 +104,7 @@ class HomePage(Page):
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self._typed = False  # the participant was typed, and is not proposed anew
+        self._asked_from = HOME  # the page that led to the device page
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
         self._loading, self._planning = Work(self._show_loaded), Work(self._show_plan)
         self._recent = Recent("protocols")
@@ -133,7 +133,7 @@ class HomePage(Page):
         self.link.chosen.connect(self._link_chosen)
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
-        self.ports.device_page_asked.connect(lambda: self.begin(DEVICE))
+        self.ports.device_page_asked.connect(lambda: self.begin(HOME))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -217,7 +217,9 @@ class HomePage(Page):
         self.device.show_status(pulse.device)
 
     def begin(self, what: object = None) -> None:
-        self.stack.setCurrentWidget(self.device if what == DEVICE else self.columns)
+        """What: the page from which the device page was asked for, and to which it leads back."""
+        self._asked_from = str(what or HOME)
+        self.stack.setCurrentWidget(self.device if what else self.columns)
 
     def cancel(self) -> bool:
         shown = self.stack.currentWidget()
@@ -227,6 +229,8 @@ class HomePage(Page):
 
     def _show_columns(self) -> None:
         self.stack.setCurrentWidget(self.columns)
+        if self._asked_from != HOME:
+            self.page_asked.emit(self._asked_from, None)
 
     # --------------------------------------------------------------------------------------- the choices
 

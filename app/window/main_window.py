@@ -147,7 +147,7 @@ class MainWindow(QWidget):
             "keys": self.show_keys,
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
-            "device": lambda: self.show_page(HOME, "device"),
+            "device": lambda: self.show_page(HOME, self.shown),
             **{name.lower(): partial(self.show_page, name) for name in PAGES},
         }
         bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})

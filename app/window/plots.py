@@ -50,6 +50,12 @@ def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarra
     return np.repeat(t[starts], 2), np.stack((low, high), axis=2).reshape(len(values), -1)
 
 
+def start_of_hold(ticks: np.ndarray) -> int:
+    """The tick with which the hold before the movement begins: what comes before may be of any length; 0: none."""
+    approach = np.flatnonzero(ticks[:, tick_log.PHASE] == tick_log.APPROACH)
+    return int(approach[-1] + 1) % len(ticks) if len(approach) else 0
+
+
 class Graph(pg.PlotWidget):
     """A plot in the colours and the typeface of the screens."""
 

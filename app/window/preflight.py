@@ -32,7 +32,7 @@ class Pill(Panel):
         self.text = OneLine(check.text, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
         self.text.setToolTip("")
-        self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(9, 0, 10, 0)))
+        self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(7, 0, 7, 0)))
         self.setFixedHeight(30)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
@@ -57,7 +57,7 @@ class Preflight(QWidget):
         self.brakes.setFixedHeight(34)
         self.advice = line("", "banner", theme.NORMAL)
         self.advice.hide()
-        self._row = row(spacing=5)
+        self._row = row(spacing=4)
         self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:

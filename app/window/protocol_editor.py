@@ -85,7 +85,7 @@ class ProtocolEditor(Panel):
         self._reader = Work(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
         self._name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
-        self._file = Path.home() / "protocol.toml"  # which saving proposes
+        self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
         sections = ("", "devices", "controller", "path", "form", "instruction", *FIELDS)
@@ -156,8 +156,9 @@ class ProtocolEditor(Panel):
         how = line("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
         both = row((self._form_area, 6), (right, 5), spacing=16)
+        head = row(self.title, (self.sentences[""], 1), spacing=16)  # beside it: nothing below moves
         foot = row(1, button("Undo all changes", self._undo), button("Back  Esc", self.left.emit), self.save)
-        self.setLayout(column(self.title, self.sentences[""], (both, 1), foot, margins=PANEL_MARGINS))
+        self.setLayout(column(head, (both, 1), foot, margins=PANEL_MARGINS))
 
     # ----------------------------------------------------------------------------------------- the content
 
@@ -167,7 +168,7 @@ class ProtocolEditor(Panel):
             return  # what was changed is still there
         shipped = name in shipped_protocols()
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
-        self._file, self._folder = Path.home() / f"{name}.toml" if shipped else path, path.parent
+        self._file, self._folder = None if shipped else path, path.parent
         self.title.setText(f"{name.capitalize()} protocol, a copy" if shipped else path.name)
         try:
             self.content = tomllib.loads(read_text(path))
@@ -335,7 +336,8 @@ class ProtocolEditor(Panel):
 
     def _show_problem(self, problem: str) -> None:
         """The reader's sentence, at the field that it is about."""
-        key = "path" if "cannot follow path" in problem else re.sub(r"\W.*", "", problem, flags=re.DOTALL)
+        about = re.sub(r"\W.*", "", problem.removeprefix("the required key "), flags=re.DOTALL)
+        key = "path" if "cannot follow path" in problem else about
         for name, label in self.sentences.items():
             here = bool(problem) and name == (key if key in self.sentences else "")
             label.setText(breakable(problem) if here else "")
@@ -348,7 +350,9 @@ class ProtocolEditor(Panel):
 
     def _save(self) -> None:
         """The dialog asks before a file is replaced; one that it did not ask about is never replaced."""
-        chosen, _ = QFileDialog.getSaveFileName(self, "Save the protocol", str(self._file), TOML)
+        name = str(self.content.get("name", "protocol")).replace("/", "-")
+        proposed = self._file or Path.home() / f"{name}.toml"
+        chosen, _ = QFileDialog.getSaveFileName(self, "Save the protocol", str(proposed), TOML)
         path = Path(chosen).with_suffix(".toml")
         if chosen:
             try:

@@ -250,7 +250,7 @@ class RunPage(Page):
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
-        self.workspace.add(rows)
+        self.workspace.add(rows, taken if hand_is_mouse(self.opened) else None)
         self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
         self._ticks.append(rows)
         self._waiting.append(rows)

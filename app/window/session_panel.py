@@ -58,7 +58,7 @@ class SessionPanel(Panel):
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
-            self.notice, self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note,
+            self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.notice, self.note,
             (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self.follow_text()
@@ -112,7 +112,7 @@ class SessionPanel(Panel):
         notice, bad = snapshot.notice, snapshot.notice_bad
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
             notice = snapshot.why_not or (SILENT if opened.protocol.tones and player() is None else "")
-        theme.name_anew(self.notice, "bad" if bad else "caution")
+        theme.name_anew(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
 

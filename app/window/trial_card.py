@@ -13,7 +13,7 @@ from app.ipc import messages as m
 from app.window.box_plot import SHORT, colour_of
 from app.window.painting import theme
 from app.window.painting.parts import NO_FOCUS, Choice, KeyButton, OneLine, Panel, button, column, line, row, word
-from app.window.plots import Graph, TimePlot, range_for
+from app.window.plots import Graph, TimePlot, range_for, start_of_hold
 from app.window.words import place
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
@@ -71,7 +71,7 @@ class Measure(QWidget):
 
 
 class WholeTrace(TimePlot):
-    """Distance from the path over a whole trial, with its phases; zero is the go."""
+    """Distance from the path from the hold at the start on; zero is the go."""
 
     def __init__(self) -> None:
         super().__init__("Distance from path", "mm", [theme.TRACE], 2.0, 1)
@@ -83,7 +83,8 @@ class WholeTrace(TimePlot):
         self.figures.show_parts((self.unit, theme.QUIET))
 
     def show_ticks(self, rows: np.ndarray) -> None:
-        """The ticks (n, tick_log.WIDTH), n > 0, of the trial."""
+        """The ticks (n, tick_log.WIDTH), n > 0, of the trial; an approach, of any length, has no distance yet."""
+        rows = rows[start_of_hold(rows) :]
         phase = rows[:, tick_log.PHASE]
         moving = np.flatnonzero(phase == tick_log.MOVE)
         self.t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
@@ -151,8 +152,8 @@ class TrialCard(Panel):
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
         self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
-        earlier = f"{len(same) or 'no'} earlier trial{'' if len(same) == 1 else 's'}"
-        self.legend.setText(f"Large: this trial · in its colour: {earlier} with this controller · grey: others")
+        earlier = f" · in its colour: {len(same)} earlier with this controller" if same else ""
+        self.legend.setText(f"Large: this trial{earlier}{' · grey: others' if len(here) > len(same) else ''}")
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self.trace.setVisible(ticks is not None)

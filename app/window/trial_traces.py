@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.window.painting import theme
 from app.window.painting.parts import column
-from app.window.plots import HIDDEN, TimePlot, currents_of
+from app.window.plots import HIDDEN, TimePlot, currents_of, start_of_hold
 from core import tick_log
 from core.mechanism import JOINTS
 from experiments.session.playback import Beside, Playback
@@ -34,7 +34,7 @@ class TrialTrace(TimePlot):
         self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
         self.item.addItem(self.marker, ignoreBounds=True)
         self.graph.scene().sigMouseClicked.connect(self._clicked)
-        self.graph.setMinimumHeight(36)
+        self.graph.setMinimumHeight(26)
 
     def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
         """Times (n,) s and values (n,) in the unit, NaN where there is none."""
@@ -73,6 +73,7 @@ class CurrentTrace(TrialTrace):
     def __init__(self) -> None:
         super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
+        self.graph.setMinimumHeight(46)  # with the axis of time
         self.hidden, self.labels = False, dict[str, str]()
         self.means, self.bands = [], []
         for joint in JOINTS:
@@ -144,7 +145,7 @@ class TrialTraces(QWidget):
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
         self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
-        self.error.show_all()
+        self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.01)  # a double click shows all
 
     def show_beside(self, other: Beside | None) -> None:
         """The same hand through another controller."""

@@ -24,6 +24,7 @@ from app.window.painting.layers import extent_of_paths
 from app.window.painting.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.painting.parts import Choice, OneLine, Panel, button, column, line, row, word
 from app.window.painting.theme import show_whole
+from app.window.plots import start_of_hold
 from app.window.trial_card import REASONS
 from app.window.trial_traces import BESIDE, TrialTraces
 from app.window.work import Verb, Work
@@ -78,7 +79,7 @@ class TrialView(Panel):
         self.workspace = Workspace(whole)
         self.workspace.hide()  # until there is a trial
         if not whole:
-            self.workspace.view.setMinimumSize(200, 110)
+            self.workspace.view.setMinimumSize(200, 88)
             for layer in (FIELD, REACHABLE, LINKAGE):
                 self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
@@ -157,7 +158,7 @@ class TrialView(Panel):
         self.traces.show_trial(trial)
         self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
         self.beside.setEnabled(self.beside.count() > 1)
-        self.go_to(0.0)
+        self.go_to(float(trial.t[start_of_hold(trial.ticks)]))
 
     def show_row(self, row: TrialRow) -> None:
         """A trial is being read, or has no recording: its row is all there is."""

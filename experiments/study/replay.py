@@ -41,10 +41,7 @@ from experiments.study.replay_motion import (
 from experiments.trial.encoder_sensing import REAL_AGE, decision_noise, new_sensing, sensed_age
 from experiments.trial.tick import decide_again
 
-A_PERSON_WOULD_REACT = (
-    "A person would feel the difference and react: this is what the recorded hand would have come to, not what a "
-    "person would have done."
-)
+A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
 OTHER_VERSION = (
     "another version recorded the trial, without all that an equal replay needs: it begins with the movement and only "
     "comes near the recorded motion"

@@ -94,6 +94,17 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
+def test_escape_leads_from_the_device_page_back_to_where_it_was_asked_for(screens: Screens) -> None:
+    screens.hear(opened(), ready(1))
+    for page in (RUN, HOME):
+        screens.main.show_page(page)
+        screens.press(KEY.Key_F3)
+        home = screens.main.pages[HOME]
+        assert screens.main.shown == HOME and home.stack.currentWidget() is home.device
+        screens.press(KEY.Key_Escape)
+        assert screens.main.shown == page and home.stack.currentWidget() is home.columns
+
+
 def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.press(KEY.Key_A, modifier=CTRL)

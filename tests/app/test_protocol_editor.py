@@ -114,7 +114,7 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
         ("Name", "", "name", "name"), ("Controller 2", "None", "controller", "two controllers have the same name"),
         ("gain of controller 4", "", "controller", "gain_N_s_m is required"),
         ("Path 1", "-100 400, 900 400", "path", "cannot follow path 1"), ("Path 1", "-100 400, x", "path", "in mm"),
-        ("Break after trials", "0", "breaks", "breaks"),
+        ("Break after trials", "0", "breaks", "breaks"), ("Break after trials", "5", "breaks", "least_s is missing"),
     ):  # fmt: skip
         editing.open("paper")
         editing.type(field, text)
@@ -149,6 +149,7 @@ def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Edi
 
 def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkeypatch, tmp_path: Path) -> None:
     editing.type("Name", "pilot")
+    editing.editor.fields["tones"].click()
     editing.type("gap of controller 3", "7.5")
     editing.type("Break after trials", "10")
     editing.type("Break, at least s", "30")
@@ -161,7 +162,7 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
     assert editing.saved == [str(tmp_path / "pilot.toml")] and saved.name == "pilot"
     assert saved.controllers[3].value("gap_m") == 0.0075
     assert saved.breaks is not None and (saved.breaks.after_trials, saved.breaks.least_s) == (10, 30)
-    assert saved.form == {"handedness": ("right", "left"), "age": "number"}
+    assert not saved.tones and saved.form == {"handedness": ("right", "left"), "age": "number"}
     assert [page.text for page in saved.pages] == ["Follow the line.", "Rest when you like."]
     assert saved.trial == load_protocol().trial, "what the editor does not show stays as it was"
 

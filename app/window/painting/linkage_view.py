@@ -197,9 +197,9 @@ class Workspace(Layered):
         self.view.show_text("", "")
         self.view.rest(tip)
 
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, tick_log.WIDTH), n > 0, since the last frame."""
-        self.view.add(rows)
+    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
+        """Ticks (n, tick_log.WIDTH), n > 0, since the last frame; taken: as in `Plane.show_handle`."""
+        self.view.add(rows, taken)
         phase = int(rows[-1, tick_log.PHASE])
         if phase != self._phase:
             self._phase = phase

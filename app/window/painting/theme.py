@@ -130,14 +130,14 @@ QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT};
 QPushButton#main:focus {{ border-color: {TEXT}; }}
 QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
 QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
-QPushButton#key, QPushButton#choice {{ text-align: left; }}
-QPushButton#key:checked, QPushButton#choice:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
+QPushButton#key {{ text-align: left; }}
+QPushButton#key:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
     border-color: {ACCENT}; }}
 QPushButton#segment {{ padding: 6px 8px; }}
 QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
 QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
 QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
-    padding: 8px 14px; color: {QUIET}; }}
+    padding: 8px 12px; color: {QUIET}; }}
 QPushButton#tab:checked {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
 QPushButton::menu-indicator {{ image: none; width: 0; }}
 QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
