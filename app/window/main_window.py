@@ -148,7 +148,7 @@ class MainWindow(QWidget):
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             "device": lambda: self.show_page(HOME, self.shown),
-            **{name.lower(): partial(self.show_page, name) for name in PAGES},
+            **{name.lower(): partial(self.show_page, name) for name in PAGES if name.lower() in KEYS},
         }
         bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})
 

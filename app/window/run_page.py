@@ -231,7 +231,7 @@ class RunPage(Page):
             self._waiting.clear()
             self._ticks.clear()
             device = opened.protocol.device(now.configuration)
-            self.workspace.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
+            self.workspace.view.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
             if snapshot.running is not None:
                 self._write_phase(tick_log.APPROACH, taken=False)
             self.traces.show_trial(device)
@@ -239,7 +239,7 @@ class RunPage(Page):
             self.timing.clear()
         elif snapshot.running is None:
             self.show_panels()
-            self.workspace.rest(snapshot.tip)
+            self.workspace.view.rest(snapshot.tip)
         if snapshot.running is None and opened.real_device and not snapshot.place_known:
             self.workspace.view.show_text("", UNMEASURED)
 
@@ -250,7 +250,7 @@ class RunPage(Page):
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
-        self.workspace.add(rows, taken if hand_is_mouse(self.opened) else None)
+        self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
         self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
         self._ticks.append(rows)
         self._waiting.append(rows)
@@ -270,7 +270,7 @@ class RunPage(Page):
                 self.traces.word()
                 self.energy.word()
                 if self.snapshot.running is not None:
-                    self.workspace.word(rows[-1])
+                    self.workspace.view.show_numbers(rows[-1])
 
     def _write_phase(self, phase: int, taken: bool) -> None:
         """What the participant reads in a phase of a trial."""

@@ -219,7 +219,7 @@ class TrialView(Panel):
         self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
         at = min(int(np.searchsorted(trial.t, self._played_s, side="right")), len(trial.ticks)) - 1
         if at > self.at:
-            self.workspace.add(trial.ticks[self.at + 1 : at + 1])
+            self.workspace.view.add(trial.ticks[self.at + 1 : at + 1])
             self._show_place(trial, at)
 
     def go_to(self, seconds: float) -> None:
@@ -232,11 +232,11 @@ class TrialView(Panel):
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
-        self.workspace.show_trial(trial.device, trial.way, tuple(tips[0].tolist()))
+        self.workspace.view.show_trial(trial.device, trial.way, tuple(tips[0].tolist()))
         self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
         if near:
-            self.workspace.add(ticks[:near:STRIDE])
-        self.workspace.add(ticks[near : at + 1])
+            self.workspace.view.add(ticks[:near:STRIDE])
+        self.workspace.view.add(ticks[near : at + 1])
         self._numbers = Reading()
         self._show_place(trial, at)
 
@@ -245,7 +245,7 @@ class TrialView(Panel):
         self.traces.show_cursor(at)
         now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
-            self.workspace.word(now)
+            self.workspace.view.show_numbers(now)
         self.clock.setText(f"{self._played_s:.2f} / {trial.t[-1]:.2f} s")
         word_of = trial.decisions[int(now[tick_log.DECISION])]
         self.decision.setText("" if trial.blind else f"Decision: {word_of}")

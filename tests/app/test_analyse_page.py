@@ -1,6 +1,7 @@
 """The page Analyse: points that can be read and opened, filters, timeouts above the scale, an export that is whole."""
 
 import pickle
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -153,16 +154,23 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
 
 
-@pytest.mark.parametrize("name", [POOLED, PERSON, ORDER, SPEED])
-def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, tmp_path: Path, name: str) -> None:
-    closed_session(tmp_path / "data", 2, protocol=short())
-    page = page_on(qtbot, tmp_path / "data")
-    page.show_page(name)
-    drawn = {point.data().controller: point.pen().color().name() for point in page.plots[0].points.points()}
-    shown = page.colours.text().replace("\u00a0", " ")
-    assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
-    for controller, colour in drawn.items():
-        assert f'color: {colour}">●</span> {page.view(page.results).name(controller)}'.lower() in shown.lower()
+@pytest.fixture(scope="module")
+def two_trials(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data folder of a session of two trials."""
+    data = tmp_path_factory.mktemp("two") / "data"
+    closed_session(data, 2, protocol=short())
+    return data
+
+
+def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, two_trials: Path) -> None:
+    page = page_on(qtbot, two_trials)
+    for name in (POOLED, PERSON, ORDER, SPEED):
+        page.show_page(name)
+        drawn = {point.data().controller: point.pen().color().name() for point in page.plots[0].points.points()}
+        shown = page.colours.text().replace("\u00a0", " ")
+        assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
+        for controller, colour in drawn.items():
+            assert f'color: {colour}">●</span> {page.view(page.results).name(controller)}'.lower() in shown.lower()
 
 
 def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:
@@ -251,10 +259,10 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
 
 
 @pytest.fixture
-def recorded(qtbot, tmp_path: Path) -> AnalysePage:
+def recorded(qtbot, tmp_path: Path, two_trials: Path) -> AnalysePage:
     """The page on a session of two trials that is not open, with the second beside the charts."""
-    session = closed_session(tmp_path / "data", 2, protocol=short())
-    page = page_on(qtbot, session.folder / "trials" / "run-002.parquet")
+    data = shutil.copytree(two_trials, tmp_path / "data")
+    page = page_on(qtbot, data / "sub-01" / "ses-01" / "trials" / "run-002.parquet")
     qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
     return page
 
@@ -308,14 +316,16 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
 
 
-def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, tmp_path, monkeypatch) -> None:
-    session = closed_session(tmp_path / "data", 1, protocol=short())
-    page = page_on(qtbot, session.folder)
+def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(
+    qtbot, two_trials: Path, monkeypatch
+) -> None:
+    session = two_trials / "sub-01" / "ses-01"
+    page = page_on(qtbot, session)
     begun: list[bytes] = []
     monkeypatch.setattr(page._export, "begin", lambda module, given: begun.append(given))
     QTest.mouseClick(page.report_button, Qt.MouseButton.LeftButton)
     job = pickle.loads(begun[0])
-    assert (job.folder, job.report, job.sessions) == (tmp_path / "data" / "results-1", True, (session.folder,))
+    assert (job.folder, job.report, job.sessions) == (two_trials / "results-1", True, (session,))
 
 
 def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data: Path) -> None:

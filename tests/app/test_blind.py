@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from protocols import PAPER, short
-from sessions import Killed, closed_session, crash_in_trial, files, new_session, of, run_trials
+from sessions import Killed, crash_in_trial, files, new_session, of, run_trials
 from simulated_loop import local_window
 
 from app.cli import main
@@ -186,13 +186,6 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     assert all(path.read_bytes() == content for path, content in tables)
     assert verify(data)["faults"] == []
     assert (tmp_path / "out" / "report" / "findings.csv").exists()
-
-
-def test_codes_of_two_participants_are_not_pooled(data, concluded, tmp_path):
-    closed_session(data, 2, participant="02", protocol=short(), blind=True)
-    analyze(data, tmp_path / "out")
-    svg = (tmp_path / "out" / "figures" / "fig16_path_error.svg").read_text()
-    assert "<!-- P01" in svg and "<!-- P02" in svg, [line for line in svg.splitlines() if "<!--" in line]
 
 
 def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):

@@ -73,8 +73,8 @@ def workspace_of(*devices: Device) -> Workspace:
 
 def add(workspace: Workspace, rows: np.ndarray) -> None:
     """Ticks, with the numbers of the last one."""
-    workspace.add(rows)
-    workspace.word(rows[-1])
+    workspace.view.add(rows)
+    workspace.view.show_numbers(rows[-1])
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):
@@ -96,7 +96,7 @@ def plane(qtbot) -> Plane:
 @pytest.fixture
 def workspace(qtbot) -> Workspace:
     workspace = shown(qtbot, workspace_of(THREE, FOUR))
-    workspace.show_trial(FOUR, ALONG, TIP)
+    workspace.view.show_trial(FOUR, ALONG, TIP)
     return workspace
 
 
@@ -261,7 +261,7 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
     assert workspace.view.labels.words["E"] == "stuck 3.9 N m"
     assert workspace.view.labels.words["B"] == "slipping 1.1 N m"
     workspace.view.grab()
-    workspace.rest(TIP)
+    workspace.view.rest(TIP)
     assert set(workspace.view.labels.words.values()) == {OFF}
 
 
@@ -277,7 +277,7 @@ def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> N
 def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None:
     pter = load_device("pter")
     workspace = shown(qtbot, workspace_of(pter))
-    workspace.show_trial(pter, ALONG, TIP)
+    workspace.view.show_trial(pter, ALONG, TIP)
     add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
     rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels)
@@ -337,7 +337,7 @@ def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device
     workspace = shown(qtbot, workspace_of(device), *size)
     view = workspace.view
     for path in PATHS.values():
-        workspace.show_trial(device, path, path.start_m)
+        workspace.view.show_trial(device, path, path.start_m)
         for share in np.linspace(0.0, 1.0, 9):
             tip = (1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m)
             view.labels.sides.clear()
@@ -391,7 +391,7 @@ def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace = shown(qtbot, workspace_of(FOUR))
     workspace.buttons[DIRECTIONS].setChecked(True)
-    workspace.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
+    workspace.view.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()
     assert workspace.view.instant.joints == {}
 

@@ -32,7 +32,7 @@ from sessions import session_of
 from app.ipc import messages as m
 from app.window import words
 from app.window.cards import REDO
-from app.window.main_window import SMALLEST
+from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.page import ANALYSE, HOME, RUN
 from app.window.plots import Graph
 from core import tick_log
@@ -467,3 +467,12 @@ def test_another_setup_starts_another_server_while_the_window_goes_on(screens: S
     assert screens.client.setup == setup and screens.client is not old
     screens.hear(opened(""), before())
     assert screens.client.sent == [m.Open("02")]
+
+
+def test_a_page_needs_no_key_of_its_own(qtbot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.window.main_window.HOME", RUN)
+    monkeypatch.setitem(PAGES, "Notes", PAGES[RUN])
+    window = MainWindow(FakeClient())
+    qtbot.addWidget(window)
+    window.tabs["Notes"].click()
+    assert window.shown == "Notes" and window.tabs["Notes"].isChecked()

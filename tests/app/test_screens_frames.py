@@ -145,7 +145,7 @@ def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
     workspace.view.show_places((FOUR,), {1: ALONG})
     workspace.buttons[WHOLE].setChecked(True)
     qtbot.addWidget(workspace)
-    workspace.show_trial(FOUR, ALONG, (0.0, 0.4))
+    workspace.view.show_trial(FOUR, ALONG, (0.0, 0.4))
     for size in ((760, 620), (1200, 900)):
         workspace.resize(*size)
         workspace.grab()

