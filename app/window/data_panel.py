@@ -176,6 +176,7 @@ class DataPanel(Panel):
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
             main.setEnabled(not self._why and not session.problem)
             main.setToolTip(self._why)
+        main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.name_anew(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
