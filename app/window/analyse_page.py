@@ -8,11 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import (
-    QButtonGroup,
-    QProgressBar,
-    QPushButton,
-)
+from PySide6.QtWidgets import QButtonGroup, QProgressBar, QPushButton
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, colour_of, trial_of
@@ -55,7 +51,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Job, Results, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
-from experiments.session.files import STORED
+from experiments.session.files import STORED, settled_cells
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
@@ -206,7 +202,8 @@ class AnalysePage(Page):
             self._show_empty(str(results))
             return
         self.results = results
-        count = {who: sum(row.participant == who for row in results.rows) for who in people_of(results.rows)}
+        rows = {who: [row for row in results.rows if row.participant == who] for who in people_of(results.rows)}
+        count = {who: len(settled_cells(theirs)[0]) for who, theirs in rows.items()}
         planned = {who: results.planned.get(who, 0) for who in count}
         self.people.show_choices({
             who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()

@@ -7,14 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
-from PySide6.QtWidgets import (
-    QApplication,
-    QFileDialog,
-    QLayout,
-    QMenu,
-    QProgressBar,
-    QPushButton,
-)  # fmt: skip
+from PySide6.QtWidgets import QApplication, QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
 
 from app.window.page import ANALYSE
 from app.window.painting import theme
@@ -183,6 +176,7 @@ class DataPanel(Panel):
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
             main.setEnabled(not self._why and not session.problem)
             main.setToolTip(self._why)
+        main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.name_anew(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)

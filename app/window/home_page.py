@@ -10,14 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QFileDialog,
-    QGridLayout,
-    QLineEdit,
-    QSizePolicy,
-    QWidget,
-)  # fmt: skip
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
 
 from app.ipc import messages as m
 from app.window.board_ports import BoardPorts
@@ -402,11 +395,9 @@ class HomePage(Page):
         self.why.setVisible(bool(wrong or why))
         for choice in (self.protocol, self.devices, self.hand, self.link, self.ports.port, self.participant):
             choice.setEnabled(not is_open)
-        for new in (
-            self.blind,
-            *self.form.fields.values(),
-        ):  # of a session that is there this was settled when it began
-            new.setEnabled(there is None and not is_open)
+        new = there is None and not is_open  # of a session that is there both were settled when it began
+        self.blind.setEnabled(new)
+        self.form.setVisible(new and bool(self.form.fields))
         if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
             self.blind.setEnabled(False)
         self.ports.setVisible(self.on_board)

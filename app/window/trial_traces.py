@@ -129,7 +129,7 @@ class TrialTraces(QWidget):
         self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
         self.currents = CurrentTrace()
         self.all = (self.error, self.force, self.currents)
-        self.setLayout(column((self.error, 1), (self.force, 1), (self.currents, 2)))
+        self.setLayout(column((self.error, 3), (self.force, 3), (self.currents, 4)))
         for trace in self.all:
             trace.asked.connect(self.asked)
             trace.item.showAxis("bottom", trace is self.currents)  # it has the axis of time

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 if __name__ == "__main__":
@@ -20,6 +21,7 @@ from live_kills import VICTIMS, Killing
 from processes import children, gone, suspend
 from protocols import PAPER, changed
 from sessions import unfinished
+from synthetic_hand import SyntheticHand
 from waiting import wait_until
 
 from app.ipc import messages as m
@@ -154,11 +156,18 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
 
 
-def test_a_trial_that_waits_for_its_start_ends_with_the_window_of_its_person(tmp_path: Path) -> None:
+@pytest.mark.parametrize("phase", [tick_log.APPROACH, tick_log.MOVE])
+def test_a_trial_by_pointer_ends_with_its_window_and_comes_again(tmp_path: Path, phase: int) -> None:
     setup = Setup(tmp_path / "data", seed=5, real_time=False)
     opened = Window(setup)
     opened.open()
-    run = opened.start().running.run
+    snapshot = opened.start()
+    run, hand = snapshot.running.run, SyntheticHand(snapshot.running.segment, snapshot.tip)
+    opened.until(lambda _: len(opened.rows))
+    while (now := opened.rows[-1])[tick_log.PHASE] < phase:
+        opened.client.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
+        time.sleep(0.005)
+        opened.look()
     pids = opened.processes()
     opened.client.leave()
     wait_until(lambda: all(map(gone, pids)))
