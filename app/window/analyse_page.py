@@ -8,11 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import (
-    QButtonGroup,
-    QProgressBar,
-    QPushButton,
-)
+from PySide6.QtWidgets import QButtonGroup, QProgressBar, QPushButton
 
 from app.ipc import messages as m
 from app.window.box_plot import ChartPlot, colour_of, trial_of

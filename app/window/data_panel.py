@@ -7,14 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
-from PySide6.QtWidgets import (
-    QApplication,
-    QFileDialog,
-    QLayout,
-    QMenu,
-    QProgressBar,
-    QPushButton,
-)  # fmt: skip
+from PySide6.QtWidgets import QApplication, QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
 
 from app.window.page import ANALYSE
 from app.window.painting import theme
