@@ -24,10 +24,11 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 #: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
 LONG = (
-    "test_fault_matrix", "test_compile_kernels", "test_paper_figures", "test_bench", "test_analyse_page",
-    "test_real_trial", "test_sandbox", "test_replay_equal", "test_hard_cases", "test_kill", "test_identify",
-    "test_wire_clocks", "test_worlds", "test_app_process", "test_findings", "test_fit_operator", "test_guard",
-    "test_bench_device", "test_emulate", "test_study", "test_main_window", "test_export",
+    "test_fault_matrix", "test_worlds", "test_real_trial", "test_kill", "test_paper_figures", "test_sandbox",
+    "test_compile_kernels", "test_wire_clocks", "test_bench", "test_analyse_page", "test_replay_equal",
+    "test_identify", "test_hard_cases", "test_study", "test_launcher", "test_emulate", "test_main_window",
+    "test_random_scenes", "test_couplings", "test_resume", "test_findings", "test_export",
+    "test_live_kill", "test_live_experimenter", "test_live_board",
 )  # fmt: skip
 
 

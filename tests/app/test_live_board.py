@@ -59,11 +59,6 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     session.make_ready()
     assert emulated.order()["state"] in ("READY", "ACTIVE")
 
-    # a fault on the board
-    bad = session.cut_short(lambda: emulated.order(fault="bad-encoder=A"), says="an encoder's signal is bad")
-    assert bad.status == "stopped"
-    emulated.order(clear=True)
-
     # the loop killed while currents flow: the board's own watchdog
     killed = session.cut_short(lambda: kill(window.loop()), says="is recovered")
     assert killed.status == "recovered"

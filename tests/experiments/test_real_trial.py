@@ -130,18 +130,14 @@ def test_every_decision_on_the_bench_follows_from_the_recording_alone(bench: Rea
     assert check_decisions(found, trial.path, bench.device, other, rules).different > 10
 
 
-@pytest.mark.parametrize("kind", ["drop=0.05", "jitter=0.003"])
-def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(
-    bench: RealBench, kind: str, tmp_path: Path
-) -> None:
+def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(bench: RealBench, tmp_path: Path) -> None:
     trial = bench.trial(2)
-    bench.board.fault(kind)
+    bench.board.fault("drop=0.05")
     rows = bench.run(trial)
     outcome = trial.outcome()
     assert outcome["status"] == "done", outcome
     lost = rows[:, tick_log.FILLED] == 1.0
-    assert lost.sum() == outcome["filled"]
-    assert (outcome["filled"] > 50) == kind.startswith("drop")
+    assert lost.sum() == outcome["filled"] > 50
     assert (
         np.isnan(rows[lost][:, tick_log.BOARD_US]).all()
         and np.isfinite(rows[:, tick_log.TIP_X : tick_log.HAND_FY + 1]).all()

@@ -39,7 +39,8 @@ def main(number: int, group: bool, arguments: list[str]) -> int:
 
     jobs.rename = rename_and_die
     joblib.cpu_count = lambda: 2
-    return phd(arguments)
+    sys.argv[1:] = arguments
+    return phd()
 
 
 if __name__ == "__main__":
