@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
@@ -129,7 +130,9 @@ class TryPage(Page):
 
     def _save(self) -> None:
         plain = QFileDialog.Option.DontConfirmOverwrite  # the server overwrites nothing
-        path, _ = QFileDialog.getSaveFileName(self, "Save as protocol", "tried.toml", "TOML (*.toml)", options=plain)
+        path, _ = QFileDialog.getSaveFileName(
+            self, "Save as protocol", str(Path.home() / "tried.toml"), "TOML (*.toml)", options=plain
+        )
         if path:
             self.send(m.SaveAsProtocol(path if path.endswith(".toml") else f"{path}.toml"))
 
