@@ -59,10 +59,15 @@ class GuideButton(QPushButton):
         self.key, self.feel, bar = key, word("", bold=True), QFrame()
         bar.setFixedWidth(5)
         bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
-        parts = (bar, self.feel, OneLine(name, "quiet", theme.NORMAL), word(key, "quiet"))
-        self.setLayout(row(*parts, margins=(6, 0, 12, 0)))
+        self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
+        self.setLayout(row(bar, self.feel, self._beside, word(key, "quiet"), margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def show_feel(self, feel: str) -> None:
+        """What it feels like, and beside that its name, unless it is the same."""
+        self.feel.setText(feel)
+        self._beside.setText("" if feel == self._name else self._name)
 
 
 class Controls(QScrollArea):
@@ -88,7 +93,7 @@ class Controls(QScrollArea):
         parts: list[Part] = []  # from top to bottom
         for place, (number, preset) in enumerate(protocol.controllers.items(), start=1):
             guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
-            guide.feel.setText(feel(preset, protocol.controllers))
+            guide.show_feel(feel(preset, protocol.controllers))
             guide.clicked.connect(partial(self._choose, number))
             parts.append(guide)
         self.warning = line("", "caution")
@@ -163,7 +168,7 @@ class Controls(QScrollArea):
         for number, guide in self.guides.items():
             guide.setChecked(number == s.controller)
             preset = preset_of(s, self._controllers) if number == s.controller else self._controllers[number]
-            guide.feel.setText(feel(preset, self._controllers))
+            guide.show_feel(feel(preset, self._controllers))
         for field, segments in self.segments.items():
             segments.choose(getattr(s, field))
             segments.setEnabled(field not in now.fixed)

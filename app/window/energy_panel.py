@@ -62,9 +62,9 @@ class EnergyPanel(Panel):
             part.setFixedHeight(12)
             part.setStyleSheet(f"background: {colour}; border: none")
             self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
-        self._balance, self._proof = Figures(), Figures()
+        self.balance, self.proof = Figures(), Figures()
         title = word("Energy this trial", bold=True)
-        self.setLayout(column(title, self._bar, self._balance, self._proof, spacing=4, margins=(12, 6, 12, 8)))
+        self.setLayout(column(title, self._bar, self.balance, self.proof, spacing=4, margins=(12, 6, 12, 8)))
         self.word()
 
     def add(self, rows: np.ndarray) -> None:
@@ -75,11 +75,6 @@ class EnergyPanel(Panel):
         """A new trial."""
         self.ledger = Ledger()
         self.word()
-
-    @property
-    def words(self) -> str:
-        """All words of the panel, without their colours."""
-        return f"{self._balance.text()} {self._proof.text()}"
 
     def word(self) -> None:
         """Bring the words and the bar up to date: a few times a second, for they must be read."""
@@ -96,8 +91,8 @@ class EnergyPanel(Panel):
             verdict = ("no brake added energy", theme.GOOD)
         residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
         proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NO_TRIAL, theme.QUIET)]
-        self._balance.show_parts(*balance)
-        self._proof.show_parts(*proof)
+        self.balance.show_parts(*balance)
+        self.proof.show_parts(*proof)
         parts_J = [max(part, 0.0) for part in (ledger.brakes, ledger.kinetic, ledger.stops)]
         whole = max(ledger.hand, sum(parts_J), 1e-3)
         for i, part in enumerate((*parts_J, whole - sum(parts_J))):

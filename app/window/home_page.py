@@ -365,8 +365,13 @@ class HomePage(Page):
             return "This protocol cannot be run." if loaded else "Reading the protocol …"
         if loaded.protocol.participants and label not in loaded.protocol.participants:
             return f"The protocol's participants are {', '.join(loaded.protocol.participants)}."
-        missing = self.form.missing()
+        missing = self.form.missing() if self._asks_a_person else []
         return f"Fill in {' and '.join(missing)}." if missing else ""
+
+    @property
+    def _asks_a_person(self) -> bool:
+        """Whether a person is to be at the handle, who can be asked what a protocol asks for."""
+        return self.on_board or is_person(self.hand.value())
 
     @property
     def _same_setup(self) -> bool:
@@ -397,7 +402,7 @@ class HomePage(Page):
             choice.setEnabled(not is_open)
         new = there is None and not is_open  # of a session that is there both were settled when it began
         self.blind.setEnabled(new)
-        self.form.setVisible(new and bool(self.form.fields))
+        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields))
         if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
             self.blind.setEnabled(False)
         self.ports.setVisible(self.on_board)

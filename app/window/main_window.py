@@ -34,7 +34,6 @@ PAGES = {
     ANALYSE: ("analyse_page", "AnalysePage"),
 }
 SMALLEST = (1024, 600)
-LARGEST = (1920, 1080)
 RECORDING_PX = 300  # wide, at least, the proof of recording
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
@@ -125,8 +124,6 @@ class MainWindow(QWidget):
         parts = (head, self.banner, self.preflight.advice, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
         self.follow_text()
-        room = QGuiApplication.primaryScreen().availableSize()
-        self.resize(min(LARGEST[0], room.width()), min(LARGEST[1], room.height()))
 
     def follow_text(self) -> None:
         """Larger text needs a larger window, as far as the screen has room."""

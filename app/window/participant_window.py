@@ -29,6 +29,7 @@ LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metre
 TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
 EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
+LEAST_SHARE = 0.45  # of the size of the marks, in a small window
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 
 
@@ -72,7 +73,8 @@ class ParticipantView(Plane):
     def resizeEvent(self, event: QResizeEvent) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
         self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
-        self.sizes = scaled(FROM_AFAR, min(height / 900.0, self.width() / 1200.0))
+        share = max(min(height / 900.0, self.width() / 1200.0), LEAST_SHARE)
+        self.sizes = Sizes(*(share * size for size in FROM_AFAR))
         super().resizeEvent(event)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
@@ -117,11 +119,6 @@ def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, floa
             around |= QRectF(x - radius, y - radius, 2.0 * radius, 2.0 * radius)
     beside = max(0.5 * (widest / PATH_SHARE - around.width()), 0.0)
     return around.adjusted(-beside, 0.0, beside, 0.0)
-
-
-def scaled(sizes: Sizes, share: float) -> Sizes:
-    """The same marks, larger or smaller."""
-    return Sizes(*(max(share, 0.45) * size for size in sizes))
 
 
 class ParticipantWindow(QWidget):

@@ -65,7 +65,8 @@ class PassTable(QTableWidget):
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         head.setSectionsClickable(False)
-        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")  # level with the cells
+        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")
+        self.setStyleSheet("QTableWidget::item { padding-left: 3px; }")  # level with the heads
         head.setMinimumSectionSize(40)
         for across in (0, 1, 2, 6):
             head.setSectionResizeMode(across, QHeaderView.ResizeMode.ResizeToContents)

@@ -321,10 +321,10 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
-        self.late, self.foot_figures = pg.ScatterPlotItem(size=5, pen=None), Figures()
+        self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
         self.item.addItem(self.late)
-        self.rows.addWidget(self.foot_figures)
+        self.rows.addWidget(self.foot)
 
     def add_ticks(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH) of the running trial."""
@@ -345,25 +345,14 @@ class TimingStrip(Trace):
         self.show_newest()
 
     def show_newest(self) -> None:
-        now = self.timing
-        self.figures.show_parts((self.words, theme.CAUTION if now is not None and now.missed else theme.QUIET))
-        self.foot_figures.show_parts((self.foot, theme.QUIET))
-        self.foot_figures.setToolTip(self.foot)
-
-    @property
-    def words(self) -> str:
-        """The line beside the title."""
-        now = self.timing
-        return NO_TRIAL if now is None else f"{grouped(now.missed)} missed"
-
-    @property
-    def foot(self) -> str:
-        """The line under the plot."""
-        now = self.timing
-        if now is None:
-            return ""
-        p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
-        return f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
+        missed, foot, colour = NO_TRIAL, "", theme.QUIET
+        if (now := self.timing) is not None:
+            p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
+            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
+            colour = theme.CAUTION if now.missed else theme.QUIET
+        self.figures.show_parts((missed, colour))
+        self.foot.show_parts((foot, theme.QUIET))
+        self.foot.setToolTip(foot)
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"

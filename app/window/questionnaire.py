@@ -239,9 +239,10 @@ class Instructions(QWidget):
     def _show(self) -> None:
         if self.over:
             return
-        page, count = self._pages[self.at], self._language["page"].format(page=self.at + 1, pages=len(self._pages))
+        page, pages = self._pages[self.at], len(self._pages)
+        count = self._language["page"].format(page=self.at + 1, pages=pages) + " · " if pages > 1 else ""
         self.text.setText(page.text)
-        self.place.setText(f"{count} · {self._language['page_space']}")
+        self.place.setText(f"{count}{self._language['page_space']}")
         pixmap = QPixmap()
         pixmap.loadFromData(page.picture)
         room = QSize(round(0.8 * self.width()), round(0.55 * self.height()))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
@@ -41,7 +42,7 @@ class TryPage(Page):
         self._theirs: m.SandboxSettings | None = None  # the server's newest; it has what is set SEND_MS later
         self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
         self._place: tuple[str, int] | None = None  # device and path on the canvas
-        self._phase, self._since_s, self._reading = -1, 0.0, Reading()
+        self._reading = Reading()
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
@@ -129,7 +130,9 @@ class TryPage(Page):
 
     def _save(self) -> None:
         plain = QFileDialog.Option.DontConfirmOverwrite  # the server overwrites nothing
-        path, _ = QFileDialog.getSaveFileName(self, "Save as protocol", "tried.toml", "TOML (*.toml)", options=plain)
+        path, _ = QFileDialog.getSaveFileName(
+            self, "Save as protocol", str(Path.home() / "tried.toml"), "TOML (*.toml)", options=plain
+        )
         if path:
             self.send(m.SaveAsProtocol(path if path.endswith(".toml") else f"{path}.toml"))
 
@@ -177,7 +180,7 @@ class TryPage(Page):
                 if off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
-                self._phase = -1
+                self.canvas.phase = -1  # another pass
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
             self._show_passes()
 
@@ -186,17 +189,14 @@ class TryPage(Page):
             return
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
         by_pointer = words.hand_is_mouse(self.opened)
-        if phase != self._phase:
-            self._phase = phase
-            self._since_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
-            if phase == tick_log.MOVE:  # until then the way of the last pass can be looked at
-                self.canvas.clear_trail()
+        if phase == tick_log.MOVE != self.canvas.phase:  # until then the way of the last pass can be looked at
+            self.canvas.clear_trail()
         self.canvas.add(rows, taken if by_pointer else None)
         if self._reading.due(float(now[tick_log.T])):
             self.canvas.word()
         self._say(words.moving(phase, taken or not by_pointer, words.language_of(self.opened)) or BACK)
         if phase == tick_log.MOVE:
-            self.time.setText(f"{now[tick_log.T] - self._since_s:.1f} s")
+            self.time.setText(f"{now[tick_log.T] - self.canvas.began_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
                 self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
 

@@ -18,7 +18,7 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window import words
 from app.window.keys import bind
-from app.window.main_window import LARGEST, MainWindow
+from app.window.main_window import MainWindow
 from app.window.painting import theme
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
@@ -26,6 +26,7 @@ from app.window.work import Verb
 from core.files import InputError
 from core.kernel import is_compiled
 
+LARGEST = (1920, 1080)  # px, as the main window opens
 FRAME_S = 1.0 / 60.0
 HAND_BACK_S = 2.0  # after the participant's window was shown beside the main window
 

@@ -16,7 +16,7 @@ from app.ipc import messages as m
 from app.window.data_panel import Recent
 from app.window.home_page import BOARD, SIMULATED, HomePage
 from app.window.page import ANALYSE, RUN, TRY
-from experiments.inputs import OPERATOR
+from experiments.inputs import MOUSE, OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
@@ -144,6 +144,11 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     page._take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
     assert not page.start.isEnabled() and page.why.text() == "Fill in handedness and age."
+    for hand, asked in ((OPERATOR, False), (MOUSE, True)):
+        page.hand.fill({hand: hand}, hand)
+        page.hand.activated.emit(0)
+        shown.wait()
+        assert page.form.isVisible() == page.why.text().startswith("Fill in") == asked, hand
     right = next(
         button for button in page.form.fields["handedness"].findChildren(QPushButton) if button.text() == "right"
     )

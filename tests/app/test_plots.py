@@ -163,10 +163,12 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
-    assert strip.words == "0 missed" and strip.foot == "p50 14 · p99 31 · max 402 µs · real-time: FIFO 50, core 0"
-    assert strip.value == strip.words and strip.figures.parts[0][1] == theme.QUIET
+    assert (
+        strip.value == "0 missed" and strip.foot.text() == "p50 14 · p99 31 · max 402 µs · real-time: FIFO 50, core 0"
+    )
+    assert strip.figures.parts[0][1] == theme.QUIET
     strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"))
-    assert strip.words == "1\u202f234 missed" and "max 1\u202f064 µs" in strip.foot
+    assert strip.value == "1\u202f234 missed" and "max 1\u202f064 µs" in strip.foot.text()
     assert strip.figures.parts[0][1] == theme.CAUTION
 
 
@@ -197,9 +199,9 @@ def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
     panel.word()
     ledger = panel.ledger
     assert ledger.hand == pytest.approx(ledger.brakes + ledger.kinetic + ledger.stops) and ledger.brakes > 0.0
-    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.words
+    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.proof.text()
     panel.clear()
-    assert panel.ledger.hand == 0.0 and "hand 0.00 J" in panel.words
+    assert panel.ledger.hand == 0.0 and "hand 0.00 J" in panel.balance.text()
 
 
 def test_heat_that_falls_is_said_in_red(qtbot) -> None:
@@ -216,4 +218,4 @@ def test_heat_that_falls_is_said_in_red(qtbot) -> None:
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003
     panel.add(rows)
     panel.word()
-    assert "a brake added 3 mJ" in panel.words and "no brake" not in panel.words
+    assert "a brake added 3 mJ" in panel.proof.text() and "no brake" not in panel.proof.text()

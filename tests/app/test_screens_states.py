@@ -97,10 +97,15 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     screens.hear(opened(), ready())
-    assert "no brake added energy" not in screens.run.energy.words and "no trial yet" in screens.run.energy.words
+    assert (
+        "no brake added energy" not in screens.run.energy.proof.text()
+        and "no trial yet" in screens.run.energy.proof.text()
+    )
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))
-    assert "no brake added energy" in screens.run.energy.words and "under 1 nJ" in screens.run.energy.words
+    assert (
+        "no brake added energy" in screens.run.energy.proof.text() and "under 1 nJ" in screens.run.energy.proof.text()
+    )
 
 
 def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:

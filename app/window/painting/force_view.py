@@ -45,6 +45,7 @@ class ForceView(Plane):
     ) -> None:  # fmt: skip
         super().__init__(extent, sizes, keep_free, grid, follows_mouse)
         self.instant: Instant | None = None  # of the device; none before the first trial
+        self.phase, self.began_s = -1, 0.0  # of the running trial, and when it began; -1: none runs
         self.shown = {TRAIL, FORCES}
         self.blind = False
         self.labels = labels
@@ -64,6 +65,7 @@ class ForceView(Plane):
             self._rest(self.instant.device, tip)
 
     def _rest(self, device: Device, tip: Point) -> None:
+        self.phase = -1
         self._show(device, tip, None)
         self.word()
 
@@ -72,7 +74,9 @@ class ForceView(Plane):
         if self.instant is None:
             return
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-        if rows[-1, tick_log.PHASE] == tick_log.MOVE:
+        if (phase := int(rows[-1, tick_log.PHASE])) != self.phase:
+            self.phase, self.began_s = phase, float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
+        if phase == tick_log.MOVE:
             self.extend_trail(tip)
         before = None if self._worded else self._ticks
         self._show(self.instant.device, tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)

@@ -38,7 +38,6 @@ class LinkageView(ForceView):
         self.title, self.line = "", ""
         self._field: Field | None = None
         self.sense = 1.0  # of travel
-        self._began_s, self._phase = 0.0, -1  # when the phase began, and which it is
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
@@ -52,20 +51,12 @@ class LinkageView(ForceView):
         self.set_extent(self._extents[WHOLE in self.shown])
 
     def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        self._path, self.sense, self._assumed, self._phase = build_path(path, "path"), 1.0, device.assumed, -1
+        self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
         super().show_trial(device, path, tip)
 
     def rest(self, tip: layers.Point) -> None:
-        self._phase = -1
         self.show_text("", "")
         super().rest(tip)
-
-    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
-        super().add(rows, taken)
-        phase = int(rows[-1, tick_log.PHASE])
-        if phase != self._phase:
-            self._phase = phase
-            self._began_s = float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
 
     def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         if self._path is not None:
@@ -78,11 +69,11 @@ class LinkageView(ForceView):
 
     def show_numbers(self, now: np.ndarray) -> None:
         """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
-        numbers = [f"{now[tick_log.T] - self._began_s:.2f} s"]
-        if self._phase == tick_log.MOVE:
+        numbers = [f"{now[tick_log.T] - self.began_s:.2f} s"]
+        if self.phase == tick_log.MOVE:
             numbers.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.show_text(PHASE_NAMES[self._phase], " · ".join(numbers))
+        self.show_text(PHASE_NAMES[self.phase], " · ".join(numbers))
         self.word()
 
     def show_layer(self, layer: str, shown: bool) -> None:
