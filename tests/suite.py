@@ -24,7 +24,6 @@ def main() -> int:
     marked = [str(file.relative_to(ROOT)) for file in files if "mark.nojit" in file.read_text(encoding="utf-8")]
     failed = []
     with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | bytecode_in(folder)
         results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3)]
         parts = {
             "ruff": [BIN / "ruff", "check", "."],
@@ -38,7 +37,7 @@ def main() -> int:
         for name, command in parts.items():
             print(f"\n== {name}", flush=True)
             more = {"NUMBA_DISABLE_JIT": "1"} if name == "pytest without the jit" else {}
-            if subprocess.call(command, cwd=ROOT, env=environment | more) != 0:
+            if subprocess.call(command, cwd=ROOT, env=os.environ | more) != 0:
                 failed.append(name)
         suites = [suite for file in Path(folder).glob("*.xml") for suite in tree.parse(file).iter("testsuite")]
     tests, skipped, errors, failures = (
@@ -48,15 +47,6 @@ def main() -> int:
     print(f"\nfailed: {', '.join(failed)}" if failed else "")
     print(f"{tests - skipped - wrong} passed, {wrong} failed")
     return 1 if failed else 0
-
-
-def bytecode_in(folder: str) -> dict[str, str]:
-    """Settings with which the many processes of the tests compile what they import once and not each anew, also where
-    the environment forbids that bytecode is written beside the sources: then it is kept in a folder of the run.
-    """
-    if not os.environ.get("PYTHONDONTWRITEBYTECODE"):
-        return {}
-    return {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
 
 
 if __name__ == "__main__":
