@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, point, settle
 
 from app.ipc import messages as m
+from app.ipc.ring import GRASP_RADIUS_M
 from app.window.dials import DIALS, Dial
 from app.window.painting.marks import arrow_of
 from app.window.try_page import BACK, TryPage
@@ -267,6 +268,16 @@ def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_out
                     along = [handle + (end - handle) * part for part in np.linspace(0.0, 1.0, 200)]
                     assert not any(box.contains(place) for place in along if seen.contains(place))
                 assert not box.intersects(QRectF(canvas.inset.geometry()))
+
+
+def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:
+    canvas, at = held.page.canvas, np.array((0.0, 0.42))
+    beside = canvas.to_screen(at + (0.8 * GRASP_RADIUS_M, 0.0)).toPoint()
+    seen = []
+    for taken in (None, False, True):
+        canvas.show_handle(tuple(at), taken)
+        seen.append(canvas.grab().toImage().pixelColor(beside).lightness())
+    assert seen[1] > seen[0] == seen[2]
 
 
 def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
