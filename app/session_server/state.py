@@ -6,7 +6,7 @@
 import time
 
 from app.ipc import messages as m
-from app.ipc.messages import Setup
+from app.ipc.messages import BAD, Setup
 from app.ipc.ring import Ring
 from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
@@ -43,6 +43,7 @@ class State:
         self.broken = ""  # why no more trials can be run
         self.storage = Storage(setup.data_dir, self.runner, self.notify)
         self._notice, self._notice_bad = "", False
+        self._device_bad = False
         self._disk = check_disk(setup.data_dir)
         self._looked_s = time.perf_counter()
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.notify)
@@ -149,6 +150,12 @@ class State:
             else:
                 self.storage.write(BRAKES_ALLOWED)
 
+    def _look_at_device(self) -> None:
+        """Once the device is well again, a notice of what to do about it is past."""
+        before, self._device_bad = self._device_bad, self.device.checks(self.why_off)[0].state == BAD
+        if before and not self._device_bad:
+            self.notify("")
+
     def window_lost(self) -> None:
         """The window is gone, whatever runs."""
         self.sandbox.leave()
@@ -165,6 +172,7 @@ class State:
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):
             self.device.take_answers(self.runner.device_answers(), self.storage.write, self.notify)
+        self._look_at_device()
         if self.runner.ready:
             self.sandbox.loop_ready.set()
         if lost:

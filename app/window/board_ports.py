@@ -69,7 +69,7 @@ class BoardPorts(QWidget):
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
             self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), word("connected", "good"), own))
-        for found in self._found:
+        for found in (one for one in self._found if one.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
             self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
         if not self._found and not self._mine:

@@ -338,7 +338,7 @@ class HomePage(Page):
         if self._session_open:
             return f"The session of {self._session_open} is open: close it to open or choose another. {LEAVE}"
         if snapshot.stage == m.PREPARING:
-            return "Preparing …"
+            return "Waiting for the session server and its control loop to start …"
         if snapshot.stage == m.FAILED and not self._no_board:
             return ""  # the start begins with another session server
         return snapshot._replace(checks=self._checks).why_no_session(bool(self.setup.link))

@@ -81,8 +81,8 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     blocked = bool(snapshot.why_not)
     row = snapshot.newest
     if row is None:
-        small = "stopped_how" if blocked else "first_space" if own_start else "start_soon"
-        return Shown(language["welcome_back" if snapshot.rows else "welcome"], language[small])
+        large, space = ("welcome_back", "next_space") if snapshot.rows else ("welcome", "first_space")
+        return Shown(language[large], language["stopped_how" if blocked else space if own_start else "start_soon"])
     parts = given_back(row, opened)
     if not blocked:
         parts.append(language["next_space" if own_start else "next_soon"])

@@ -177,8 +177,9 @@ def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(win
     window.until(lambda s: not s.running)
     assert not window.within(0.3, lambda s: s.running) and "Esc" in window.snapshot.notice
     window.client.send(m.AllowBrakes())
-    window.until(lambda s: s.running)
-    assert not window.snapshot.sandbox.passes
+    allowed = window.until(lambda s: s.running)
+    assert not allowed.sandbox.passes
+    assert "Allow the brakes" not in allowed.notice  # it has been done
 
 
 def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) -> None:

@@ -259,6 +259,8 @@ def test_after_a_trial_of_any_status_there_is_a_large_line(status: str) -> None:
 def test_a_session_that_was_resumed_is_welcomed_back_and_not_praised() -> None:
     assert words.between(ready(0), opened()).large == ENGLISH_WORDS["welcome"]
     assert words.between(ready(5, newest=None), opened()).large == ENGLISH_WORDS["welcome_back"]
+    assert words.between(ready(0), opened(), own_start=True).small == ENGLISH_WORDS["first_space"]
+    assert words.between(ready(5, newest=None), opened(), own_start=True).small == ENGLISH_WORDS["next_space"]
     assert words.between(ready(6), opened()).large == ENGLISH_WORDS["done"]
 
 

@@ -19,6 +19,7 @@ FIELD, DIRECTIONS, REACHABLE, LINKAGE = "field", "directions", "force", "linkage
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
+FIELD_PX = 40.0, 62.0  # from the top, where its first needles may stand: without and with "parameters assumed" above
 ARM_PX = 7.0  # width of an arm
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
@@ -114,12 +115,16 @@ class LinkageView(ForceView):
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
+        assumed = self._assumed and self._worded_view
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
-            low, high = self.to_plane(QPointF(60.0, self.height())), self.to_plane(QPointF(self.width() - 12.0, 40.0))
+            low, high = (
+                self.to_plane(QPointF(60.0, self.height())),
+                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX[assumed])),
+            )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
-        if self._assumed and self._worded_view:
+        if assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
             painter.drawText(QRectF(0.0, 36.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
