@@ -75,7 +75,7 @@ class Compiling:
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
-        """As `kernel.watchers` are called: before each kernel of an entry, and after the last with no name."""
+        """As `kernel_cache.watchers` are called: before each kernel of an entry, and after the last with no name."""
         if self._began is None:
             self._began = time.perf_counter()
         if name:
@@ -87,7 +87,7 @@ class Compiling:
 
 def watch_compiling() -> Compiling:
     """From here on a bar shows each compilation of kernels."""
-    from core.kernel import watchers
+    from core.kernel_cache import watchers
 
     compiling = Compiling()
     watchers[:] = [compiling]

@@ -20,7 +20,7 @@ from typing import Any
 
 import numba
 from llvmlite import binding
-from numba.core import compiler, typed_passes, types, untyped_passes
+from numba.core import compiler, typed_passes, untyped_passes
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager
@@ -28,9 +28,8 @@ from numba.core.registry import CPUDispatcher
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
-from numba.extending import typeof_impl
 
-from core.kernel import Kernel, cache_folder, watchers
+from core.kernel_cache import cache_folder, watchers
 
 numba.config.CACHE_DIR = str(cache_folder())
 
@@ -201,10 +200,16 @@ class PartCompiler(compiler.Compiler):
         return [passes]
 
 
+def entry_of(value: Any) -> "Entry | None":
+    """The entry of a kernel (`core.kernel.Kernel`); None for any other value."""
+    entry = getattr(value, "entry", None)
+    return entry if isinstance(entry, Entry) else None
+
+
 def identity(function: Callable) -> str:
     """What tells a kernel from all others in every process: its place, its code, and what is in its closure."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    parts = [identity(cell.function) if isinstance(cell, Kernel) else repr(cell) for cell in cells]
+    parts = [identity(entry.py_func) if (entry := entry_of(cell)) else repr(cell) for cell in cells]
     known = function.__module__, function.__qualname__, function.__code__.co_code.hex(), *parts
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
@@ -317,7 +322,7 @@ class Part(CPUDispatcher):
         used = {name: function.__globals__.get(name) for name in function.__code__.co_names}
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         used.update((name, cell.cell_contents) for name, cell in cells)
-        return {name: kernel.entry.part for name, kernel in used.items() if isinstance(kernel, Kernel)}
+        return {name: entry.part for name, kernel in used.items() if (entry := entry_of(kernel))}
 
     def to_compile(self) -> set["Part"]:
         """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
@@ -382,9 +387,3 @@ class Entry(CPUDispatcher):
     def get_overload(self, signature: Any) -> Any:
         """What numba asks for the call's code."""
         return self.part.get_overload(signature)
-
-
-@typeof_impl.register(Kernel)
-def _type_of_kernel(kernel: Kernel, _context: Any) -> types.Dispatcher:
-    """What numba asks where a kernel names another."""
-    return types.Dispatcher(kernel.entry)

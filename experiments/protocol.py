@@ -1,9 +1,8 @@
 """Protocols: what an experiment is, from its TOML file to what plans, sessions and screens read.
 
-Every key is declared once, with its type, its range and its default; lengths in m, forces in N, times in s, gains in
-N s/m. The keys of `Settings` mean the same in a file (`ProtocolFile`) and in an experiment that was checked
-(`Protocol`). What is stored with a session or a study (`protocol_to_json`) holds every file in full, so that the
-session can be resumed when the files are lost. The paper's protocol is shipped and the default.
+The keys of a file stand in `protocol_file`; a `Protocol` is an experiment that was checked. What is stored with a
+session or a study (`protocol_to_json`) holds every file in full, so that the session can be resumed when the files are
+lost. The paper's protocol is shipped and the default.
 """
 
 import os.path
@@ -11,228 +10,38 @@ import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
-from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
-from core.control.guard import NOTHING, Around, Guard, least_held
+from core.control.controllers import ALGORITHMS, Preset
+from core.control.guard import NOTHING, Around, least_held
 from core.control.reflect import WALL_N_M
-from core.control.rule_sets import RULE_SETS
 from core.device import Device, build_device, inline_devices, load_device
 from core.files import (
     InputError,
-    NotNegative,
-    Positive,
-    Table,
-    choice,
     from_plain,
     parse_toml,
     read_text,
     shipped_names,
     shipped_or_file,
-    text_of_form,
 )
-from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
+from core.obstacles import build_obstacles, nearest_obstacle
 from core.path import PathFile, build_path, outline, path_from, point_at
-from core.simulator.hand import Hand, spring_hand
 from core.workspace import tip_is_free
-from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, LowGain, encoder_counts
-from experiments.language import ENGLISH, Language, language_text, read_language, shipped_languages
+from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
+from experiments.language import Language, language_text, read_language, shipped_languages
+from experiments.protocol_file import NUMBER, Count, Overrides, Page, ProtocolFile, Release, Settings, TrialFile
 from experiments.slave import Slave
 
 REFLECT = "reflect"
 GAIN = "gain_N_s_m"  # the least one is what `--low-gain` sets
-NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
 MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
 REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
 
-Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
-Seed = Annotated[int, msgspec.Meta(ge=0)]
-Text = Annotated[str, msgspec.Meta(min_length=1)]
-Label = Annotated[str, text_of_form("[A-Za-z0-9]+", "letters and digits only")]
-Rules = Annotated[str, choice(*RULE_SETS)]
-_SOME = msgspec.Meta(min_length=1)
-
-#: Parameter of an algorithm -> its type in a file.
-PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()}
-
 T = TypeVar("T")
-
-# ------------------------------------------------------------------------------------------ the keys of a protocol file
-
-
-class TrialFile(Table, frozen=True):
-    """How a trial goes: approach, hold, move, end. All assumed: the paper prints none of these."""
-
-    hold_s: NotNegative = 0.5  # at the start, before "go"
-    start_radius_m: Positive = 0.003  # within which the start is held
-    end_radius_m: Positive = 0.01  # within which the end is reached
-    time_out_s: Positive = 30.0  # longest move
-    approach_time_out_s: Positive = 30.0  # longest approach of a simulated operator; a person has 10 minutes
-    end_s: NotNegative = 0.3  # recorded after the end, brakes off
-
-
-class Release(Table, frozen=True):
-    """Release of a trapped hand, on a real device alone: a full lock pushed so hard for so long lets go (assumed)."""
-
-    on: bool = True
-    force_N: Positive = 30.0
-    time_s: Positive = 1.0
-
-
-class Cues(Table, frozen=True):
-    """Durations of the move that earn the participant a "slower" (shorter ones) or a "faster" (longer ones)."""
-
-    too_fast_s: Positive
-    too_slow_s: Positive
-
-    def __post_init__(self) -> None:
-        if not self.too_fast_s < self.too_slow_s:
-            raise ValueError(f"too_fast_s ({self.too_fast_s:g}) must be shorter than too_slow_s ({self.too_slow_s:g})")
-
-
-class Breaks(Table, frozen=True):
-    """A break comes after so many trials of a configuration, and lasts at least so long."""
-
-    after_trials: Count
-    least_s: NotNegative
-
-
-class MouseHand(Table, frozen=True):
-    """The spring by which the pointer pulls the handle. Assumed: capped to what an arm does.
-
-    Our choice: 2000 N/m, so that the drag of the off-state brakes, at most 5 N, holds the handle 2.4 mm off the pointer
-    and inside the start's circle; and so much damping that a fast pull hardly carries it beyond.
-    """
-
-    stiffness_N_m: Positive = 2000.0
-    damping_N_s_m: NotNegative = 80.0
-    force_max_N: Positive = 40.0
-    mass_kg: NotNegative = 0.0  # a pointer has no arm behind it
-
-    def hand(self) -> Hand:
-        """The spring-damper for the simulator."""
-        k, b = self.stiffness_N_m, self.damping_N_s_m
-        return spring_hand((k, 0.0, k), (b, 0.0, b), self.force_max_N, self.mass_kg)
-
-
-class Questionnaire(Table, frozen=True):
-    """Whether the participant answers a short questionnaire, and after what: so that answers belong to a condition."""
-
-    on: bool = False
-    each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
-
-
-class Instruction(Table, frozen=True):
-    """A page that the participant reads before the first trial."""
-
-    text: Text
-    picture: str = ""  # PNG or JPEG, a path from the file's folder
-
-
-class Page(NamedTuple):
-    """An instruction as it is shown."""
-
-    text: str
-    picture: bytes
-
-
-class Settings(Table, frozen=True, kw_only=True):
-    """The keys that an experiment has as they stand in its file. To add one: its line here."""
-
-    name: Text
-    rules: Rules = "settled"
-    seed: Seed = 1
-    blocks: Count = 1  # of each configuration; every controller x path once in each
-    repetitions: Count = 1  # of a cell within a block
-    practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
-    participants: tuple[Label, ...] = ()  # none named: anybody
-    blind: bool = False  # the experimenter sees codes in place of controllers
-    show_linkage: bool = False  # to the participant
-    feedback: Annotated[str, choice("none", "time", "error")] = "none"  # to the participant, after a trial
-    provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
-    assumptions: Assumptions = Assumptions()
-    trial: TrialFile = TrialFile()
-    slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
-    obstacle: tuple[ObstacleFile, ...] = ()
-    guide: bool = True  # near an obstacle the controllers lead round it
-    guard: Guard | None = None  # locks all brakes in front of obstacles
-    release: Release = Release()
-    cues: Cues | None = None
-    breaks: Breaks | None = None
-    mouse: MouseHand = MouseHand()
-    questionnaire: Questionnaire = Questionnaire()
-    language: Text = ENGLISH  # the participant's: a shipped one, or a translation file by its path
-    tones: bool = True  # at "go" and at the end of a trial
-    instruction: tuple[Instruction, ...] = ()
-    form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
-
-    def __post_init__(self) -> None:
-        plain_text(self.name, "name")
-        if len(set(self.participants)) < len(self.participants):
-            raise ValueError("participants: the same label stands there twice")
-        for name, kind in self.form.items():
-            if not (name.isascii() and name.isidentifier()):
-                raise ValueError(f"form: {name!r} must be of letters, digits and _")
-            if isinstance(kind, str) and kind not in (NUMBER, TEXT):
-                raise ValueError(f"form.{name} must be one of {NUMBER}, {TEXT}, or a list of choices, not {kind!r}")
-            if not isinstance(kind, str) and len(set(kind)) < 2:
-                raise ValueError(f"form.{name} must offer at least two different choices")
-
-
-_Parameters: Any = msgspec.defstruct(
-    "_Parameters", [(name, kind | None, None) for name, kind in PARAMETER_TYPES.items()], bases=(Table,), frozen=True,
-    kw_only=True,
-)  # fmt: skip
-
-
-class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
-    """One controller as it stands in a file: an algorithm and its parameters."""
-
-    name: Text
-    kind: Annotated[str, choice(*ALGORITHMS)]
-    number: Count | None = None  # its place in the list where it is left out
-
-    def __post_init__(self) -> None:
-        plain_text(self.name, "name")
-        self.preset()
-
-    def preset(self) -> Preset:
-        """The controller. ValueError if its parameters are not those of its algorithm."""
-        return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
-
-
-class ProtocolFile(Settings, frozen=True, kw_only=True):
-    """One protocol as it stands in its file."""
-
-    devices: Annotated[tuple[Text, ...], _SOME]  # of `device` below, shipped names, or paths from the file's folder
-    device: tuple[dict[str, Any], ...] = ()  # device files that stand in this one
-    brake: tuple[dict[str, Any], ...] = ()  # brake files that stand in this one, for those devices
-    path: Annotated[tuple[dict[str, Any], ...], _SOME]  # each a path of core.path, and its number
-    controller: Annotated[tuple[ControllerFile, ...], _SOME]
-
-
-class Overrides(Table, frozen=True):
-    """What can be asked for in place of what a file holds."""
-
-    rules: Rules | None = None
-    assumptions: Assumptions | None = None
-    low_gain_found: Positive | None = None  # N s/m, by the rule "no vibration"
-    low_gain: LowGain | None = None  # besides, of the proportional controller of least gain
-    seed: Seed | None = None
-    devices: tuple[str, ...] | None = None  # names
-
-
-def plain_text(value: str, key: str) -> None:
-    """For `__post_init__`: a ValueError unless the text can stand in tables and file names."""
-    if not value.isprintable() or value != value.strip() or any(letter in ';"/\\' for letter in value):
-        raise ValueError(f'{key} must be plain text without ; " / or \\, not {value!r}')
-
-
-# ---------------------------------------------------------------------------------------------- the checked experiment
 
 
 class TrialRules(TrialFile, frozen=True):

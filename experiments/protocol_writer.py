@@ -15,7 +15,8 @@ from core.files import InputError, Pair, toml_text
 from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
-from experiments.protocol import MouseHand, Protocol, read_protocol
+from experiments.protocol import Protocol, read_protocol
+from experiments.protocol_file import MouseHand
 from experiments.recording.atomic_files import reason_of, replace_file, write_new_file, write_new_files
 
 #: kind of path -> how many points draw it; a polyline takes any number from two on

@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
 from app.window.painting.parts import Segments, clear, word
-from experiments.protocol import NUMBER
+from experiments.protocol_file import NUMBER
 
 
 class ParticipantForm(QWidget):

@@ -11,7 +11,7 @@ from app.window.painting import theme
 from app.window.painting.parts import Panel, column, line, word
 from app.window.painting.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
-from experiments.protocol import Page
+from experiments.protocol_file import Page
 
 #: item, whose question is the language's sentence of that name, and the keys of what stands at both ends
 ITEMS = (

@@ -24,7 +24,7 @@ from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from app.window.work import Verb
 from core.files import InputError
-from core.kernel import is_compiled
+from core.kernel_cache import is_compiled
 
 LARGEST = (1920, 1080)  # px, as the main window opens
 FRAME_S = 1.0 / 60.0

@@ -22,7 +22,8 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, unseen
-from experiments.protocol import PARAMETER_TYPES, Count, Protocol, Rules, Text, load_protocol, plain_text
+from experiments.protocol import Protocol, load_protocol
+from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population

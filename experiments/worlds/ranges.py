@@ -23,7 +23,8 @@ import numpy as np
 
 from core.files import InputError, Table, parse_toml, read_text, shipped_or_file, toml_text
 from experiments.assumptions import Assumptions
-from experiments.protocol import Count, Protocol, Text, load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol_file import Count, Text
 from experiments.study.jobs import beside
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of

@@ -14,7 +14,8 @@ from core.device import load_device
 from core.files import table_in
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
-from experiments.protocol import ProtocolFile, load_protocol
+from experiments.protocol import load_protocol
+from experiments.protocol_file import ProtocolFile
 from experiments.study.sweep import load_sweep
 from experiments.worlds.ranges import load_ranges
 from experiments.worlds.worlds import worlds_of

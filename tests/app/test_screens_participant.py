@@ -17,7 +17,8 @@ from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
 from app.window.words import Shown
 from core import tick_log
-from experiments.protocol import Cues, Instruction, load_protocol, shipped_protocols
+from experiments.protocol import load_protocol, shipped_protocols
+from experiments.protocol_file import Cues, Instruction
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 

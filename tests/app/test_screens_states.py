@@ -25,7 +25,7 @@ from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
 from experiments.language import ENGLISH_WORDS, FOLDER, language_text
-from experiments.protocol import Cues
+from experiments.protocol_file import Cues
 
 KEY = Qt.Key
 NOTES = ("13:02 asked to move a little slower", "13:06 break, 2 min")

@@ -8,7 +8,8 @@ import pytest
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
-from experiments.protocol import MouseHand, load_protocol
+from experiments.protocol import load_protocol
+from experiments.protocol_file import MouseHand
 from experiments.trial.trial import Trial
 
 PAPER = load_protocol()
