@@ -58,7 +58,8 @@ class RunPage(Page):
         self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
-        self._looked_at: int | None = None  # the run whose cell of the plan was clicked
+        self._asked, self._looked_at = 0, 0  # runs, 0 for none: whose cell of the plan was clicked; of the card of such
+        self._read: np.ndarray | None = None  # its ticks (n, tick_log.WIDTH)
         self._reading = Work(self._show_read)  # its recording
         self._numbers = Reading()
         self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
@@ -115,7 +116,7 @@ class RunPage(Page):
 
     def _go_on(self) -> None:
         """Keep the trial on the card, and start the next one unless an earlier trial was looked at."""
-        earlier = self._looked_at is not None
+        earlier = self._looked_at != 0
         self._keep()
         if self.panel.start.isEnabled() and not earlier:
             self.send(m.Start())
@@ -158,31 +159,30 @@ class RunPage(Page):
 
     def _keep(self) -> None:
         if self.card_shown and self.card.row is not None:
-            if self._looked_at is None:
+            if not self._looked_at:
                 self._judged.add(self.card.row.run)
-            self._looked_at = None
+            self._looked_at = 0
             self._refresh()
 
     def _exclude(self, reason: str) -> None:
         if self.card.row is not None:
             self.send(m.Exclude(self.card.row.run, reason))
-            self._looked_at = None
+            self._looked_at = 0
 
     def _show_cell(self, row: TrialRow) -> None:
         """The card of an earlier trial, once its recording is read."""
         from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
 
         if self.opened is not None and self.snapshot.running is None:
-            self._looked_at = row.run
+            self._asked = row.run
             self._reading.ask(read_playback, Path(self.opened.folder) / row.recording)
 
     def _show_read(self, trial: "Playback | InputError") -> None:
         if isinstance(trial, InputError):
-            self._looked_at = None
             self.cards.show_message("The recording cannot be read", str(trial))
-            return
-        self._ticks = [trial.ticks]
-        self._refresh()
+        elif self.snapshot.running is None:
+            self._looked_at, self._read = self._asked, trial.ticks
+            self._refresh()
 
     @property
     def card_shown(self) -> bool:
@@ -195,6 +195,7 @@ class RunPage(Page):
         super().show_opened(opened)
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
+            self._reading.forget()
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
@@ -227,7 +228,7 @@ class RunPage(Page):
         if now is None and coming is not None and other_device:
             now, begins = coming, True
         if begins and now is not None:
-            self._shown, self._looked_at = now, None
+            self._shown, self._looked_at = now, 0
             self._waiting.clear()
             self._ticks.clear()
             device = opened.protocol.device(now.configuration)
@@ -301,7 +302,7 @@ class RunPage(Page):
         can_start = self.panel.start.isEnabled()
         self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
         self.panel.start.key.setVisible(not self.card_shown)
-        self.card.keep.setText(CLOSE if self._looked_at is not None else KEEP_AND_START if can_start else KEEP)
+        self.card.keep.setText(CLOSE if self._looked_at else KEEP_AND_START if can_start else KEEP)
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
             self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
@@ -318,7 +319,8 @@ class RunPage(Page):
         judged = row is None or row.run in self._judged or row.status not in ("done", "timeout", "aborted")
         wanted = snapshot.running is None and (looked_at is not None or not judged)
         if wanted and row is not None and (row != self.card.row or not self.card_shown):
-            ticks = np.concatenate(self._ticks) if self._ticks else None
+            newest = np.concatenate(self._ticks) if self._ticks else None
+            ticks = newest if looked_at is None else self._read
             self.card.show_row(row, rows, ticks, opened, snapshot)
         self._right.setCurrentIndex(1 if wanted else 0)
 

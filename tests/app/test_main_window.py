@@ -444,6 +444,24 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
+def test_the_card_of_an_earlier_trial_leaves_its_curve_to_no_other(qtbot, screens: Screens, tmp_path) -> None:
+    with session_of(tmp_path, 2) as session:
+        rows, folder = tuple(session.rows), str(session.folder)
+    screens.hear(opened(folder=folder), ready(1, rows=rows[:1]), running())
+    screens.tick(movement(PLAN[1].segment, "AEB", 1.4))
+    screens.hear(ready(2, rows=rows))
+    card = screens.run.card
+    assert screens.run.card_shown and card.row == rows[1]
+    own = card.trace.values
+    screens.run.panel.grid.clicked.emit(rows[0])
+    screens.hear(ready(2, rows=rows))  # while the recording is read
+    qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
+    assert not np.array_equal(card.trace.values, own, equal_nan=True)
+    qtbot.waitUntil(lambda: card.ready, timeout=60_000)
+    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1]
+    np.testing.assert_array_equal(card.trace.values, own)
+
+
 def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:
     started, ended = [], threading.Event()
 
