@@ -51,7 +51,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Job, Results, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
-from experiments.session.files import STORED, settled_cells
+from experiments.session.files import STORED, STUDY, settled_cells
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
@@ -263,7 +263,8 @@ class AnalysePage(Page):
         elif self.page == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
-            self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked())
+            simulated = (results.folder / STUDY).exists()
+            self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked(), simulated)
         else:
             self._show_charts(results, rows)
         self._make_room()

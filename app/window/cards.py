@@ -13,6 +13,7 @@ from app.window.page import ANALYSE, HOME, RUN, Page
 from app.window.painting import theme
 from app.window.painting.parts import KeyButton, Panel, Segments, breakable, button, column, line, row, word
 from app.window.words import LEAVE, clock
+from experiments.plan import counted
 from experiments.session.files import settled_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
@@ -28,6 +29,7 @@ class Ask(NamedTuple):
     do: str  # the words of its button
     reasons: tuple[str, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
+    own: str = "Another reason"  # what one's own words are
 
 
 ABORT = Ask(
@@ -46,6 +48,7 @@ SKIP = Ask(
 UNBLIND = Ask(
     "unblind", "Open the key?",
     "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
+    own="Who asks",
 )  # fmt: skip
 RESTED = "Go on when the participant is ready."
 CLOSE = (
@@ -154,7 +157,7 @@ class Question(Card):
             made.clicked.connect(lambda _=False, reason=reason: answered(reason))
             self.key(f"Alt+{number}", made.click)
             self.inside.addWidget(made)
-        self.own = QLineEdit(placeholderText="Another reason", accessibleName="Another reason", maxLength=200)
+        self.own = QLineEdit(placeholderText=ask.own, accessibleName=ask.own, maxLength=200)
         self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
         self.own.returnPressed.connect(self._answer)
         self.confirm.setEnabled(False)
@@ -294,10 +297,11 @@ class Cards:
                 buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
             return Card(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
-        text = f"{kept} runs are recorded and verified in {opened.folder}."
+        are = "is" if kept == 1 else "are"
+        text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
         lacking = len(settled_cells(snapshot.rows)[1])
         if lacking:
-            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted) or – (skipped) in the plan."
+            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted), – (skipped) or x (excluded)."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))

@@ -50,8 +50,13 @@ class Conclusions(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def conclude(rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False) -> Conclusions:
-    """Findings and statistics of these rows; of codes nothing is compared. timeouts: they count as well."""
+def conclude(
+    rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False
+) -> Conclusions:
+    """Findings and statistics of these rows; of codes nothing is compared.
+
+    timeouts: they count as well. simulated: operators, not people, moved the handle.
+    """
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers, coded)
     if not to_compare(rows, timeouts):
@@ -61,7 +66,7 @@ def conclude(rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeou
     found = () if refusal else tuple(findings(rows, timeouts))
     names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
     judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
-    return Conclusions(refusal, found, tuple(judged), tuple(warnings(rows, found, simulated=False)))
+    return Conclusions(refusal, found, tuple(judged), tuple(warnings(rows, found, simulated)))
 
 
 def read_results(folder: Path) -> Results:

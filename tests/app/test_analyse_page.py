@@ -25,7 +25,9 @@ from app.window.painting import theme
 from app.window.trial_card import REASONS
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
+from experiments.analysis.report import SIMULATED
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
+from experiments.session.files import STUDY
 from experiments.session.session import Session
 
 
@@ -215,7 +217,11 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     assert len(by_number) == 11 and by_number[1] == FAILS  # "SDOF reduces path error": here it is larger than without
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    assert "Two people" in page.verdicts.shown.warnings[0]
+    assert "Two people" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
+    (data / STUDY).write_text("{}")  # as a study of simulated operators leaves it
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
+    assert SIMULATED in page.verdicts.shown.warnings
 
 
 def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> None:

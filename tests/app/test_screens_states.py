@@ -227,6 +227,7 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
     rows = [*map(result, PLAN)]
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
     assert "no result" not in " ".join(visible_texts(console))
+    assert f"{len(PLAN)} runs are recorded and verified" in " ".join(visible_texts(console))
     screens.hear(opened(), ready(1))
     rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")
     rows += [result(PLAN[7]._replace(run=61), "done")]  # it was done after all
