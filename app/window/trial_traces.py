@@ -145,9 +145,8 @@ class TrialTraces(QWidget):
         self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
         self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
         self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
-        self.error.item.setXRange(
-            t[start_of_hold(ticks)], t[-1], padding=0.03
-        )  # a double click shows all
+        # with room for the last number of the axis; a double click shows all
+        self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.03)
 
     def show_beside(self, other: Beside | None) -> None:
         """The same hand through another controller."""
