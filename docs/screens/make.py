@@ -39,8 +39,9 @@ from experiments.protocol import load_protocol
 HERE = Path(__file__).resolve().parent
 SMALL, LARGE = (1280, 720), (1920, 1080)
 SPEED_M_S, NEAR_M = 0.07, 0.0015  # how fast it likes to move; so near to the start it holds still
-LEAST_M, MOST_M, STEP_M = 0.01, 0.12, 0.0012  # the pointer's lead, which grows with each frame that is slower
-SWAY_M, SWAY_HZ = 0.022, 0.45  # it is never quite on the line
+PULL_M = 0.008  # further ahead on the way to the start
+LEAST_M, MOST_M, STEP_M = 0.002, 0.02, 0.0002  # the pointer's lead, which grows with each frame that is slower
+SWAY_M, SWAY_HZ = 0.006, 0.45  # it is never quite on the line
 LONGEST_S = 120.0
 SETTLED_S = 0.12  # after which a window has laid itself out at another size
 COLOURS, AS_THEY_ARE = 256, 64
@@ -102,10 +103,12 @@ class MadeUpHand(QObject):
         elif self.is_in(tick_log.HOLD) or far < NEAR_M:
             self._lead = LEAST_M
         elif not self.is_in(tick_log.MOVE):
-            goal = tip + reach / far * (self._lead + 0.5 * far)
-        view = self._windows.participant.view
-        view.pointer = (float(goal[0]), float(goal[1]))
-        self._bench.aim(*view.pointer)
+            goal = tip + reach / far * (self._lead + min(0.5 * far, PULL_M))
+        pointer = float(goal[0]), float(goal[1])
+        seen = (main.pages[name].workspace.view for name in (RUN, TRY) if name in main.pages)
+        for view in (self._windows.participant.view, *seen):
+            view.pointer = pointer
+        self._bench.aim(*pointer)
 
 
 def main() -> None:
