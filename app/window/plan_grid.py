@@ -15,9 +15,9 @@ from experiments.plan import PlannedTrial
 HEAD_PX, ROW_PX, SPACE_PX, LABEL_PX = 20, 20, 6, 52
 LEAST_SHARE = 0.7  # where there is little room, rows are so much lower before the grid must be scrolled
 CELL_LEAST_PX = 8.0  # a block with more trials than fit in a row goes on in the next
-#: Said by shape too, not by colour alone.
+#: Shown by shape too, not by colour alone.
 MARKS = {
-    "timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–", "stopped": "!", "excluded": "x",
+    "timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–", "stopped": "!", "excluded": "e",
 }  # fmt: skip
 
 

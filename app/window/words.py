@@ -45,7 +45,7 @@ SERVER_DIED = (
     "Close this window, start again and resume the session."
 )
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
-LACKING = "Without a result: aborted (×), skipped (–) or excluded (x)"
+LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
 
 
