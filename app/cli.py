@@ -8,13 +8,15 @@ import io
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
-from errno import EINVAL
+from errno import EINVAL, ELOOP, ENAMETOOLONG
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from app import __version__
-from core.files import InputError
+from core.files import InputError, StrangeInput, cut
+from core.kernel_cache import tellers
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
@@ -27,10 +29,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code."""
     if argv is None:
         argv = sys.argv[1:]
+        open_closed_streams()
         for stream in (sys.stdout, sys.stderr):  # Windows gives files and pipes another encoding
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(encoding="utf-8")
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
+    tellers[:] = [_say]
+    with warnings.catch_warnings():
+        tell_strange_input()
+        return _run(argv)
+
+
+def _run(argv: Sequence[str]) -> int:
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
@@ -42,17 +52,49 @@ def main(argv: Sequence[str] | None = None) -> int:
         return end.code if isinstance(end.code, int) else DONE
     except InputError as error:
         return _fail(str(error), WRONG_INPUT)
-    except KeyboardInterrupt:
-        return _fail("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        return _fail(str(interrupt) or "interrupted", INTERRUPTED)
     except OSError as error:
         if isinstance(error, BrokenPipeError) or (os.name == "nt" and (error.errno, error.filename) == (EINVAL, None)):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # no reader is left: end quietly
             return PIPE_CLOSED
         place = f"{error.filename}: " if error.filename else ""
         reason = error.strerror or str(error)
-        return _fail(f"{place}{reason}", WRONG_INPUT if isinstance(error, WRONG_PATH) else FAILED)
+        is_wrong = isinstance(error, WRONG_PATH) or error.errno in (ELOOP, ENAMETOOLONG)
+        return _fail(f"{place}{reason}", WRONG_INPUT if is_wrong else FAILED)
     except FloatingPointError as error:
         return _fail(str(error), FAILED)
+
+
+def open_closed_streams() -> None:
+    """Where this process was begun without a standard stream (phd .. >&-), nothing is read and what is said is lost.
+
+    Else the first file that is opened would take its place, and what is printed would go into it.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            stream = open(os.devnull, "w" if number else "r", encoding="utf-8")  # noqa: SIM115
+            if stream.fileno() != number:
+                os.dup2(stream.fileno(), number)
+            if getattr(sys, name) is None:
+                setattr(sys, name, stream)
+
+
+def tell_strange_input() -> None:
+    """From here on each number in a file that is hardly meant so is a line on stderr, once."""
+    show, said = warnings.showwarning, set[str]()
+
+    def tell(message: Warning | str, category: type[Warning], *about: Any, **more: Any) -> None:
+        if not issubclass(category, StrangeInput):
+            show(message, category, *about, **more)
+        elif str(message) not in said:
+            said.add(str(message))
+            print(f"warning: {message}", file=sys.stderr)
+
+    warnings.showwarning = tell
+    warnings.simplefilter("always", StrangeInput)
 
 
 def with_verb(argv: Sequence[str]) -> list[str]:
@@ -63,8 +105,12 @@ def with_verb(argv: Sequence[str]) -> list[str]:
 
 
 def _fail(sentence: str, code: int) -> int:
-    print("phd:", " ".join(sentence.split()), file=sys.stderr)
+    _say(cut(" ".join(sentence.split())))
     return code
+
+
+def _say(sentence: str) -> None:
+    print("phd:", " ".join(sentence.split()), file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -18,7 +18,7 @@ from app.progress import SCREENS_CODE
 from app.session_server.lost_time import stolen_share
 from app.session_server.preflight import check_disk
 from core.files import InputError
-from core.kernel_cache import cache_folder, is_compiled
+from core.kernel_cache import cache_place, is_compiled, remove_unsound, why_no_room
 from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
@@ -36,7 +36,7 @@ def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
     boards = [board_check(ask_board(port)) for port in boards_at]
     checks = [
         libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(),
-        check_disk(data_dir, sync=True), kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
+        check_disk(data_dir), kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
     ]  # fmt: skip
     return [*checks, first_change(checks)]
 
@@ -152,11 +152,28 @@ def load() -> Check:
 
 
 def kernels() -> Check:
-    """Whether the kernels of a trial are compiled."""
+    """Whether the kernels of a trial are compiled, and can be kept. Files that are not as they were kept go."""
+    place = cache_place()
+    if place.wrong:
+        advice = "Give yourself that folder, or remove it: until then each command compiles for itself, half a minute."
+        return check("kernels", f"what is compiled cannot be kept: {place.wrong}", advice)
+    assert place.folder is not None
+    if wrong := remove_unsound(place.folder):
+        file, why = next(iter(wrong.items()))
+        found = (
+            f"{len(wrong)} of the files in {place.folder} were not as they were kept, and are removed ({file}: {why})"
+        )
+        return check("kernels", found, "Nothing to do: they are compiled again. If it comes again, look at the disk.")
+    if no_room := why_no_room(place.folder):
+        return check(
+            "kernels",
+            f"no more kernels can be kept: {no_room}",
+            "Make room on that disk: what is compiled until then is compiled again later.",
+        )
     if is_compiled("run_ticks"):
-        return check("kernels", f"compiled, in {cache_folder()}")
+        return check("kernels", f"compiled, in {place.folder}")
     advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
-    return check("kernels", f"not compiled yet ({cache_folder()})", advice)
+    return check("kernels", f"not compiled yet ({place.folder})", advice)
 
 
 def board_check(board: BoardFound) -> Check:

@@ -1,12 +1,14 @@
-"""What a verb shows while it works, on stderr and on a terminal only; and whether a window can be opened.
+"""What a verb shows while it works, on stderr; and whether a window can be opened.
 
 The screen is tried before Qt is loaded, for Qt ends the process where there is none.
 """
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from importlib import import_module
 from types import ModuleType
@@ -29,20 +31,30 @@ print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelR
 
 
 class Progress:
-    """A progress bar for what takes over a second; called with the share done."""
+    """A progress bar for what takes over a second; called with the share done. Where stderr is no terminal: lines."""
 
     CELLS = 30
+    LINE_S = 10.0  # between two lines
 
     def __init__(self, doing: str) -> None:
         self.doing, self.start, self.shown = doing, time.perf_counter(), ""
         self.first: tuple[float, float] | None = None  # when it was first called, and with which share
+        self.place = "0 %"
+        self._ended = threading.Event()
+        self._lines: threading.Thread | None = None
 
     def __call__(self, share: float, where: str = "") -> None:
         """where: stands for the percentage."""
         if PROGRESS in os.environ:
             print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
             return
-        if not sys.stderr.isatty() or time.perf_counter() - self.start < 1.0:
+        self.place = where or f"{share:.0%}{self._left(share)}".replace("%", " %", 1)
+        if not sys.stderr.isatty():
+            if self._lines is None:  # not before: a study forks its processes before it has anything to show
+                self._lines = threading.Thread(target=self._write_lines, name="lines of progress", daemon=True)
+                self._lines.start()
+            return
+        if time.perf_counter() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
         place = where or f"{share:4.0%}{self._left(share)}"
@@ -50,6 +62,12 @@ class Progress:
         if line != self.shown:
             print(line, "\033[K", sep="", end="", file=sys.stderr, flush=True)
             self.shown = line
+
+    def _write_lines(self) -> None:
+        """Say where it stands, also while nothing is called; until `close`."""
+        while not self._ended.wait(self.LINE_S):
+            with contextlib.suppress(OSError, ValueError):  # nobody reads on: the work goes on all the same
+                print(f"{self.doing}: {self.place}", file=sys.stderr, flush=True)
 
     def _left(self, share: float) -> str:
         """The time that is left at the pace so far, from a minute on."""
@@ -61,7 +79,11 @@ class Progress:
         return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
 
     def close(self) -> None:
-        """Take it off the terminal."""
+        """Take it off the terminal; no line comes after this."""
+        self._ended.set()
+        if self._lines is not None:
+            self._lines.join()
+            self._lines, self._ended = None, threading.Event()  # a bar of kernels comes again with the next entry
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
             self.shown = ""

@@ -121,6 +121,19 @@ def place() -> str:
 
 def set_up(kind: str) -> None:
     """Make the .venv or bring it up to date, one process at a time; stamp last."""
+    try:
+        _set_up(kind)
+    except OSError as error:
+        where, why = error.filename or ROOT, (error.strerror or str(error)).lower()
+        stop(
+            f"{where}: {why}, and this tree is not set up yet: run it once as somebody who may write to {ROOT}, "
+            "or copy the tree to a folder of your own.",
+            TO_INSTALL,
+        )
+
+
+def _set_up(kind: str) -> None:
+    """As `set_up`. OSError: the disk or the rights do not allow it."""
     with one_at_a_time():
         if is_ready(kind):
             return

@@ -26,8 +26,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from core.files import Pair, Positive, Table
+from core.files import Pair, Table
 from core.kernel import kernel
+from core.ranges import CobotInertia, CobotMass, Place, Rate
 from core.simulator.state import new_record
 
 MOST_WHEELS = 3
@@ -57,11 +58,11 @@ class CobotFile(Table, frozen=True):
     """A cobot file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
-    mass_kg: Positive
-    inertia_kg_m2: Positive
-    hubs_m: Annotated[tuple[Pair, ...], msgspec.Meta(min_length=1, max_length=MOST_WHEELS)]
-    steering_rate_max_rad_s: Positive
-    provenance: str = ""  # "assumed": not measured
+    mass_kg: CobotMass
+    inertia_kg_m2: CobotInertia
+    hubs_m: Annotated[tuple[Place, ...], msgspec.Meta(min_length=1, max_length=MOST_WHEELS)]
+    steering_rate_max_rad_s: Rate
+    provenance: str = ""  # where the numbers come from (`is_assumed`)
 
     def __post_init__(self) -> None:
         if len(set(self.hubs_m)) < len(self.hubs_m):

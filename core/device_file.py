@@ -15,12 +15,28 @@ from core.files import (
     Positive,
     Table,
     choice,
+    is_assumed,
     parse_toml,
     read_text,
     shipped_or_file,
     text_of_form,
 )
 from core.mechanism import JOINTS
+from core.ranges import (
+    TIME_CONSTANT,
+    TORQUE,
+    Angle,
+    BodyMass,
+    Coordinate,
+    Current,
+    Inertia,
+    LagTime,
+    Length,
+    Place,
+    Push,
+    Rate,
+    Torque,
+)
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "brake_files"
 
@@ -32,7 +48,7 @@ KNEE_TOLERANCE = 1e-6
 class TimeConstant(Table, frozen=True):
     """Eq. (4): a_avg at omega_0 and above, a_1 .. a_6 below."""
 
-    a_avg_s: Positive
+    a_avg_s: LagTime
     a: tuple[float, float, float, float, float, float]
 
     def slower(self, factor: float) -> "TimeConstant":
@@ -51,15 +67,15 @@ class BrakeFile(Table, frozen=True):
     """A brake file. Where no current commands the brake, `command_unit` names the unit: currents are then in that."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
-    current_max_A: Positive
-    k: tuple[float, float, float, float, float]
+    current_max_A: Current
+    k: tuple[float, Torque, float, float, float]
     knee_A: NotNegative
     omega_0_rpm: Positive
     floor_rpm: Positive
     rise: TimeConstant
     fall: TimeConstant
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)]
-    provenance: str = ""  # where the numbers come from; "assumed": not measured
+    provenance: str = ""  # where the numbers come from (`is_assumed`)
     command_unit: Annotated[str, text_of_form("[!-~ ]{1,12}", "1 to 12 characters of plain text")] = "A"
 
     def __post_init__(self) -> None:
@@ -71,8 +87,8 @@ class BrakeFile(Table, frozen=True):
 
     @property
     def assumed(self) -> bool:
-        """Whether some of its numbers are assumed, by its provenance."""
-        return "assumed" in self.provenance
+        """Whether some of its numbers are assumed."""
+        return is_assumed(self.provenance)
 
     def changed(self, lag: float, drag: float, backlash_deg: float | None) -> "BrakeFile":
         """The brake with `lag` times its time constants and `drag` times its torque without current.
@@ -96,6 +112,8 @@ class BrakeFile(Table, frozen=True):
         """K must be >= 0, continuous, and rise all the way from 0 to current_max_A (else it has no inverse)."""
         k1, k2, k3, k4, k5 = self.k
         knee, largest = self.knee_A, self.current_max_A
+        if reason := TORQUE.refusal(self.torque_gain(largest)):
+            raise ValueError(f"k: the torque at current_max_A {reason}")
         if k2 < 0:
             raise ValueError(f"k gives a negative torque at zero current (k_2 = {k2:g} N m)")
         if knee > 0 and k1 <= 0:
@@ -123,7 +141,7 @@ class BrakeFile(Table, frozen=True):
                 places.append(-linear / (2 * square))
             for w in places:
                 value = constant.below_omega_0(current, w)
-                if not 0 < value < math.inf:
+                if TIME_CONSTANT.refusal(value):
                     raise ValueError(
                         f"{key}.a gives a time constant of {value:.3g} s at {2.0**w:.3g} rpm and {current:g} "
                         f"{self.command_unit}; it must be positive from floor_rpm to omega_0_rpm"
@@ -148,21 +166,21 @@ Counts = Annotated[int, msgspec.Meta(gt=0, le=10**9)]  # of a counter of 32 bits
 class Geometry(Table, frozen=True):
     """Bases, link lengths, and to which side the elbows bulge."""
 
-    base_A_m: Pair
-    base_B_m: Pair
-    L_AE_m: Positive
-    L_ED_m: Positive
-    L_BC_m: Positive
-    L_CD_m: Positive
+    base_A_m: Place
+    base_B_m: Place
+    L_AE_m: Length
+    L_ED_m: Length
+    L_BC_m: Length
+    L_CD_m: Length
     elbows: Annotated[str, choice(*ELBOWS)]
 
 
 class Link(Table, frozen=True):
     """One link; a uniform rod where com (from the proximal joint) or inertia (about the com) is left out."""
 
-    mass_kg: NotNegative
-    com_m: Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)] | None = None
-    inertia_kg_m2: NotNegative | None = None
+    mass_kg: BodyMass
+    com_m: Coordinate | None = None
+    inertia_kg_m2: Inertia | None = None
 
 
 class Mass(Table, frozen=True):
@@ -172,10 +190,10 @@ class Mass(Table, frozen=True):
     ED: Link
     BC: Link
     CD: Link
-    tip_kg: NotNegative
-    joint_E_kg: NotNegative = 0.0
-    joint_C_kg: NotNegative = 0.0
-    rotor_inertia_kg_m2: NotNegative = 0.0
+    tip_kg: BodyMass
+    joint_E_kg: BodyMass = 0.0
+    joint_C_kg: BodyMass = 0.0
+    rotor_inertia_kg_m2: Inertia = 0.0
 
 
 class Limits(Table, frozen=True):
@@ -266,8 +284,8 @@ class ForceSensor(Table, frozen=True):
     """Which body carries the force sensor, how it is turned, and the mass on the hand's side of it."""
 
     on: Annotated[str, choice("handle", "ED", "CD")]
-    rotation_rad: float = 0.0
-    inertia_beyond_kg: NotNegative = 0.0
+    rotation_rad: Angle = 0.0
+    inertia_beyond_kg: BodyMass = 0.0
     calibration: str | None = None  # file of a 6 x 6 matrix, relative to the device file
 
 
@@ -276,14 +294,14 @@ class Sensing(Table, frozen=True):
 
     encoders: Encoders | None = None
     force: ForceSensor | None = None
-    home_m: Pair | None = None  # where a jig holds the handle while the encoders are homed
+    home_m: Place | None = None  # where a jig holds the handle while the encoders are homed
 
 
 class Castor(Table, frozen=True):
     """A steered castor under the handle, in place of brakes (core/cobot.py: unicycle)."""
 
-    steering_rate_max_rad_s: Positive
-    grip_N: Positive  # sideways force that the wheel is taken to hold; the model does not skid, it warns
+    steering_rate_max_rad_s: Rate
+    grip_N: Push  # sideways force that the wheel is taken to hold; the model does not skid, it warns
 
 
 class DeviceFile(Table, frozen=True):
@@ -297,7 +315,7 @@ class DeviceFile(Table, frozen=True):
     limits: Limits = Limits()
     sensing: Sensing | None = None
     castor: Castor | None = None
-    provenance: str = ""  # "assumed": not measured, and marked so wherever these numbers are shown
+    provenance: str = ""  # where the numbers come from (`is_assumed`), marked wherever they are shown
 
     def __post_init__(self) -> None:
         if not self.name.isprintable() or any(letter in ',;"/\\' for letter in self.name):

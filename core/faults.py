@@ -39,6 +39,10 @@ FAULTS = {
         "the supply voltage was too low and the board started anew",
         f"Look at the board's supply, {ALLOW} and home the encoders.",
     ),
+    "started-again": Fault(
+        "it was powered up again, though its number of starts is still {starts}",
+        f"Home the encoders and take the zero of the force anew, {ALLOW}; its firmware must count every power-up.",
+    ),
     "host-request": Fault("stopped by the host", "Allow the brakes again when it is safe."),
     "unknown": Fault("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
     # of the line to the board
@@ -79,6 +83,10 @@ FAULTS = {
     ),
     "recording-failed": Fault(
         "the recording failed: {why}", "Make room on the disk: what is missing is then written by itself."
+    ),
+    "folder-gone": Fault(
+        "{what}",
+        "Bring it back (connect its disk, take it out of the wastebasket): what is missing is then written by itself.",
     ),
     "loop-died": Fault("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
     "loop-hung": Fault("the control loop hung and was ended", "Nothing has to be done: it is started again."),

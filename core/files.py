@@ -8,15 +8,51 @@ import math
 import os.path
 import re
 import tomllib
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 
+from core.ranges import strange
+
+#: Characters of what a refusal repeats of its input, a word or a text in quotes, and of a whole refusal. Our choice.
+MOST_REPEATED, MOST_SAID = 200, 1000
+_LONG = re.compile(r"""(?<!\w)'[^']{N,}'|"[^"]{N,}"|\S{N,}""".replace("N", str(MOST_REPEATED + 1)))
+
+
+def cut(sentence: str) -> str:
+    """A sentence without the middle of what it repeats at length: it names what is wrong, and is no copy of it."""
+
+    def shortened(text: str, most: int) -> str:
+        return text if len(text) <= most else f"{text[: most // 2]} [..] {text[-most // 4 :]}"
+
+    return shortened(_LONG.sub(lambda found: shortened(found[0], MOST_REPEATED), sentence), MOST_SAID)
+
 
 class InputError(Exception):
     """Wrong input of any kind. `str(error)` is one clear sentence for the person who gave it."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(cut(sentence))
+
+
+def is_assumed(provenance: str) -> bool:
+    """Whether numbers of a file are assumed, by where it says that they come from: the one rule for every file.
+
+    They are where it says nothing, so that nobody knows, and where it speaks of anything assumed or unknown, be it of
+    one number among many: "measured; tip mass assumed".
+    """
+    said = provenance.lower()
+    return not said.strip() or "assum" in said or "unknown" in said
+
+
+class StrangeInput(UserWarning):
+    """A number that can be right but hardly is. Said by `warnings.warn`; `phd` shows each once, as a line on stderr."""
+
+
+warnings.simplefilter("ignore", StrangeInput)  # in processes without a stderr that anybody reads: `phd` turns it on
 
 
 #: In SI units nothing here is larger than a million: such a number is a slip of the pen, and would overflow later.
@@ -91,9 +127,12 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
     """Plain dicts, lists and numbers as the given kind; `where` begins every refusal."""
     _refuse_not_finite(content, "", where)
     try:
-        return msgspec.convert(content, kind)
+        found = msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{where}: {_sentence(str(error), content, kind).lstrip()}") from None
+    for doubt in strange(found, kind):
+        warnings.warn(StrangeInput(f"{where}: {doubt}"), stacklevel=1)
+    return found
 
 
 def toml_text(content: Mapping[str, Any]) -> str:

@@ -9,29 +9,28 @@ This leans on what numba keeps to itself (libraries, dispatchers, passes): const
 """
 
 import contextlib
+import functools
 import gc
 import hashlib
 import pickle
 import sys
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numba
 from llvmlite import binding
 from numba.core import compiler, typed_passes, untyped_passes
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import _Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
-from core.kernel_cache import cache_folder, watchers
-
-numba.config.CACHE_DIR = str(cache_folder())
+from core.kernel_cache import cache_folder, keep, read_kept, watchers
 
 #: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
 #: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
@@ -214,58 +213,79 @@ def identity(function: Callable) -> str:
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
-class OverloadFiles(IndexDataCacheFile):
-    """One file for each types of arguments, named by them and by the age of the kernel's source file.
+@functools.cache
+def _file_hash(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
-    numba numbers its files in an index: two processes that compile at once may give theirs the same number, and one is
-    then served the other's code.
+
+class EntryCache(_Cache):
+    """Keeps an entry on disk: one file for each types of arguments, named by them and by all that its code depends on.
+
+    In place of numba's own, which numbers its files in an index (two processes that compile at once may give theirs the
+    same number, and one is then served the other's code) and unpickles whatever it finds.
     """
 
-    def _file(self, key: tuple) -> Path:
-        digest = hashlib.sha256(repr((self._source_stamp, key)).encode()).hexdigest()[:16]
-        return Path(self._cache_path, f"{Path(self._index_path).stem}.{digest}.kernel")
-
-    def save(self, key: tuple, data: Any) -> None:
-        with self._open_for_write(str(self._file(key))) as file:
-            file.write(self._dump(data))
-
-    def load(self, key: tuple) -> Any:
-        try:
-            return pickle.loads(self._file(key).read_bytes())
-        except FileNotFoundError:
-            return None
-
-
-class EntryCache(FunctionCache):
-    """Keeps an entry on disk."""
+    kind = ""
 
     def __init__(self, function: Callable) -> None:
-        super().__init__(function)
-        self._cache_file = OverloadFiles(
-            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
-        )
+        self.function = function
+        code, module = function.__code__, Path(function.__code__.co_filename)
+        name = f"{module.stem}.{function.__qualname__}".replace("<", "").replace(">", "")
+        python = f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}"
+        place = hashlib.sha256(str(module.parent).encode()).hexdigest()[:16]
+        self._stamp = _file_hash(module)
+        self._folder = f"{module.parent.name}_{place}"
+        self._name = f"{name}{self.kind}-{code.co_firstlineno}.{python}"
 
+    def _file(self, signature: Any, target: Any) -> Path | None:
+        """None: nothing is kept."""
+        key = numba.__version__, self._stamp, signature, target.codegen().magic_tuple(), identity(self.function)
+        folder, digest = cache_folder(), hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return folder and folder / self._folder / f"{self._name}.{digest}.kernel"
 
-class _PartFiles(CompileResultCacheImpl):
-    """Names the files of a part beside those of its entry."""
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        """What numba calls with what it has compiled; addresses of this process are of no use to another."""
+        file = self._file(sig, cres.target_context)
+        if file is not None and not cres.library.has_dynamic_globals:
+            keep(file, dumps(self.reduced(cres)))
 
-    def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        return super().get_filename_base(f"{fullname}.part", abiflags)
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What numba calls before it compiles; None: it must."""
+        target_context.refresh()
+        file = self._file(sig, target_context)
+        kept = read_kept(file) if file is not None else None
+        return None if kept is None else self.rebuilt(target_context, pickle.loads(kept))
+
+    def reduced(self, result: Any) -> Any:
+        """What is kept of a compile result."""
+        return result._reduce()
+
+    def rebuilt(self, target: Any, kept: Any) -> Any:
+        """The compile result again."""
+        return compiler.CompileResult._rebuild(target, *kept)
+
+    @property
+    def cache_path(self) -> str:
+        """As numba asks for it."""
+        return str(cache_folder())
+
+    def enable(self) -> None:
+        """It always is."""
+
+    disable = flush = enable
 
 
 class PartCache(EntryCache):
     """Keeps a part on disk: its intermediate code, and which parts it calls."""
 
-    _impl_class = _PartFiles
+    kind = ".part"
 
     def __init__(self, part: "Part") -> None:
         super().__init__(part.py_func)
         self.part = part
 
-    def _index_key(self, signature: Any, codegen: Any) -> tuple:
-        return signature, codegen.magic_tuple(), identity(self.part.py_func)
-
-    def _save_overload(self, signature: Any, result: Any) -> None:
+    def reduced(self, result: Any) -> Any:
+        """The code, which parts it calls by which name and types, and what numba wants to know of it."""
         names = {part: name for name, part in self.part.called().items()}
         callees: list[tuple] = []
         for library in result.library._linking_libraries:
@@ -275,16 +295,10 @@ class PartCache(EntryCache):
                 callees.append((None, (library.name, library._get_module_for_linking().as_bitcode())))
         code = result.library.name, result.library._final_module.as_bitcode()
         described = result.fndesc, result.environment, result.signature
-        self._impl.locator.ensure_cache_path()
-        self._cache_file.save(
-            self._index_key(signature, result.codegen),
-            (code, callees, described, result.reload_init, result._find_referenced_environments()),
-        )
+        return code, callees, described, result.reload_init, result._find_referenced_environments()
 
-    def _load_overload(self, signature: Any, target: Any) -> Any:
-        kept = self._cache_file.load(self._index_key(signature, target.codegen()))
-        if kept is None:
-            return None
+    def rebuilt(self, target: Any, kept: Any) -> Any:
+        """The part again, linked with those that it calls."""
         code, callees, (description, environment, types), reload_init, environments = kept
         library = PartLibrary.from_code(target.codegen(), *code)
         called = self.part.called()
@@ -376,7 +390,7 @@ class Entry(CPUDispatcher):
     def __init__(self, function: Callable, options: dict) -> None:
         for_kernels = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         self.part = Part(function, for_kernels)
-        super().__init__(function, targetoptions=options, pipeline_class=partial(EntryCompiler, self.part))
+        super().__init__(function, targetoptions=options, pipeline_class=functools.partial(EntryCompiler, self.part))
         self._cache = EntryCache(function)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:

@@ -11,22 +11,23 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 
-from core.files import Pair, Positive, Table
+from core.files import Table
 from core.kernel import kernel
+from core.ranges import Coordinate, Place, Radius
 
 #: Columns of an edge: its obstacle's number, start (m), unit tangent (outside is to its right), length (m; infinite:
 #: without ends), radius around it (m).
 OBSTACLE, X, Y, TX, TY, LENGTH, RADIUS = range(7)
 MOST_EDGES = 64  # of all obstacles of a trial
 
-Corners = Annotated[tuple[Pair, ...], msgspec.Meta(min_length=3, max_length=32)]
+Corners = Annotated[tuple[Place, ...], msgspec.Meta(min_length=3, max_length=32)]
 
 
 class ObstacleFile(Table, frozen=True):
     """One obstacle as it stands in a protocol: a disc, a half-plane or a convex polygon."""
 
-    disc_m: tuple[float, float, Positive] | None = None  # centre, radius
-    half_plane_m: tuple[float, float, float, float] | None = None  # a point of its edge, a vector to its outside
+    disc_m: tuple[Coordinate, Coordinate, Radius] | None = None  # centre, radius
+    half_plane_m: tuple[Coordinate, Coordinate, float, float] | None = None  # a point of its edge, a vector outwards
     polygon_m: Corners | None = None  # corners in their order, convex
 
     def __post_init__(self) -> None:
@@ -100,14 +101,21 @@ def nearest_obstacle(edges, count, x, y):
     distance, n_x, n_y = math.inf, 0.0, 0.0
     first = 0
     while first < count:
-        after = first + 1
-        while after < count and edges[after, OBSTACLE] == edges[first, OBSTACLE]:
-            after += 1
+        after = next_obstacle(edges, count, first)
         one = away_from(edges, first, after, x, y)
         if one.distance < distance:
             distance, n_x, n_y = one.distance, one.n_x, one.n_y
         first = after
     return Nearest(distance, n_x, n_y)
+
+
+@kernel
+def next_obstacle(edges, count, first):
+    """The first edge of the obstacle after that of the edge `first`; `count` where there is none."""
+    after = first + 1
+    while after < count and edges[after, OBSTACLE] == edges[first, OBSTACLE]:
+        after += 1
+    return after
 
 
 @kernel

@@ -26,8 +26,8 @@ ARM_HELD_X, ARM_HELD_Y, ARM_FORCE_MAX = 31, 32, 33
 ARM_STIFFNESS = 34  # three places, xx, xy, yy
 PATH_DISTANCE, TRAVEL_SENSE, FORWARD_X, FORWARD_Y, DESIRED_X, DESIRED_Y = range(37, 43)  # of the velocity field
 SLAVE_X, SLAVE_Y, WANTED_FX, WANTED_FY, NEAREST_FX, NEAREST_FY, SHOWN_FX, SHOWN_FY = range(43, 51)
-OBSTACLE_DISTANCE = 51
-WIDTH = 52
+OBSTACLE_DISTANCE, GUARD_HOLDS = 51, 52
+WIDTH = 53
 
 # Further places in the rows of a device on the bench.
 BOARD_US, HOST_S, FILLED = range(WIDTH, WIDTH + 3)
@@ -140,6 +140,11 @@ COLUMNS = (
     Column(
         "obstacle_distance_m", OBSTACLE_DISTANCE, "m",
         "distance of the handle from the nearest obstacle, negative inside; n/a where there is none",
+    ),
+    Column(
+        "guard_holds", GUARD_HOLDS, "",
+        "1 where the guard can stop the handle in front of every obstacle, whatever a hand within its push does; 0 "
+        "where it cannot be sure; n/a where no guard decided",
     ),
 )  # fmt: skip
 #: The rest of a simulated device's hand, beside its target: with these a trial is replayed to the last bit.

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from core.control.controllers import ALGORITHMS, Preset
@@ -152,10 +153,10 @@ def plan_to_json(plan: Sequence[PlannedTrial]) -> list[dict]:
 
 
 def plan_from_json(trials: Sequence[dict]) -> tuple[PlannedTrial, ...]:
-    """The plan that was stored. InputError if a trial lacks a field or has one too many."""
+    """The plan that was stored. InputError if a trial lacks a field, has one too many, or one of another type."""
     try:
-        return tuple(PlannedTrial(**trial) for trial in trials)
-    except TypeError:
+        return tuple(msgspec.convert(tuple(PlannedTrial(**trial)), PlannedTrial) for trial in trials)
+    except (TypeError, msgspec.ValidationError):
         raise InputError(f"plan: each trial needs exactly {', '.join(PlannedTrial._fields)}") from None
 
 

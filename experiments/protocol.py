@@ -6,6 +6,7 @@ lost. The paper's protocol is shipped and the default.
 """
 
 import os.path
+import stat
 import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +16,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from core.control.controllers import ALGORITHMS, Preset
-from core.control.guard import NOTHING, Around, least_held
+from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
 from core.files import (
@@ -39,6 +40,8 @@ GAIN = "gain_N_s_m"  # the least one is what `--low-gain` sets
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
 MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
+MOST_PICTURE_BYTES = 10_000_000  # of an instruction, stored with every session. Our choice
+PICTURE_STARTS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # PNG, JPEG
 REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
 
 T = TypeVar("T")
@@ -188,15 +191,30 @@ def read_protocol(
         found = [_device(reference, Path(), "--device") for reference in asked_for]
         overrides["devices"] = [device.name for _, device in found]
     try:
-        pictures = {one.picture: (folder / one.picture).read_bytes() for one in file.instruction if one.picture}
         words = language_text(file.language, folder)
-    except OSError as error:
-        raise InputError(f"{where}: instruction: {error.filename}: {(error.strerror or str(error)).lower()}") from None
-    except ValueError:  # a character that no path has
-        raise InputError(f"{where}: instruction: picture: the path is not valid") from None
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
+    named = {one.picture for one in file.instruction if one.picture}
+    pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     return _checked(file, text, found, overrides, where, words, pictures)
+
+
+def read_picture(path: Path, where: str) -> bytes:
+    """A PNG or JPEG file in full. InputError: it is none, no regular file, or larger than `MOST_PICTURE_BYTES`."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # a device never ends, a pipe may never begin
+            raise InputError(f"{where}: {path}: is no regular file")
+        with path.open("rb") as file:
+            content = file.read(MOST_PICTURE_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{where}: {path}: {(error.strerror or str(error)).lower()}") from None
+    except ValueError:  # a character that no path has
+        raise InputError(f"{where}: the path is not valid") from None
+    if len(content) > MOST_PICTURE_BYTES:
+        raise InputError(f"{where}: {path}: is larger than {MOST_PICTURE_BYTES / 1e6:g} MB")
+    if not content.startswith(PICTURE_STARTS):
+        raise InputError(f"{where}: {path}: is neither PNG nor JPEG")
+    return content
 
 
 def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[str, Device]:
@@ -263,25 +281,23 @@ def _around(
         edges = build_obstacles(file.obstacle)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
-    if file.guard and not file.obstacle:
-        raise InputError(f"{where}: guard: there is no obstacle to guard")
-    places = {number: outline(path, REACH_SPACING_M) for number, path in paths.items()}
-    for number, points in places.items():
+    around = Around(obstacles=file.obstacle, guide=file.guide, guard=file.guard)
+    for number, path in paths.items():
+        points = outline(path, REACH_SPACING_M)
         for end, (x, y) in (("starts", points[0]), ("ends", points[-1])):
             if nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
                 raise InputError(f"{where}: path {number} {end} in an obstacle")
         for name, device in devices:
-            if file.guard is None:
-                break
-            if not device.brakes.present.any():
-                raise InputError(f"{where}: guard: {name} has no brakes to lock")
-            held = least_held(device.mechanism, device.brakes, points[:: max(len(points) // 8, 1)])
-            if held <= file.guard.push_N:
+            some, on_path = points[:: max(len(points) // 8, 1)], f"on path {number}"
+            if reason := why_no_guard(around, name, device, some, on_path):
+                raise InputError(f"{where}: guard: {reason}")
+            if around.guard and locks_at_rest(around, device, tuple(points[0])):
                 raise InputError(
-                    f"{where}: guard: push_N ({file.guard.push_N:g}) must be less than the {held:.1f} N that {name} "
-                    f"holds on path {number}"
+                    f"{where}: guard: {name} would be locked at the start of path {number}: from rest a hand of "
+                    f"{around.guard.push_N:g} N could bring it into an obstacle before a lock holds; a smaller push_N "
+                    "or fewer turns need less room"
                 )
-    return Around(obstacles=file.obstacle, guide=file.guide, guard=file.guard)
+    return around
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:
@@ -346,6 +362,12 @@ def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathF
                     f"{named}: cannot follow path {number} of {where}, which leaves its workspace at "
                     f"({x:.3f}, {y:.3f}) m"
                 )
+
+
+def presets_of(protocol: Protocol) -> list[Preset]:
+    """The controllers as they stand in the protocol's file, whatever is assumed or asked for in their place."""
+    file = parse_toml(protocol.text, ProtocolFile, protocol.name)
+    return [controller.preset() for controller in file.controller]
 
 
 def protocol_to_json(protocol: Protocol) -> dict[str, Any]:

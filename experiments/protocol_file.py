@@ -8,11 +8,13 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
+from core.control.algorithm import GAP_M
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.guard import Guard
 from core.control.rule_sets import RULE_SETS
 from core.files import NotNegative, Positive, Table, choice, text_of_form
 from core.obstacles import ObstacleFile
+from core.ranges import BodyMass, Push, Radius, SmallLength
 from core.simulator.hand import Hand, spring_hand
 from experiments.assumptions import Assumptions, LowGain
 from experiments.language import ENGLISH
@@ -28,15 +30,17 @@ Rules = Annotated[str, choice(*RULE_SETS)]
 _SOME = msgspec.Meta(min_length=1)
 
 #: Parameter of an algorithm -> its type in a file.
-PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()}
+PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()} | {
+    GAP_M.name: SmallLength
+}
 
 
 class TrialFile(Table, frozen=True):
     """How a trial goes: approach, hold, move, end. All assumed: the paper prints none of these."""
 
     hold_s: NotNegative = 0.5  # at the start, before "go"
-    start_radius_m: Positive = 0.003  # within which the start is held
-    end_radius_m: Positive = 0.01  # within which the end is reached
+    start_radius_m: Radius = 0.003  # within which the start is held
+    end_radius_m: Radius = 0.01  # within which the end is reached
     time_out_s: Positive = 30.0  # longest move
     approach_time_out_s: Positive = 30.0  # longest approach of a simulated operator; a person has 10 minutes
     end_s: NotNegative = 0.3  # recorded after the end, brakes off
@@ -46,7 +50,7 @@ class Release(Table, frozen=True):
     """Release of a trapped hand, on a real device alone: a full lock pushed so hard for so long lets go (assumed)."""
 
     on: bool = True
-    force_N: Positive = 30.0
+    force_N: Push = 30.0
     time_s: Positive = 1.0
 
 
@@ -77,8 +81,8 @@ class MouseHand(Table, frozen=True):
 
     stiffness_N_m: Positive = 2000.0
     damping_N_s_m: NotNegative = 80.0
-    force_max_N: Positive = 40.0
-    mass_kg: NotNegative = 0.0  # a pointer has no arm behind it
+    force_max_N: Push = 40.0
+    mass_kg: BodyMass = 0.0  # a pointer has no arm behind it
 
     def hand(self) -> Hand:
         """The spring-damper for the simulator."""

@@ -17,6 +17,7 @@ import numpy as np
 from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
 from core.kernel import kernel
+from core.ranges import Place
 
 TICK_S = 1e-3  # of a trial
 LONGEST_DELAY_S = 0.5
@@ -29,7 +30,7 @@ MOST_TURN = 0.5
 class Slave(Table, frozen=True):
     """`[slave]` of a protocol. The wall is a straight line: behind `wall_at_m`, seen along `wall_normal`."""
 
-    wall_at_m: Pair
+    wall_at_m: Place
     wall_normal: Pair  # to the free side; of any length
     delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_DELAY_S)] = 0.05  # one way
     force_scale: Positive = 1.0

@@ -144,7 +144,7 @@ class HidHand:
         self._listing, self._opening, self._clock = listing, opening, clock
         self._ended = threading.Event()
         self._lock = threading.Lock()
-        self._newest, self._reports, self._problem = -math.inf, 0, ""
+        self._newest, self._reports, self._beyond, self._problem = -math.inf, 0, 0, ""
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
         self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
         self._found, self._device = self._look()
@@ -152,15 +152,25 @@ class HidHand:
         self._thread.start()
 
     def read(self) -> Reading:
-        """The hand now. No force while the device is away, or silent although it was deflected."""
+        """The hand now, along x and y within `FORCE_FULL_N`: what a device reports beyond its full scale is garbage.
+
+        No force while the device is away, or silent although it was deflected.
+        """
+        full = layouts().full_scale_counts
         with self._lock:
             connected = self._device is not None
-            x, y = (self._scale * (self._counts[axis] - self._bias[axis]) for axis in ("x", "y"))
+            x, y = (self._scale * min(max(counts, -full), full) for counts in self._deflection())
             fx, fy = (x, -y) if connected and self._clock() - self._newest <= SILENT_S else (0.0, 0.0)
             bias = self._scale * math.hypot(self._bias["x"], self._bias["y"])
             zero = f"; {bias:.1f} N taken off as its zero" if bias else ""
-            text = f"{self._found.product} ({WORD}{zero})" if connected else self._problem
+            many = self._beyond
+            beyond = f"; reports beyond full deflection: {many}, held at {FORCE_FULL_N:g} N" if many else ""
+            text = f"{self._found.product} ({WORD}{zero}{beyond})" if connected else self._problem
             return Reading(fx, fy, connected, text, self._reports)
+
+    def _deflection(self) -> list[int]:
+        """What the cap reads along x and y now, counts from its zero."""
+        return [self._counts[axis] - self._bias[axis] for axis in ("x", "y")]
 
     def take_bias(self) -> bool:
         """Call what the cap reads now its zero; False, and nothing changes, if somebody seems to hold it."""
@@ -226,6 +236,7 @@ class HidHand:
                 if decode(self._found.layout, report, self._counts):
                     self._newest = self._clock()
                     self._reports += 1
+                    self._beyond += max(map(abs, self._deflection())) > layouts().full_scale_counts
             wait_ms = 1  # for hidapi 0 would mean: as long as it takes
 
     def _lost(self, error: Exception) -> None:
@@ -244,5 +255,5 @@ class HidHand:
             self._ended.wait(LOOK_AGAIN_S)
             return
         with self._lock:
-            self._found, self._device = found, device
+            self._found, self._device, self._beyond = found, device, 0
             self._bias = self._biases.get(found.who, dict.fromkeys(AXES, 0))

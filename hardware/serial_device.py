@@ -259,11 +259,25 @@ class SerialDevice:
         if wired_to(hello) != shortened(device) and rewire_emulated(hello, connection.wire.name, device):
             hello = connection.hello()
         check_hello(hello, device)
+        before, fault = self._known(connection, hello)
         limits_mA = connection.set_limits(hello, device)
         if self._net_force:
             hello = hello._replace(force_channels=CHANNELS, force_unit=COUNT_UN)
             device = replace(device, calibration=None)
-        return Reached(connection, BoardSensing(device, hello, self.sensing), limits_mA)
+        return Reached(connection, BoardSensing(device, hello, before, fault), limits_mA)
+
+    def _known(self, connection: Connection, hello: Hello) -> tuple[BoardSensing | None, str]:
+        """What is known of this board, if it has had power since; and what is wrong if it says so but has not.
+
+        A board that gives the same number of starts after a power-up is found out by its clock.
+        """
+        before = self.sensing
+        if before is None or (before.hello.serial, before.hello.starts) != (hello.serial, hello.starts):
+            return None, ""
+        asked_s = self.clock()
+        if before.clock.went_on(connection.ask(m.Heartbeat(0), m.HeartbeatReply).board_us, asked_s):
+            return before, before.fault
+        return None, cause("started-again", starts=hello.starts)
 
     def _begin(self, reached: Reached) -> None:
         """A connection begins: everything that does not outlive one is new."""
@@ -445,10 +459,11 @@ class SerialDevice:
                 self._lose(cause_of(error))
 
     def reset(self) -> None:
-        connection = self._there().connection
+        connection, sensing, _ = self._there()
         report = connection.ask(m.ResetFault(), m.FaultReport)
         if report.faults:
             raise DeviceError(after("the board keeps its fault: ", fault_words(report.cause)))
+        sensing.fault = ""
         self._begin(self._shake_hands(connection))
 
     def _there(self) -> Reached:

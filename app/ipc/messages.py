@@ -169,6 +169,10 @@ class Sandbox(NamedTuple):
     settings: SandboxSettings | None = None  # None: as protocol and device have them
 
 
+class BringBack(NamedTuple):
+    """Bring the handle to the start; the running pass of Try is given up."""
+
+
 class EndSandbox(NamedTuple):
     """Leave Try; the running pass ends and is not measured."""
 
@@ -177,6 +181,14 @@ class SaveAsProtocol(NamedTuple):
     """Write the settings of Try as a protocol file, with all the protocol's controllers."""
 
     path: str  # of the new file; the protocol is named after it
+
+
+class MoveTo(NamedTuple):
+    """Go on with the open session in another data folder, where its own is gone or full: it is copied there as far as
+    it can be read or is in memory, and closed; `Snapshot.moved` says so.
+    """
+
+    folder: str
 
 
 class Quit(NamedTuple):
@@ -293,6 +305,9 @@ class Snapshot(NamedTuple):
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
+    undone: str = ""  # why the disk does not have all of the session, and what to do; "": it has
+    moved: tuple[str, str] | None = None  # a session that is to be gone on with elsewhere: data folder, participant
+    in_memory: str = ""  # what the disk has not taken, and no file has: "run 5, 5,481 ticks"; "": nothing
 
     @property
     def not_now(self) -> str:

@@ -30,6 +30,9 @@ NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 #: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
 END_TRIAL, HAND_BACK = 1, 2
 
+#: how the pointer has the handle: not yet, in hold, or no more
+UNTOUCHED, TAKEN, LET_GO = range(3)
+
 #: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the
 #: handle never leaps to a pointer that happened to be elsewhere: it comes 12 mm at most.
 GRASP_RADIUS_M = 0.012
@@ -50,6 +53,9 @@ CONTROL = np.dtype(
         # by the session server
         ("push_count", "i8"),  # how often a force was pushed; 0: the pointer is the hand
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
+        ("home", "f8", (2,)),  # m, to which the hand brings a handle that the pointer has let go ..
+        ("comes_home", "i8"),  # .. if this is 1: outside the movement
+        ("stale", "i8"),  # so many places of the pointer are from before it had to let go: they take hold of nothing
         ("server_beat", "i8"),  # ns
         ("stop", "i8"),  # END_TRIAL, HAND_BACK; 0: go on
         ("tail", "i8"),  # ticks that the recorder has taken
@@ -60,6 +66,7 @@ CONTROL = np.dtype(
         ("dropped", "i8"),  # ticks of this trial that found no room
         ("cause", "i8"),  # NO_CAUSE ..
         ("taken", "i8"),  # 1: the pointer has hold of the handle
+        ("astray", "i8"),  # 1: the pointer has let the handle go, and has not touched it since
         ("let_go", "i8"),  # how often the hand let the handle go during the movement of this trial
         ("core", "i8"),  # of the processor, that the loop has for itself; -1: none
         ("pid", "i8"),  # of its process; 0: not known
@@ -162,14 +169,26 @@ class Ring:
 
     # the session server
 
-    def begin_trial(self, taken: bool = False) -> None:
-        """Before the loop gets one to run. taken: the pointer still holds the handle."""
+    def begin_trial(self, grasp: int = UNTOUCHED, home: tuple[float, float] | None = None) -> None:
+        """Before the loop gets one to run. grasp: how the pointer has the handle.
+
+        home: where the hand brings a handle that is let go outside the movement, m; None: it coasts.
+        """
         control = self.control
+        control.comes_home = int(home is not None)
+        if home is not None:
+            self.control.home = home
         control.stop = control.cause = control.dropped = control.let_go = control.worked = control.worked_most = 0
-        control.taken = int(taken)
+        control.taken, control.astray = int(grasp == TAKEN), int(grasp == LET_GO)
+        control.stale = control.aim_count if grasp == LET_GO else 0
         self.control.tail = self.control.head
         self.control.loop_beat = time.perf_counter_ns()
         self.beat()
+
+    @property
+    def grasp(self) -> int:
+        """How the pointer has the handle now."""
+        return TAKEN if self.control.taken else LET_GO if self.control.astray else UNTOUCHED
 
     def push(self, fx: float, fy: float) -> None:
         """The hand pushes with this force, N."""

@@ -24,6 +24,9 @@ from experiments.trial.tick import run_ticks
 
 TICK_NS = 1_000_000
 SILENT_NS = 2_000_000_000  # a session server that has not beaten for so long is gone, not only short of processors
+#: m/s, at which the hand brings a handle home that was let go. Our choice: 20 cm take a second, and the pointer can
+#: still catch it (it takes hold of it within `GRASP_RADIUS_M`).
+HOMEWARD_M_S = 0.2
 ROOM = 1024  # ticks of the ring that are kept free: an aborted trial still ends in recorded ticks
 
 
@@ -32,30 +35,47 @@ def take_aim(control, grip, tip, phase, force_max):
     """The newest place of the pointer is where the spring pulls to, while the pointer holds the handle.
 
     It takes hold by touching the handle. When it leaves its workspace it lets go: the spring has no force until the
-    pointer touches the handle again. force_max (N): of the spring. With another hand than the mouse it is the newest
-    force.
+    pointer touches the handle again. Where there is a home (see `CONTROL`) that is so in the movement alone: before
+    and after it the spring goes on from where the pointer left it, and goes home; else a handle that was let go in
+    mid-flight would come to rest where no pointer reaches it. force_max (N): of the spring. With another hand than the
+    mouse it is the newest force.
     """
     pushed = control.push_count
     if pushed != 0:
         grip.held[0], grip.held[1] = control.pushes[(pushed - 1) % AIMS, 0], control.pushes[(pushed - 1) % AIMS, 1]
         return
     count = control.aim_count
-    if count == 0:
+    if count == 0 and control.astray == 0:
         return
-    x, y = control.aims[(count - 1) % AIMS, 0], control.aims[(count - 1) % AIMS, 1]
+    x = y = math.nan  # nowhere yet
+    if count != 0:
+        x, y = control.aims[(count - 1) % AIMS, 0], control.aims[(count - 1) % AIMS, 1]
     away_x, away_y = x - tip[0], y - tip[1]
-    if away_x * away_x + away_y * away_y <= GRASP_RADIUS_M * GRASP_RADIUS_M:
-        control.taken = 1
+    if count > control.stale and away_x * away_x + away_y * away_y <= GRASP_RADIUS_M * GRASP_RADIUS_M:
+        control.taken, control.astray = 1, 0
     elif control.taken != 0 and not math.isfinite(away_x + away_y):
-        control.taken = 0
+        control.taken, control.astray = 0, 1
         if phase == MOVE:
             control.let_go += 1
     if control.taken != 0:
         grip.target[0], grip.target[1], grip.target[2], grip.target[3] = x, y, 0.0, 0.0
         grip.force_max = force_max
+    elif control.astray != 0 and control.comes_home != 0 and phase != MOVE:
+        go_home(control.home, grip)
+        grip.force_max = force_max
     else:
         grip.target[0], grip.target[1], grip.target[2], grip.target[3] = tip[0], tip[1], 0.0, 0.0
         grip.force_max = 0.0
+
+
+@kernel
+def go_home(home, grip):
+    """Where the spring pulls to comes a tick's way nearer to home (m), in a straight line."""
+    way_x, way_y = home[0] - grip.target[0], home[1] - grip.target[1]
+    share = min(HOMEWARD_M_S * 1e-9 * TICK_NS / max(math.sqrt(way_x * way_x + way_y * way_y), 1e-12), 1.0)
+    grip.target[0] += share * way_x
+    grip.target[1] += share * way_y
+    grip.target[2] = grip.target[3] = 0.0
 
 
 @kernel

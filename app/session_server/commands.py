@@ -14,6 +14,7 @@ from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
+from experiments.recording.atomic_files import reason_of
 from experiments.session.files import other_protocol, refuse_study
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Session
@@ -27,6 +28,8 @@ def do(state: State, command: object) -> None:
         if why := refused(state, declared):
             raise InputError(why)
         state.settle()
+        if declared.waits:
+            state.say_waiting(declared.waits)
         declared.action(state, command)
     except InputError as error:
         state.notify(str(error), bad=True)
@@ -43,6 +46,8 @@ def refused(state: State, command: "Command") -> str:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:
         return state.broken or state.snapshot().not_now
+    if command.stored:
+        state.storage.look()
     return f"{state.storage.undone}." if command.stored and state.storage.undone else ""
 
 
@@ -150,6 +155,14 @@ def _pause(state: State, command: m.Pause) -> None:
         state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.perf_counter() - since_s, 1))
 
 
+def _move(state: State, command: m.MoveTo) -> None:
+    folder = Path(command.folder).absolute()
+    try:
+        state.storage.move_to(folder)
+    except OSError as error:
+        raise InputError(f"{folder}: the session cannot be brought there ({reason_of(error)}).") from None
+
+
 def _note(state: State, command: m.Note) -> None:
     if text := " ".join(command.text.split()):
         state.storage.write(NOTE, text=text)
@@ -190,27 +203,30 @@ class Command(NamedTuple):
     stages: tuple[str, ...] = ()  # at which it can be done; none: at any
     session: bool = True  # a session must be open
     stored: bool = False  # and the disk must have all of it
+    waits: str = ""  # what a slow disk is waited for
 
 
 #: no trial runs, and one could
 IDLE = (m.PREPARING, m.READY, *(step.name for step in STEPS), m.FINISHED)
 
 COMMANDS = {
-    m.Open: Command(_open, (m.NO_SESSION,), session=False),
-    m.Leave: Command(_leave, IDLE),
+    m.Open: Command(_open, (m.NO_SESSION,), session=False, waits="the session is opened"),
+    m.Leave: Command(_leave, IDLE, waits="the session is closed"),
     m.Sandbox: Command(_try, session=False),
+    m.BringBack: Command(lambda state, _: state.sandbox.bring_back(), session=False),
     m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
     m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
-    m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False),
+    m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False, stored=True, waits="the trial is opened"),
     m.Abort: Command(_abort, session=False),
-    m.Redo: Command(_redo, IDLE, stored=True),
-    m.Exclude: Command(_exclude, IDLE, stored=True),
-    m.Skip: Command(_skip, IDLE, stored=True),
-    m.Pause: Command(_pause),
-    m.Note: Command(_note),
+    m.Redo: Command(_redo, IDLE, stored=True, waits="it is written"),
+    m.Exclude: Command(_exclude, IDLE, stored=True, waits="it is written"),
+    m.Skip: Command(_skip, IDLE, stored=True, waits="it is written"),
+    m.MoveTo: Command(_move, IDLE, waits="the session is brought to the other folder"),
+    m.Pause: Command(_pause, waits="it is written"),
+    m.Note: Command(_note, waits="it is written"),
     m.AllowBrakes: Command(_allow, session=False),
-    m.Confirm: Command(_end_step, ended_by(m.Confirm)),
-    m.Answers: Command(_end_step, ended_by(m.Answers)),
+    m.Confirm: Command(_end_step, ended_by(m.Confirm), waits="it is written"),
+    m.Answers: Command(_end_step, ended_by(m.Answers), waits="the answers are written"),
     m.Rig: Command(_rig, IDLE),
-    m.Unblind: Command(_unblind, IDLE, stored=True),
+    m.Unblind: Command(_unblind, IDLE, stored=True, waits="it is written"),
 }

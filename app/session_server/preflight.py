@@ -4,6 +4,7 @@ import os
 import shutil
 import statistics
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -20,7 +21,14 @@ if TYPE_CHECKING:
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
-SLOW_SYNC_S = 0.1
+LOOKS = 3  # writes that are timed; the median counts
+#: s for a write to reach the disk: worth a word; a session cannot be run. Assumed: of the second, 60 trials wait for
+#: half an hour and more
+SLOW_SYNC_S, TOO_SLOW_SYNC_S = 0.1, 2.0
+#: writes that are waited for from Start to the first tick, and from the last tick to the next start. Counted
+SYNCS_TO_START, SYNCS_TO_END = 3, 8
+DISK_S = 5.0  # between two looks at the disk, while nothing runs
+PATIENCE_S, TOO_LONG_S = 1.0, 10.0  # s that a measurement of the disk takes: said so; in red. Assumed
 #: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
 LATE_US = 200.0
 
@@ -83,42 +91,120 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
     return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
 
 
-def check_disk(folder: Path, sync: bool = False) -> Check:
-    """Whether the data folder, which need not exist yet, can be written to and has room.
+def check_disk(folder: Path) -> Check:
+    """Whether the data folder, which need not exist yet, can be written to, has room, and is not too slow.
 
-    sync: also how long a write takes to reach the disk itself.
+    A write is brought to the disk as a session does it, `LOOKS` times. The same rule for a session and `phd doctor`.
     """
+    return measured_disk(folder)[0]
+
+
+def measured_disk(folder: Path) -> tuple[Check, float]:
+    """The same, and the seconds that it takes to bring a write to the disk (0: it cannot be written to)."""
     there = folder
     while not there.exists() and there != there.parent:
         there = there.parent
     try:
         free = shutil.disk_usage(there).free
         with tempfile.TemporaryFile(dir=there) as file:
-            waits = [_time_to_write(file, sync) for _ in range(5 if sync else 1)]
+            sync_s = statistics.median(_time_to_write(file) for _ in range(LOOKS))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        return Check("Disk", BAD, reason, f"{folder} cannot be written to: {reason}. Choose another --data-dir.")
+        advice = f"{folder} cannot be written to: {reason}. Choose another data folder."
+        return Check("Disk", BAD, reason, advice), 0.0
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
-    wait_s = statistics.median(waits)
-    if sync:
-        text = f"{folder}: {text}, {1e3 * wait_s:.1f} ms to bring a write to the disk"
+    text += f", {in_time(sync_s)} a write"
     room = f"Make room on the disk of {folder}"
     if free < TOO_LOW:
-        return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB.")
+        return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB."), sync_s
     if free < LOW:
-        return Check("Disk", CAUTION, text, f"{room}.")
-    if sync and wait_s > SLOW_SYNC_S:
-        return Check("Disk", CAUTION, text, "Record on a local disk, not on a network drive or a memory stick.")
-    return Check("Disk", GOOD, text)
+        return Check("Disk", CAUTION, text, f"{room}."), sync_s
+    if sync_s > SLOW_SYNC_S:
+        slow = (
+            f"The disk of {folder} takes {in_time(sync_s)} to keep a write: a trial then waits about "
+            f"{in_time(SYNCS_TO_START * sync_s)} for its start and {in_time(SYNCS_TO_END * sync_s)} after its end. "
+            "Record on a local disk, not on a network drive or a memory stick."
+        )
+        return Check("Disk", BAD if sync_s > TOO_SLOW_SYNC_S else CAUTION, text, slow), sync_s
+    return Check("Disk", GOOD, text), sync_s
 
 
-def _time_to_write(file: IO[bytes], sync: bool) -> float:
+def in_time(seconds: float) -> str:
+    """A time as it is read: "3 ms", "0.4 s", "12 s"."""
+    if seconds < 1e-3:
+        return "under 1 ms"
+    return f"{1e3 * seconds:.0f} ms" if seconds < 0.1 else f"{seconds:.1f} s" if seconds < 10.0 else f"{seconds:.0f} s"
+
+
+def _time_to_write(file: IO[bytes]) -> float:
     began = time.perf_counter()
-    file.write(bytes(65536))
+    file.write(bytes(4096))
     file.flush()
-    if sync:
-        os.fsync(file.fileno())
+    os.fsync(file.fileno())
     return time.perf_counter() - began
+
+
+class DiskWatch:
+    """The disk of a session server, measured on a thread of its own: one that does not answer holds nothing else up."""
+
+    def __init__(self, folder: Path) -> None:
+        """folder: that the session server has taken. It is measured at once."""
+        self._folder = folder
+        self._check: Check | None = None  # None: not measured yet
+        self.sync_s = 0.0  # that it takes to bring a write to the disk
+        self._thread: threading.Thread | None = None
+        self._changed_s = time.perf_counter()  # when a measurement began, or the last one ended
+        self._begin()
+
+    def _begin(self) -> None:
+        self._changed_s = time.perf_counter()
+        self._thread = threading.Thread(target=self._measure, name="disk", daemon=True)
+        self._thread.start()
+
+    def _measure(self) -> None:
+        if self._folder.is_dir():
+            self._check, self.sync_s = measured_disk(self._folder)
+        else:
+            advice = f"{self._folder} is gone. Bring it back, or choose another data folder."
+            self._check, self.sync_s = Check("Disk", BAD, "the folder is gone", advice), 0.0
+
+    def watch(self) -> None:
+        """Measure again, now and then; while nothing else needs the disk."""
+        if self._thread is not None:
+            if self._thread.is_alive():
+                return
+            self._thread, self._changed_s = None, time.perf_counter()
+        elif time.perf_counter() - self._changed_s > DISK_S:
+            self._begin()
+
+    @property
+    def known(self) -> bool:
+        """Whether it has been measured, or has kept us waiting so long that this is to be said."""
+        return self._check is not None or self._keeps_waiting
+
+    @property
+    def slow(self) -> bool:
+        """Whether a write is waited for so long, as far as is known, that this is to be said before."""
+        return self.sync_s > SLOW_SYNC_S or self._keeps_waiting
+
+    @property
+    def _keeps_waiting(self) -> bool:
+        """Whether the measurement takes longer than is usual here."""
+        return self._waited_s > max(PATIENCE_S, 2 * LOOKS * self.sync_s)
+
+    @property
+    def _waited_s(self) -> float:
+        measuring = self._thread is not None and self._thread.is_alive()
+        return time.perf_counter() - self._changed_s if measuring else 0.0
+
+    @property
+    def check(self) -> Check:
+        """For the pre-flight row."""
+        if self._keeps_waiting:
+            waited_s = self._waited_s
+            advice = f"Waiting for the disk of {self._folder}: {LOOKS} short writes have taken {waited_s:.0f} s so far."
+            return Check("Disk", BAD if waited_s > TOO_LONG_S else WAITING, f"waiting, {waited_s:.0f} s", advice)
+        return self._check or Check("Disk", WAITING, "being measured")
 
 
 def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:

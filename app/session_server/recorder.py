@@ -1,4 +1,8 @@
-"""Brings the ticks of a trial from the ring to its recording, on a thread that alone waits for the disk."""
+"""Brings the ticks of a trial from the ring to its recording, on a thread that alone waits for the disk.
+
+Our choice: a trial whose disk fails, or whose folder goes, runs on to its end with its ticks in memory. To end it would
+lose the movement for certain; memory loses it only if this program ends before the disk takes it.
+"""
 
 import queue
 import threading
@@ -26,7 +30,8 @@ class Recorder:
     def __init__(self, ring: Ring, writer: RecordingWriter | None, take: Take | None = None) -> None:
         """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
         self.writer, self._take = writer, take
-        self.error = ""  # why the recording takes no more
+        self.error = ""  # why the recording takes no more ticks: the trial is to be ended
+        self.trouble: OSError | None = None  # why the disk does not take them, or a line of the journal
         self._ring = ring
         self._lateness: list[np.ndarray] = []
         self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0
@@ -45,6 +50,11 @@ class Recorder:
             self._beside.put(write)
         else:
             write()
+
+    @property
+    def longest_sync_s(self) -> float:
+        """The longest that the disk made us wait, so far."""
+        return self.writer.longest_sync_s if self.writer is not None else 0.0
 
     def close(self) -> None:
         """Take what is left in the ring and end the thread."""
@@ -88,6 +98,8 @@ class Recorder:
             rows = self._ring.take()
             if self.writer is not None and not self.error:  # after one: the trial is being ended for it
                 self._try(partial(self.writer.write, rows))
+                if self.writer.lost:
+                    self.error = self.error or cause("recording-failed", why="neither disk nor memory has room")
             if self._take is not None and len(rows):
                 self._take(rows)
             while not self._beside.empty():
@@ -102,8 +114,10 @@ class Recorder:
     def _try(self, write: Callable[[], None]) -> None:
         try:
             write()
-        except (OSError, ValueError) as error:
-            self.error = cause("recording-failed", why=getattr(error, "strerror", None) or error)
+        except OSError as error:
+            self.trouble = self.trouble or error
+        except ValueError as error:
+            self.error = cause("recording-failed", why=error)
 
 
 def timing_of(lateness_us: np.ndarray, scheduling: str) -> Timing:

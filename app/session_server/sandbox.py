@@ -6,6 +6,7 @@ controller, other brakes or another spring, and runs on. Only another device or 
 device (our choice, for its hand) a change waits for the next pass, and each pass for a Start.
 """
 
+import dataclasses
 import math
 import threading
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from msgspec.structs import replace
 
 from app.ipc import messages as m
 from app.ipc.messages import Pass, SandboxSettings, SandboxState
+from app.ipc.ring import LET_GO, TAKEN, UNTOUCHED
 from app.session_server.device_setup import RealSetup, SimulatedSetup, person_at
 from app.session_server.preflight import with_advice
 from app.session_server.trial_runner import TrialRun, TrialRunner
@@ -40,7 +42,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.protocol_writer import save_variant
 from experiments.recording.schema import recording_of
-from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed_age
+from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
 from experiments.trial.trial import Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
@@ -76,8 +78,10 @@ class Sandbox:
         self._run: TrialRun | None = None
         self._pieces: list[np.ndarray] = []  # of the pass: its ticks
         self._now = self.settings  # those that the running pass has
-        self._changed = self._asked = self._taken = False  # asked: a Start; taken: the pointer still has the handle
-        self._number, self._least_gain = 0, 0.0
+        self._changed = self._asked = False  # asked: a Start
+        self._grasp = UNTOUCHED  # how the pointer has the handle between two passes
+        self._given_up = False  # the running pass is to end without a result, and the handle to come home
+        self._begun, self._number, self._least_gain = 0, 0, 0.0  # passes that were begun, and that have ended
         self._passes: list[Pass] = []
         self._saved = ""
         self.failure: BaseException | None = None  # of the preparation
@@ -138,6 +142,18 @@ class Sandbox:
             raise InputError(hindrance)
         self._asked = True
 
+    def bring_back(self) -> None:
+        """The hand lets the handle go and brings it to the start; the running pass is given up.
+
+        InputError: nobody's hand is here to bring it.
+        """
+        if not self.comes_home:
+            raise InputError("Only the hand of the pointer can bring the handle of a simulated device back.")
+        self._grasp = LET_GO
+        if self._run is not None:
+            self._given_up = True
+            self._run.hand_back()
+
     def save(self, path: Path) -> None:
         """The settings as a protocol file, with all the protocol's controllers. InputError: nothing was written."""
         p, s = self._protocol, self.settings
@@ -163,6 +179,11 @@ class Sandbox:
         if self.real:
             return ONLY_SIMULATED
         return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
+
+    @property
+    def comes_home(self) -> bool:
+        """Whether a handle that is let go can be brought to the start: the spring of the pointer is the hand."""
+        return not self.real and INPUTS[self._setup.hand].by_pointer
 
     @property
     def state(self) -> SandboxState | None:
@@ -200,13 +221,14 @@ class Sandbox:
         if self._run is None:
             if self.on and not hindrance and (self._asked or not self.real):
                 self._begin()
-            self._taken = False
+            self._lose_hold()
         else:
             self._change()
 
     def _change(self) -> None:
         """Let the loop hand the pass back if it is not as it is wanted to be."""
-        if self._run is not None and not self.real and not (self.on and self.settings == self._now):
+        as_wanted = self.on and self.settings == self._now and not self._given_up
+        if self._run is not None and not self.real and not as_wanted:
             self._run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:
@@ -217,17 +239,18 @@ class Sandbox:
         """The loop died with the pass: the device is as it was before it."""
         if self._run is not None:
             self._run.let_go()
-        self._run = None
+        self._run, self._given_up = None, False
 
-    def returned(self, run: TrialRun, taken: bool) -> None:
-        """The loop has given the pass back, at its end or to be changed. taken: the pointer has hold of the handle."""
-        same = (self.settings.device, self.settings.path) == (self._now.device, self._now.path)
+    def returned(self, run: TrialRun, grasp: int) -> None:
+        """The loop has given the pass back, at its end or to be changed. grasp: how the pointer has the handle."""
+        same = not self._given_up and (self.settings.device, self.settings.path) == (self._now.device, self._now.path)
         self._changed |= run.trial.phase == "move" and not run.trial.finished and self.on and same
         if not run.trial.finished and self.on and same:
             self._tune(run.trial)
             self._runner.go_on(run)
             return
-        self._run, self._taken = None, taken
+        self._run, self._grasp = None, LET_GO if self._given_up else grasp
+        self._given_up = False
         run.let_go()
         status, reason = (run.trial.outcome()[what] for what in ("status", "reason"))
         if not run.trial.finished or not self.on:
@@ -249,6 +272,10 @@ class Sandbox:
         del self._passes[:-MOST_PASSES]
         self._notify("", False)
 
+    def _lose_hold(self) -> None:
+        """The pointer cannot have kept the handle: it comes to the start of the next pass."""
+        self._grasp = LET_GO if self._grasp == TAKEN else self._grasp
+
     def _begin(self) -> None:
         """The next pass."""
         p, s = self._protocol, self.settings
@@ -257,12 +284,13 @@ class Sandbox:
         device = self._device.to_try(p, self.simulation)
         name = device.name if isinstance(device, Device) else device.device.name
         self.settings = s = s._replace(device=name)  # of a real one: the board's
-        planned = PlannedTrial(0, 0, name, s.controller, s.path, self._number + 1)
+        self._begun += 1
+        planned = PlannedTrial(0, 0, name, s.controller, s.path, self._begun)
         person, generator = person_at(self._setup, p, "0"), np.random.default_rng(self._number)
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
         self._pieces, self._changed, self._asked = [], False, False
-        self._run = self._runner.start(planned, trial, None, partial(keep, self._pieces), self._taken)
+        self._run = self._runner.start(planned, trial, None, partial(keep, self._pieces), self._grasp)
 
     def _ready_simulation(self) -> SimulatedDevice:
         """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""
@@ -272,7 +300,8 @@ class Sandbox:
         device, path = self._file(s.device), build_path(p.paths[s.path], "path")
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
-            tip, self._taken = (path.x1, path.y1), False
+            tip = path.x1, path.y1
+            self._lose_hold()
         hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
         return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
 
@@ -284,8 +313,17 @@ class Sandbox:
     def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
         """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""
         force = device.force_normalised_N * s.brake_strength
-        around = make_around(self._protocol.trial.around, device.brakes, sensed_age(self._assumed(s)))
+        path = build_path(self._protocol.paths[s.path], "path")
+        seen = sensed(device, point_at(path, 0.5 * path.length)[:2], self._assumed(s))
+        around = make_around(self._protocol.trial.around, self._tuned(device, s), seen)
         return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
+
+    def _tuned(self, device: Device, s: SandboxSettings) -> Device:
+        """The device with the brakes that the sliders give it, which the guard reckons with."""
+        play = device.brakes.play if self._own_backlash() else np.full(4, math.radians(s.backlash_deg))
+        return dataclasses.replace(
+            device, brakes=device.brakes._replace(k=device.brakes.k * s.brake_strength, play=play)
+        )
 
     def _assumed(self, s: SandboxSettings) -> Assumptions:
         """The protocol's assumptions with the sensing of the settings."""

@@ -51,6 +51,7 @@ class SessionServer:
 
         self._ring, self._window = ring, window
         self._state = State(setup, protocol, ring, loop, lsl)
+        self._state.show = self._send_state
         self._shown: dict[type, object] = {}  # the newest Opened and Snapshot that the window has got
         self._pulse_s = 0.0
         self._alone = False  # the window is gone
@@ -142,10 +143,10 @@ def main() -> None:
             lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
             protocol = take_folder(setup, left)
             _log_into(setup.data_dir / LOG, early, left)
+            server = SessionServer(setup, protocol, ring, loop, window, lsl)
         except (InputError, OSError) as error:
             window.send(m.Refused(in_words(error, setup.data_dir)))
             return
-        server = SessionServer(setup, protocol, ring, loop, window, lsl)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
         server.serve()

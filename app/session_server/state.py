@@ -4,6 +4,7 @@
 """
 
 import time
+from collections.abc import Callable
 
 from app.ipc import messages as m
 from app.ipc.messages import BAD, Setup
@@ -11,7 +12,7 @@ from app.ipc.ring import Ring
 from app.session_server.device_setup import RealSetup, SimulatedSetup
 from app.session_server.loop_process import LoopProcess
 from app.session_server.lsl import Outlets
-from app.session_server.preflight import check_disk, check_recording, with_advice
+from app.session_server.preflight import SLOW_SYNC_S, DiskWatch, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import due_step, stage_of
@@ -22,7 +23,6 @@ from experiments.protocol import Protocol
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 from experiments.session.session import Session
 
-DISK_S = 5.0  # between two looks at the disk, while nothing runs
 END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
 WAIT_S = 0.01
 
@@ -44,8 +44,10 @@ class State:
         self.storage = Storage(setup.data_dir, self.runner, self.notify)
         self._notice, self._notice_bad = "", False
         self._device_bad = False
-        self._disk = check_disk(setup.data_dir)
-        self._looked_s = time.perf_counter()
+        self._disk = DiskWatch(setup.data_dir)
+        self._slow_s = 0.0  # the longest that the disk made the last trial wait for one write
+        self._waits_for = ""  # what the disk is about to be given
+        self.show: Callable[[], None] = lambda: None  # shows everything to the window, now
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.notify)
 
     # ------------------------------------------------------------------------------------- what is
@@ -57,7 +59,7 @@ class State:
             return m.FAILED
         if self.runner.run is not None:
             return m.RUNNING
-        if not self.sandbox.prepared or not self.runner.ready:
+        if not self.sandbox.prepared or not self.runner.ready or not self._disk.known:
             return m.PREPARING
         return stage_of(self.progress, self.device) if self.progress else m.NO_SESSION
 
@@ -98,6 +100,9 @@ class State:
         coming = progress.coming if progress else None
         due = due_step(progress, self.device) if progress else None
         at = run.planned if run else coming
+        recording = check_recording(self.broken, self.storage.undone, self.storage.verified, self.storage.streams)
+        if self._waits_for:
+            recording = m.Check("Recording", m.WAITING, "waiting for the disk", self._waits_for)
         return m.Snapshot(
             stage=stage,
             rows=tuple(session.rows) if session else (),
@@ -110,17 +115,20 @@ class State:
             checks=(
                 *self.device.checks(self.why_off),
                 self.runner.check,
-                self._disk,
-                check_recording(self.broken, self.storage.undone, self.storage.verified, self.storage.streams),
+                self._disk.check,
+                recording,
             ),
             brakes_off=self.why_off,
             notes=tuple(progress.notes) if progress else (),
-            notice=self._notice,
-            notice_bad=self._notice_bad,
+            notice=self._waits_for or self._notice,
+            notice_bad=self._notice_bad and not self._waits_for,
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
             newest=progress.newest if progress else None,
+            undone=self.storage.undone,
+            moved=self.storage.moved,
+            in_memory=self.storage.in_memory,
         )
 
     def pulse(self) -> m.Pulse:
@@ -134,6 +142,15 @@ class State:
     def notify(self, sentence: str, bad: bool = False) -> None:
         """Tell the experimenter."""
         self._notice, self._notice_bad = sentence, bad
+
+    def say_waiting(self, what: str) -> None:
+        """Before the disk is given something: where it is slow the window hears so, since nothing is answered until it
+        has taken it. what: "the trial is opened".
+        """
+        if self._disk.slow or self._slow_s > SLOW_SYNC_S:
+            self._waits_for = f"Waiting for the disk: {what}."
+            self.show()
+            self._waits_for = ""
 
     def settle(self) -> None:
         """A new command is done: what was refused before it is past."""
@@ -178,15 +195,16 @@ class State:
         if lost:
             self._lost(run, lost)
         elif run is not None and self.sandbox.owns(run):
-            self.sandbox.returned(run, bool(self.ring.control.taken))
+            self.sandbox.returned(run, self.ring.grasp)
         elif run is not None:
+            self._slow_s = run.recorder.longest_sync_s
+            self.say_waiting(f"{run.name.lower()} is brought to it")
             self.storage.keep(run)
+        elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
+            self.storage.watch(self.runner.run)
         self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")
-        now = time.perf_counter()
-        if self.runner.run is None and now - self._looked_s > DISK_S:
-            self._looked_s = now
-            self._disk = check_disk(self.setup.data_dir)
         if self.runner.run is None:
+            self._disk.watch()
             self.storage.catch_up()
 
     def _lost(self, run: TrialRun | None, why: str) -> None:
@@ -214,4 +232,6 @@ class State:
         self.runner.close()
         if self.runner.run is not None:
             self._lost(self.runner.run, reason)
-        self.storage.let_go()
+        if lost := self.storage.let_go():
+            self.broken = f"{lost} could not be written before the session server ended: lost"
+            self.notify(f"{self.broken[0].upper()}{self.broken[1:]}.", bad=True)

@@ -3,12 +3,23 @@
 import contextlib
 
 from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
-from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, RING_FULL, SERVER_SILENT, STOPPED, Ring
+from app.ipc.ring import (
+    BRAKES_OFF,
+    END_TRIAL,
+    HAND_BACK,
+    LET_GO,
+    RING_FULL,
+    SERVER_SILENT,
+    STOPPED,
+    UNTOUCHED,
+    Ring,
+)
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
 from app.session_server.recorder import Recorder, Take, timing_of
 from core.faults import Cause, after, cause
+from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.recording.writer import RecordingWriter
@@ -26,17 +37,17 @@ class TrialRun:
 
     def __init__(
         self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None,
-        take: Take | None = None, taken: bool = False,
+        take: Take | None = None, grasp: int = UNTOUCHED,
     ) -> None:  # fmt: skip
         """Start it. writer: None for a trial that is not kept. take: gets all ticks, too.
 
-        taken: the pointer still holds the handle.
+        grasp: how the pointer has the handle.
         """
         self.planned, self.trial = planned, trial
         self.again = "never"  # as `messages.Abort` has it
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
-        ring.begin_trial(taken)
+        ring.begin_trial(grasp, None if trial.real else (trial.path.x0, trial.path.y0))
         self.recorder = Recorder(ring, writer, take)
         trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         loop.send(Run(trial))
@@ -95,8 +106,16 @@ class TrialRun:
     def rescue(self, session: Session) -> None:
         """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
         self.let_go()
-        if self.recorder.writer is not None:
+        if (writer := self.recorder.writer) is not None:
+            if not writer.is_stored():
+                writer.save()
             session.put_in_order()
+
+    @property
+    def unsaved(self) -> RecordingWriter | None:
+        """Its recording, if the disk does not have it, or not all of it, and memory has; None: nothing can be saved."""
+        writer = self.recorder.writer
+        return writer if writer is not None and writer.in_memory and not writer.is_stored() else None
 
     def _why(self) -> str:
         """Why the loop ended it early; "": it did not."""
@@ -121,6 +140,7 @@ class TrialRunner:
         self._tried: Timing | None = None
         self._last: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
+        self._let_go: Simulation | None = None  # the device whose handle was let go, and not touched since
         self.broken = ""  # why no loop can be had
         self._device_answers: list[object] = []  # what the loop has answered besides
 
@@ -136,10 +156,15 @@ class TrialRunner:
 
     def start(
         self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
-        taken: bool = False,
+        grasp: int | None = None,
     ) -> TrialRun:  # fmt: skip
-        """Run a trial; the writer is the runner's until the run has ended or is lost."""
-        self.run = TrialRun(self._ring, self._loop, planned, trial, writer, take, taken)
+        """Run a trial; the writer is the runner's until the run has ended or is lost.
+
+        grasp: how the pointer has the handle; None: it must touch it, and one that was let go still comes home.
+        """
+        if grasp is None:
+            grasp = LET_GO if trial.model is self._let_go else UNTOUCHED
+        self.run = TrialRun(self._ring, self._loop, planned, trial, writer, take, grasp)
         return self.run
 
     def go_on(self, run: TrialRun) -> None:
@@ -174,6 +199,7 @@ class TrialRunner:
                 case Done():
                     assert self.run is not None
                     ended, self.run = self.run, None
+                    self._let_go = ended.trial.model if self._ring.grasp == LET_GO else None
                     ended.returned(answer, self._words)
                     self._last = ended.recorder.timing(self._words)
                 case _:

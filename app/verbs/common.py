@@ -14,6 +14,8 @@ from core.files import InputError
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
+#: A word in the key of a number that is a share (0 .. 1): shown in percent.
+SHARES = {"share", "done"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 RULES = ("settled", "literal")
 
@@ -124,8 +126,14 @@ def as_text(summary: dict) -> str:
         if isinstance(value, list):
             entries += [": ".join(one.values()) if isinstance(one, dict) else f"{name}: {one}" for one in value]
             value = len(value)
-        lines.append(f"{name:{width}}  {f'{value:.4g}' if isinstance(value, float) else value}")
+        lines.append(f"{name:{width}}  {_shown(key, value)}")
     return "\n".join([*lines, *entries, *(f"warning: {warning}" for warning in summary.get("warnings", []))])
+
+
+def _shown(key: str, value: object) -> object:
+    if isinstance(value, float):
+        return f"{100.0 * value:.4g} %" if SHARES.intersection(key.split("_")) else f"{value:.4g}"
+    return value
 
 
 def in_words(key: str) -> str:

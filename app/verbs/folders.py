@@ -65,15 +65,17 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--bids", type=Path, metavar="OUT", help="a new or empty folder for a BIDS-Motion data set")
     option("--csv", type=Path, metavar="OUT", help="a new or empty folder for CSV: trials.csv and each recording")
     option = add_verb(
-        verbs, "verify", verify_verb, "check that every recording of a folder is whole, or marked as recovered",
-        "Writes nothing. Exit 0: it is so (an unfinished plan is no fault). Exit 1: each damaged batch, missing\n"
-        "recording, trial that was cut off, and table that disagrees is named.",
+        verbs, "verify", verify_verb, "check that everything in a folder is as it was written, every recording whole",
+        "Writes nothing. Exit 0: it is so, or a recording is marked as recovered (an unfinished plan is no fault).\n"
+        "Exit 1: each damaged batch, missing recording, trial that was cut off, changed or lost line of a journal,\n"
+        "changed record, and table that disagrees is named. Checksums find accidents, not malice.",
         "phd verify study-1", prints="what was found",
     ).add_argument  # fmt: skip
     option("dir", **FOLDER)
     option = add_verb(
         verbs, "recover", recover_verb, "rescue what a crash left: every whole batch of a trial that was cut off",
         "The trial gets a recording and a row marked as recovered; the file that the crash left is kept beside it.\n"
+        "What cannot be read of a journal is named, and the rest of it holds.\n"
         "Exit 0: phd verify finds no fault any more. Exit 1: what is left is named. A folder that a running process\n"
         "uses is refused. phd study --resume does the same before it goes on.",
         "phd recover study-1", prints="what was done",

@@ -43,7 +43,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "the true state of board and handle.\n\n"
         "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
         "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
-        "stuck-encoder=A@5+1, bad-encoder=A@5+1,\nover-current=A@5+1, saturated-force@5+1.",
+        "uncounted-start@5+1,\nstuck-encoder=A@5+1, bad-encoder=A@5+1, over-current=A@5+1, saturated-force@5+1.",
         "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",
     ).add_argument  # fmt: skip
     option(

@@ -4,6 +4,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DEVICES, FOLDER, add_verb, answer, devices_of, number_between, with_progress
@@ -84,8 +85,21 @@ def simulate_verb(args: argparse.Namespace) -> None:
         about,
         f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
         f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
-        f"{done['events']} events, {done['fallbacks']} fallbacks",
+        f"{done['events']} events, {done['fallbacks']} fallbacks{_beside_obstacles(done)}",
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
+    )
+
+
+def _beside_obstacles(done: dict[str, Any]) -> str:
+    """What came of the obstacles of a scene, as the end of a sentence; nothing where there were none."""
+    if "least_obstacle_m" not in done:
+        return ""
+    words = f"; {1e3 * done['least_obstacle_m']:.3g} mm from an obstacle at least"
+    if "guard_ticks" not in done:
+        return words
+    late = done["guard_too_late_ticks"]
+    return f"{words}, locked by the guard in {done['guard_locked_ticks']} of {done['guard_ticks']} ticks" + (
+        f" (in {late} too late to be sure)" if late else ""
     )
 
 

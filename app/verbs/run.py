@@ -35,7 +35,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--link", default="sim", metavar="sim|serial:PORT",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
-        "socket://HOST:NUMBER: a TCP port that passes bytes on as one does)",
+        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does)",
     )  # fmt: skip
     option(
         "--force", default="", metavar="netft:HOST",
@@ -61,10 +61,11 @@ def label(text: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int | None:
+    port = port_of(args)
     if args.print_plan:
         print_plan(args)
         return None
-    link = link_of(args)
+    link = reached(port, args.force)
     display = Display("open a window on")
     for device in protocol_of(args).devices if link else ():
         if device.castor:
@@ -97,28 +98,41 @@ def run(args: argparse.Namespace) -> int | None:
     return windows.run(client)
 
 
-def link_of(args: argparse.Namespace) -> str:
-    """As `Setup.link`. InputError: there is no such port, or no such sensor answers."""
+def port_of(args: argparse.Namespace) -> str:
+    """The port that --link names, which need not be there; "": none. InputError: it names none, or does not go with
+    --input or --force.
+    """
     if args.link == "sim":
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
         return ""
-    kind, _, port = args.link.partition(":")
-    if kind != "serial" or not port:
-        raise InputError(f"--link: must be sim or serial:PORT, not {args.link!r}")
+    from hardware.serial_port import is_address
+
+    port = args.link if is_address(args.link) else args.link.removeprefix("serial:")
+    if not port or (port == args.link and not is_address(port)):
+        raise InputError(f"--link: must be sim, serial:PORT or socket://HOST:NUMBER, not {args.link!r}")
+    if "://" in port and not is_address(port):
+        raise InputError(f"--link: an address must be socket://HOST:NUMBER, not {port!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
+    return port
+
+
+def reached(port: str, force: str) -> str:
+    """As `Setup.link`. InputError: there is no such port, or no such force sensor answers."""
+    if not port:
+        return ""
     from hardware.serial_port import find_port, is_missing
 
     found = find_port(port)  # "auto" is looked for again for each device
     if is_missing(found):
         raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
-    if not args.force:
+    if not force:
         return port
     from hardware.sensing.net_ft import check_force
 
-    check_force(args.force)
-    return f"{port} {args.force}"
+    check_force(force)
+    return f"{port} {force}"
 
 
 def protocol_of(args: argparse.Namespace) -> "Protocol":

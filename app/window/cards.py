@@ -56,6 +56,12 @@ CLOSE = (
     "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
 )
 
+UNSAVED = (
+    "Not everything is on the disk",
+    "Close the window? What is in memory alone would be lost: {}. Bring the folder back, make room on the disk, or go "
+    "on in another data folder first.",
+)
+
 
 class Card(Panel):
     """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.
@@ -228,8 +234,11 @@ class Cards:
         buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
         self.put(Card("Close the session?", LEAVE, buttons, self._parent), "leave")
 
-    def ask_to_close(self, close: Callable[[], None]) -> None:
-        card = Card(*CLOSE, [("Go on  Enter", self.leave), ("Abort and close  Alt+C", close)], self._parent)
+    def ask_to_close(self, close: Callable[[], None], unsaved: str = "") -> None:
+        """unsaved: what would be lost; "": the running trial would be ended."""
+        title, text = (UNSAVED[0], UNSAVED[1].format(unsaved)) if unsaved else CLOSE
+        do = "Lose it and close" if unsaved else "Abort and close"
+        card = Card(title, text, [("Go on  Enter", self.leave), (f"{do}  Alt+C", close)], self._parent)
         card.key("Alt+C", close)
         self.put(card, "abort")
 

@@ -93,6 +93,7 @@ class MainWindow(QWidget):
     """The whole window."""
 
     participant_asked = Signal()  # show or hide the participant's window
+    turn_asked = Signal()  # as `Page.turn_asked`
     restart_asked = Signal(object, object)  # as `Page.setup_asked`
     closed = Signal()
 
@@ -103,7 +104,8 @@ class MainWindow(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
-        self.dead = self._closing = self._participant_answers = False
+        self._moved: tuple[str, str] | None = None  # as the newest snapshot has it
+        self.dead = self._closing = self._participant_answers = self._participant_reads = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
@@ -160,9 +162,10 @@ class MainWindow(QWidget):
             page.aimed.connect(lambda x, y: self.client.aim(x, y))
             page.left.connect(lambda: self.client.let_go())
             page.setup_asked.connect(self.restart_asked)
+            page.turn_asked.connect(self.turn_asked)
             self.pages[name] = page
             self._stack.addWidget(page)
-            page.participant_answers = self._participant_answers
+            page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
             page.show_setup(self.client.setup)
             if self.opened is not None:
                 page.show_opened(self.opened)
@@ -185,6 +188,13 @@ class MainWindow(QWidget):
         self._participant_answers = seen
         for page in self.pages.values():
             page.participant_answers = seen
+            page.show_snapshot(self.snapshot)
+
+    def show_reading(self, reads: bool) -> None:
+        """Whether the participant has instructions before them: a start then turns their page."""
+        self._participant_reads = reads
+        for page in self.pages.values():
+            page.participant_reads = reads
             page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:
@@ -264,6 +274,18 @@ class MainWindow(QWidget):
         for page in self.pages.values():
             page.show_snapshot(snapshot)
         self._refresh()
+        if snapshot.moved is not None and self._moved != snapshot.moved:
+            self._follow(snapshot)
+        self._moved = snapshot.moved
+
+    def _follow(self, snapshot: m.Snapshot) -> None:
+        """The session was brought to another data folder: go on with it there."""
+        assert snapshot.moved is not None
+        folder, participant = snapshot.moved
+        if snapshot.notice_bad:
+            self.cards.show_message("Another data folder", snapshot.notice)
+        setup = self.client.setup._replace(data_dir=Path(folder), participant="")
+        self.restart_asked.emit(setup, m.Open(participant, resume=True))
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.footer.show_pulse(pulse)
@@ -293,13 +315,14 @@ class MainWindow(QWidget):
     # ------------------------------------------------------------------------------------------- the end
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """While something is recorded, ask first."""
+        """While something is recorded, or not on the disk, ask first."""
         recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice
-        if recording and not self._closing and not self.dead:
+        unsaved = self.snapshot.in_memory
+        if (recording or unsaved) and not self._closing and not self.dead:
             event.ignore()
             self.showNormal() if self.isMinimized() else self.show()
             self.raise_()
-            self.cards.ask_to_close(self.close_anyway)
+            self.cards.ask_to_close(self.close_anyway, unsaved)
             return
         event.accept()
         for page in self.pages.values():

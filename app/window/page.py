@@ -20,6 +20,7 @@ class Page(QWidget):
     page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
     aimed = Signal(float, float)  # m: the pointer, while it is over a workspace in which it is the hand
     setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
+    turn_asked = Signal()  # the next page of the instructions, which the participant reads
     left = Signal()  # the pointer has left that workspace: the hand lets the handle go
 
     def __init__(self, send: Callable[[object], None]) -> None:
@@ -29,6 +30,7 @@ class Page(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self.participant_answers = False  # the questions stand on the participant's own window
+        self.participant_reads = False  # as do instructions, which come before the first trial
 
     def show_setup(self, setup: m.Setup) -> None:
         """With what the session server was started."""

@@ -7,12 +7,13 @@ from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QMouseEvent, QPainter, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QMouseEvent, QPainter, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window import words
 from app.window.painting import theme
+from app.window.painting.force_view import way_of
 from app.window.painting.layers import SPACING_M, extent_of_linkages, extent_of_paths, joints_at
 from app.window.painting.marks import paint_arms
 from app.window.painting.plane import FROM_AFAR, Plane, Sizes
@@ -125,6 +126,7 @@ class ParticipantWindow(QWidget):
     """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
     close_asked = Signal()
+    reading = Signal(bool)  # whether instructions are seen that have not all been turned over yet
 
     def __init__(self) -> None:
         super().__init__()
@@ -137,7 +139,7 @@ class ParticipantWindow(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
-        self._rest_until_s = 0.0
+        self._rest_until_s, self._reads = 0.0, False
         self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions):
@@ -172,12 +174,28 @@ class ParticipantWindow(QWidget):
         instructs = self._snapshot.stage == m.READY and not self._snapshot.rows and not self.instructions.over
         page = self.questions if self._snapshot.stage == m.QUESTIONS else self.instructions if instructs else self.view
         self._stack.setCurrentWidget(page)
+        self._say_reading()
+
+    def _say_reading(self) -> None:
+        if (reads := self.isVisible() and self._stack.currentWidget() is self.instructions) != self._reads:
+            self._reads = reads
+            self.reading.emit(reads)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._say_reading()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._say_reading()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before, self._snapshot = self._snapshot, snapshot
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
         self.questions.show_feedback(words.feedback(snapshot, self._opened))
+        if snapshot.running is not None:  # whoever did not see the instructions by now does without them
+            self.instructions.leave()
         self._choose_page()
         if snapshot.running is not None:
             if snapshot.running != before.running or before.stage != m.RUNNING:
@@ -230,6 +248,9 @@ class ParticipantWindow(QWidget):
         """The newest ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
         if self._snapshot.running is None or not len(rows):
             return
+        self.view.extend_trail(way_of(rows))
+        if not self.isVisible():
+            return
         held = taken or not self.view.mouse
         now = rows[-1]
         tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
@@ -237,11 +258,9 @@ class ParticipantWindow(QWidget):
         self.view.show_handle(tip, taken if self.view.mouse else None, force)
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
-        if now[tick_log.PHASE] == tick_log.MOVE:
-            self.view.extend_trail(tip)
         self._follow_phase(rows)
         early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
-        self._write(words.moving(self._phase, held, self._language, early))
+        self._write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
 
     def _follow_phase(self, rows: np.ndarray) -> None:
         """Tones, the sweep of the hold, and whether the start was left too early."""

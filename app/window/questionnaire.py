@@ -233,6 +233,10 @@ class Instructions(QWidget):
         self._show()
         return True
 
+    def leave(self) -> None:
+        """They are over."""
+        self.at = len(self._pages)
+
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.turned.emit()
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFileDialog
 
 from app.ipc import messages as m
 from app.window import words
@@ -84,6 +85,7 @@ class RunPage(Page):
             (self.panel.pause.clicked, self.pause),
             (self.panel.abort.clicked, self.abort),
             (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
+            (self.panel.elsewhere.clicked, self._go_elsewhere),
             (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
@@ -119,6 +121,9 @@ class RunPage(Page):
         earlier = self._looked_at != 0
         self._keep()
         if self.panel.start.isEnabled() and not earlier:
+            if self.participant_reads:
+                self.turn_asked.emit()
+                return
             self.send(m.Start())
             self._centre.setFocus()
 
@@ -149,6 +154,11 @@ class RunPage(Page):
         """Ask why and whether it comes again, then end the running trial."""
         if self.snapshot.stage == m.RUNNING:
             self.cards.ask(ABORT, lambda *why: self.send(m.Abort(*why)))
+
+    def _go_elsewhere(self) -> None:
+        """Choose a data folder that takes what this one does not."""
+        if folder := QFileDialog.getExistingDirectory(self, "Data folder to go on in", str(Path.home())):
+            self.send(m.MoveTo(folder))
 
     def _note(self, text: str) -> None:
         self.send(m.Note(text))
@@ -275,7 +285,8 @@ class RunPage(Page):
 
     def _write_phase(self, phase: int, taken: bool) -> None:
         """What the participant reads in a phase of a trial."""
-        shown = words.moving(phase, taken or not hand_is_mouse(self.opened), words.language_of(self.opened))
+        held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
+        shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
         if shown is not None:
             self._write(shown)
 
@@ -298,7 +309,7 @@ class RunPage(Page):
         self._stack.setCurrentIndex(1 if asks else 0)
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card(opened)
-        self.panel.show_session(opened, snapshot)
+        self.panel.show_session(opened, snapshot, self.participant_reads)
         can_start = self.panel.start.isEnabled()
         self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
         self.panel.start.key.setVisible(not self.card_shown)

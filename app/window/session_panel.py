@@ -18,11 +18,12 @@ from experiments.session.files import settled_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
+READS = "The participant reads the instructions; after the last page the first trial can be started."
 SILENT = "No tones: neither paplay nor aplay is installed here."
 
 
 class SessionPanel(Panel):
-    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session."""
+    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session, Other folder."""
 
     noted = Signal(str)
 
@@ -42,6 +43,8 @@ class SessionPanel(Panel):
         self.pause.setCheckable(True)
         self.abort = KeyButton("Abort trial …", "Ctrl+A")
         self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
+        self.elsewhere = KeyButton("Other folder …", "goes on")  # where the disk does not take the session
+        self.elsewhere.hide()
         self.note = QLineEdit(
             placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500
         )
@@ -58,8 +61,8 @@ class SessionPanel(Panel):
         self._scroll.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
-            self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.notice, self.note,
-            (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
+            self.start, self.pause, self.abort, self.leave, self.elsewhere, self.redo, self.skip, self.notice,
+            self.note, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self.follow_text()
 
@@ -77,8 +80,8 @@ class SessionPanel(Panel):
         self.note.clear()
         self.note.clearFocus()
 
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
-        """Where the session stands and what can be asked for."""
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool = False) -> None:
+        """Where the session stands and what can be asked for. reads: the participant has a page of instructions."""
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
@@ -87,8 +90,9 @@ class SessionPanel(Panel):
         self.done.setToolTip(LACKING if lacking else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
-        self._say(opened, snapshot)
+        self._say(opened, snapshot, reads)
         self._allow(snapshot)
+        self.start.setText("Next page of instructions" if reads else "Start")
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
             self.notes.setPlainText(text)
@@ -107,11 +111,15 @@ class SessionPanel(Panel):
         self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
         self.cell.setText(cell(now, opened, snapshot.blind))
 
-    def _say(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+    def _say(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
         notice, bad = snapshot.notice, snapshot.notice_bad
+        if snapshot.undone and notice == f"{snapshot.undone}.":  # the banner says it
+            notice = ""
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
-            notice = snapshot.why_not or (SILENT if opened.protocol.tones and player() is None else "")
+            notice = snapshot.why_not or (
+                READS if reads else SILENT if opened.protocol.tones and player() is None else ""
+            )
         theme.name_anew(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
@@ -132,6 +140,8 @@ class SessionPanel(Panel):
         self.abort.setVisible(runs)
         self.leave.setVisible(not runs)
         self.leave.setEnabled(snapshot.can_leave)
+        self.elsewhere.setVisible(bool(snapshot.undone) and not runs)
+        self.elsewhere.setEnabled(snapshot.can_leave)
         self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 
 

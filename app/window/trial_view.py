@@ -38,7 +38,6 @@ FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
-STRIDE = 8  # of the ticks before: all of them would take too long
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
@@ -230,13 +229,9 @@ class TrialView(Panel):
         self._played_s = float(np.clip(seconds, 0.0, t[-1]))
         at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
         near = int(np.searchsorted(t, t[at] - NEAR_S))
-        tips = ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
-        moved = ticks[: at + 1, tick_log.PHASE] == tick_log.MOVE
-        self.workspace.view.show_trial(trial.device, trial.way, tuple(tips[0].tolist()))
-        self.workspace.view.show_way(tips[: at + 1][moved][::STRIDE])
-        if near:
-            self.workspace.view.add(ticks[:near:STRIDE])
-        self.workspace.view.add(ticks[near : at + 1])
+        first = tuple(ticks[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
+        self.workspace.view.show_trial(trial.device, trial.way, first)
+        self.workspace.view.show_until(ticks[: at + 1], near)
         self._numbers = Reading()
         self._show_place(trial, at)
 

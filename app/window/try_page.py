@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QKeyEvent
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QGridLayout
 
 from app.ipc import messages as m
@@ -15,7 +15,7 @@ from app.window.controls import Controls
 from app.window.page import Page
 from app.window.painting import theme
 from app.window.painting.force_view import Layered, Reading
-from app.window.painting.parts import OneLine, Panel, button, column, line, row, word
+from app.window.painting.parts import NO_FOCUS, OneLine, Panel, button, column, line, row, word
 from app.window.painting.pass_view import INSET_PX, LAYERS, PassView
 from app.window.pass_table import PassTable
 from app.window.words import Shown
@@ -24,6 +24,7 @@ from experiments.protocol import Protocol
 
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
+AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -50,6 +51,11 @@ class TryPage(Page):
         self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
+        self.bring = button(
+            "Bring it back  B", self._bring_back, "small", "The handle to the start, from wherever it is"
+        )
+        self.bring.setFocusPolicy(NO_FOCUS)
+        QShortcut(QKeySequence("B"), self, self.bring.click).setAutoRepeat(False)
         self.clear = button("Clear", self._clear, "small")
         self.save = button("Save as protocol …", self._save, "small")
         self._lay_out()
@@ -71,6 +77,7 @@ class TryPage(Page):
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
         self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
+        self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
         head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
@@ -95,9 +102,10 @@ class TryPage(Page):
 
     def own_keys(self) -> dict[str, str]:
         guides = self.controls.guides.values()
-        return {
-            one.key: f"{one.feel.text()}: {one.accessibleName()}" for one in guides if one.key
-        } | self.workspace.keys
+        return {one.key: f"{one.feel.text()}: {one.accessibleName()}" for one in guides if one.key} | {
+            "B": "bring the handle back to the start",
+            **self.workspace.keys,
+        }
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """A digit chooses the controller in that place."""
@@ -116,6 +124,10 @@ class TryPage(Page):
     def _start(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
             self.send(m.Start())
+
+    def _bring_back(self) -> None:
+        self.send(m.BringBack())
+        self.canvas.setFocus()
 
     def _set(self) -> None:
         """Somebody has set something."""
@@ -160,6 +172,8 @@ class TryPage(Page):
         theme.name_anew(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
+        self.bring.setVisible(not self.opened.real_device and words.hand_is_mouse(self.opened))
+        self.bring.setEnabled(now is not None)
         if now is None:
             self.controls.show_settings(settings, None)
             self.canvas.show_handle(None)
@@ -180,7 +194,7 @@ class TryPage(Page):
                 if off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
-                self.canvas.phase = -1  # another pass
+                self.canvas.begin()
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
             self._show_passes()
 
@@ -189,12 +203,12 @@ class TryPage(Page):
             return
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
         by_pointer = words.hand_is_mouse(self.opened)
-        if phase == tick_log.MOVE != self.canvas.phase:  # until then the way of the last pass can be looked at
-            self.canvas.clear_trail()
         self.canvas.add(rows, taken if by_pointer else None)
         if self._reading.due(float(now[tick_log.T])):
             self.canvas.word()
-        self._say(words.moving(phase, taken or not by_pointer, words.language_of(self.opened)) or BACK)
+        held = taken or not by_pointer
+        said = words.moving(phase, held, words.language_of(self.opened)) or BACK
+        self._say(said if held or self.canvas.handle_seen else AWAY)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self.canvas.began_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):

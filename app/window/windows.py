@@ -1,6 +1,7 @@
 """The app: both windows on their screens, and 60 times a second what the session server has sent since."""
 
 import gc
+import math
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import time
 from functools import partial
 from importlib import import_module
 
+import numpy as np
 from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgressDialog
@@ -23,6 +25,7 @@ from app.window.painting import theme
 from app.window.painting.theme import show_whole
 from app.window.participant_window import ParticipantWindow
 from app.window.work import Verb
+from core import tick_log
 from core.files import InputError
 from core.kernel_cache import is_compiled
 
@@ -55,7 +58,11 @@ class Windows(QObject):
         shown.view.pointer_left.connect(lambda: self.client.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
         shown.close_asked.connect(self._close_asked)
+        shown.reading.connect(main.show_reading)
+        main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
+        self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
+        self._said = self._early = False  # it is said that a trial runs, before its ticks come; or these came before
         self._due_s = 0.0  # when the next frame is due
         self._timer = QTimer(self, singleShot=True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -99,7 +106,7 @@ class Windows(QObject):
     def _start_next(self) -> None:
         """The old session server has ended."""
         setup, then = self._next
-        self.client, self._ending = Client(setup), None
+        self.client, self._ending, self._shown_s = Client(setup), None, math.inf
         self.main.show_client(self.client, then)
         self.participant.show_snapshot(self.main.snapshot)
 
@@ -166,7 +173,13 @@ class Windows(QObject):
                 self._start_next()
             return
         alive = self.client.alive  # asked first: what it sent before it died is still read
-        for message in self.client.receive():
+        said = self.client.receive()
+        rows = self.client.ticks()
+        trials = by_trial(rows) if len(rows) else []
+        if trials and self._goes_on(trials[0]) and not self._early:  # first: what was said may be that it has ended
+            self._show_ticks(trials.pop(0))
+        for message in said:
+            begins = isinstance(message, m.Snapshot) and message.running not in (None, self.main.snapshot.running)
             match message:
                 case m.Opened():
                     self.main.show_opened(message)
@@ -177,20 +190,32 @@ class Windows(QObject):
                     self.participant.show_snapshot(message)
                 case m.Pulse():
                     self.main.show_pulse(message)
-        rows = self.client.ticks()
-        if len(rows):
-            taken = self.client.taken
-            if self.participant.isVisible():
-                self.participant.show_ticks(rows, taken)
-            self.main.show_ticks(rows, taken)
+            if begins:
+                self._said, self._early = not self._early, False
+                if trials:
+                    self._show_ticks(trials.pop(0))
+        for one in trials:
+            self._show_ticks(one)
+        self.participant.show_time()
         self.participant.view.follow_pointer()
         self.main.pages[self.main.shown].show_time(time.perf_counter())
         if not alive and not self.main.dead:
-            last = self.main.snapshot
-            self.main.show_dead(last.notice if last.notice_bad and last.notice else words.SERVER_DIED)
+            self.main.show_dead(words.server_died(self.main.snapshot))
             self.participant.show_dead()
         self.framed.emit(rows)
         QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)  # first: the hand looks at it
+
+    def _goes_on(self, rows: np.ndarray) -> bool:
+        """Whether ticks are of the trial of those that were shown last."""
+        return bool(rows[0, tick_log.T] > self._shown_s)
+
+    def _show_ticks(self, rows: np.ndarray) -> None:
+        """Ticks (n, tick_log.WIDTH) of one trial, n > 0."""
+        if not self._goes_on(rows):
+            self._said, self._early = False, not self._said
+        taken, self._shown_s = self.client.taken, float(rows[-1, tick_log.T])
+        self.participant.show_ticks(rows, taken)
+        self.main.show_ticks(rows, taken)
 
     def _warm(self, snapshot: m.Snapshot) -> None:
         """Once the server is ready, which needs the processors more: load what the results need, beside."""
@@ -218,6 +243,11 @@ class Windows(QObject):
             self._ending.join()
         else:
             self.client.stop(reason)
+
+
+def by_trial(rows: np.ndarray) -> list[np.ndarray]:
+    """Ticks (n, tick_log.WIDTH) of one trial after the other, trial by trial."""
+    return np.split(rows, np.flatnonzero(np.diff(rows[:, tick_log.T]) <= 0.0) + 1)
 
 
 def load_statistics() -> None:

@@ -40,13 +40,24 @@ ENDINGS = {
     "redone": "again", "excluded": "again", "skipped": "skipped",
 }  # fmt: skip
 
-SERVER_DIED = (
-    "The session server has stopped: the brakes are off and the recordings are kept. "
-    "Close this window, start again and resume the session."
-)
+RESUME = "Close this window, start again and resume the session"
+SERVER_DIED = f"The session server has stopped: the brakes are off and the recordings are kept. {RESUME}."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
+
+
+def server_died(last: m.Snapshot) -> str:
+    """What a session server that is gone leaves behind. last: the newest that it has sent."""
+    if last.stage == m.FAILED and last.notice:  # it said so itself
+        return last.notice
+    lost = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else ""
+    if last.running is None:
+        return f"The session server has stopped, and the brakes are off. {lost} {RESUME}." if lost else SERVER_DIED
+    run = "a practice trial" if last.practice else f"run {last.running.run}"
+    kept = lost or "What had reached its file is kept."
+    stopped = f"The session server has stopped in the middle of {run}: the brakes are off."
+    return f"{stopped} {kept} {RESUME}: {run} comes again."
 
 
 def language_of(opened: m.Opened | None) -> Language:
@@ -54,13 +65,16 @@ def language_of(opened: m.Opened | None) -> Language:
     return opened.protocol.sentences if opened is not None else ENGLISH_WORDS
 
 
-def moving(phase: int, taken: bool, language: Language, left_early: bool = False) -> Shown | None:
-    """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go"."""
+def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown | None:
+    """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go".
+
+    seen: the handle is in sight; else nobody is asked to touch it.
+    """
     if phase not in PHASES:
         return None
     large, small = PHASES[phase]
     if not taken:
-        small = "take"
+        small = "take" if seen else "stopped_how"
     elif left_early:
         small = "hold_again"
     return Shown(language[large], language[small].format(handle=language[theme.HANDLE_NAME]))

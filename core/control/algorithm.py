@@ -71,8 +71,9 @@ LOCK_NONE_SELECTED = 7
 LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
 LOCK_OBSTACLE = 10
-STEER = 11  # the castor of a device without brakes is steered along beta
-OWN = 12  # from here on: an algorithm's own decisions
+LOCK_TOO_LATE = 11  # likewise, and the guard cannot promise that it stops
+STEER = 12  # the castor of a device without brakes is steered along beta
+OWN = 13  # from here on: an algorithm's own decisions
 
 SHARED: tuple[str, ...] = (
     "none",
@@ -86,6 +87,7 @@ SHARED: tuple[str, ...] = (
     "lock: moving back",
     "lock: moving back, none selected",
     "lock: obstacle",
+    "lock: obstacle, too late to be sure",
     "steer",
 )
 
@@ -98,7 +100,8 @@ UNREACHABLE = frozenset(
 #: of them, those in which the rules take all current off the brakes
 RELEASED = frozenset({RELEASE_NO_VALID, RELEASE_NONE_SELECTED})
 #: ticks with full current on all brakes
-LOCKED = frozenset({LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED, LOCK_OBSTACLE})
+BY_GUARD = frozenset({LOCK_OBSTACLE, LOCK_TOO_LATE})
+LOCKED = BY_GUARD | {LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK, LOCK_BACK_NONE_SELECTED}
 
 
 @kernel

@@ -18,7 +18,6 @@ from core.control import proportional, reflect, sdof
 from core.control.algorithm import (
     GAP_M,
     IN_GAP,
-    LOCK_OBSTACLE,
     NONE,
     NOT_FINITE,
     OWN,
@@ -29,12 +28,11 @@ from core.control.algorithm import (
     limit,
     release,
 )
-from core.control.guard import NOTHING, keep_out, make_around
+from core.control.guard import NO_OBSTACLE, Seen, keep_out
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
 from core.kernel import kernel
-from core.mechanism import no_brakes
 from core.obstacles import nearest_obstacle
 
 
@@ -56,7 +54,6 @@ ALGORITHMS: dict[str, Algorithm] = {
 }
 
 NO_CONTROL = 0
-NO_OBSTACLE = make_around(NOTHING, no_brakes())
 
 #: Every parameter that any algorithm has, each once.
 PARAMETERS: dict[str, Parameter] = {
@@ -88,6 +85,12 @@ class Preset(NamedTuple):
         """Each parameter of its algorithm, SI units."""
         own = (one.name for one in ALGORITHMS[self.kind].parameters)
         return dict(zip(own, self.values, strict=True))
+
+    @property
+    def words(self) -> str:
+        """Its algorithm and its parameters, to be read: "proportional, gap 0 mm, gain 5 N s/m"."""
+        own = zip(ALGORITHMS[self.kind].parameters, self.values, strict=True)
+        return ", ".join([self.kind, *(f"{one.word} {one.scale * value:g} {one.unit}".rstrip() for one, value in own)])
 
     def replaced(self, **others: float) -> "Preset":
         """The same with other values; those of parameters that its algorithm has not are left out."""
@@ -183,7 +186,7 @@ def _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, 
 
 @kernel
 def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, current):
-    """One tick of control: writes current (4,) A, updates memory (9,); returns the decision code and the field.
+    """One tick of control: writes current (4,) A, updates memory (20,); returns the decision code and the field.
 
     Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
     the tip, kg. Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
@@ -194,9 +197,11 @@ def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, curr
     field = field_at(path, memory, x, y, vx, vy, fx, fy, controller.blend_width, controller.rules)
     around = controller.around[0]
     if around.count > 0:
+        if around.guard != 0:
+            locked = keep_out(around, brakes, memory, Seen(x, y, vx, vy, fx, fy, g, mass), current)
+            if locked != NONE:
+                return locked, field
         near = nearest_obstacle(around.edges, around.count, x, y)
-        if around.guard != 0 and keep_out(around, near, brakes, memory, vx, vy, fx, fy, g, mass, current):
-            return LOCK_OBSTACLE, field
         if around.guide != 0 and near.distance < controller.blend_width:
             blend, rules = controller.blend_width, controller.rules
             field = field_round(near, field.distance, memory, vx, vy, fx, fy, blend, rules)

@@ -1,72 +1,70 @@
 """The guard of obstacles: all brakes lock when the tip could otherwise not be stopped in front of one.
 
-How far the tip can still come is bounded in one dimension. On a way of length s its kinetic energy grows by at most
-`push` s (the largest push that is allowed for) and falls by what the brakes take: in a direction u (unit vector) brake
-i takes its yield times |g_i . u| for every metre, once its joint has been turned through its play. The yields rise with
-their lag, Eqs. (1) and (4), at the joint rates of the highest speed that the energy and the tip's least mass allow: the
-lag falls with the rate, but less than in proportion, so that the highest speed needs the longest way. Of all directions
-the one in which the brakes take least counts.
+A tick after which the tip can be stopped, whatever a hand within its push does (`core.control.stopping`), may pass with
+the brakes free. So every tick begins where a lock still stops it: that is the promise, and it holds as long as a
+movement begins there. Where it does not hold the guard locks all the same, and says so: `HOLDS`, a column of the log.
 
-Sensed motion is old: the tip by the delay of its samples, the velocity by the mean age of those in its filter besides.
-The tip may have been pushed on since then, against no brake: that way and that speed come first.
+Sensed motion is old, and encoders have steps: energy and way are counted as large as they can have become since.
 
-The bound is of the pose at hand: mass and rows g are taken as constant on the way, which `MARGIN` is to cover. It does
-not hold for a hand that pushes harder, nor for one that turns the joints back and forth inside their play.
+Of brakes with play no guard can promise this for ever: a hand that works to and fro inside the play of a full lock
+gains speed at every turn, and a little way with it (docs/obstacles.md). There is room for `turns` of them; once a joint
+turns back the guard asks anew whether it is sure.
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
+import msgspec
 import numpy as np
 
-from core.brake import inverse, time_constant, torque_gain
-from core.control.algorithm import lock
-from core.control.velocity_field import LOCKED
-from core.files import NotNegative, Positive, Table, choice
+from core.brake import inverse, time_constant
+from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, lock
+from core.control.stopping import STOPPING, TICK_S, furthest, leash, look_towards, make_stopping, suppose
+from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, new_memory
+from core.device import Device
+from core.files import Table, choice
 from core.kernel import kernel
 from core.mechanism import Brakes, Mechanism
-from core.obstacles import MOST_EDGES, ObstacleFile, build_obstacles
-from core.simulator.state import new_record, pack_brakes
+from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles, nearest_obstacle, next_obstacle
+from core.ranges import Push, SmallLength
+from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
+from core.simulator.stick_slip_mode import look
 from core.workspace import brake_rows, held_in_any_direction
 
-DIRECTIONS = 8  # over half a turn
-RATES = 32  # of the table of lags, up to omega_0, from which on the lag is constant
-STEP_S = 0.002
-LONGEST_S = 0.3  # what has not come to rest after it counts as never
-#: Share by which the energy is counted larger, for mass and rows that change on the way (a few centimetres), and for
-#: the directions between those that are looked at.
-MARGIN = 0.15
 STANDS_M_S = 0.001  # slower towards the obstacle counts as standing
 RELEASE_SHARE = 0.8
+STEPS = 60  # of a tenth each, by which a stopping distance is found
+BACK_SHARE = 0.05  # of a play
+ROUNDING = 1e-9
 
-#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_round`) and guard, work space too.
+#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_round`) and guard.
 AROUND = np.dtype(
     [
         ("count", "i8"),  # of edges
         ("edges", "f8", (MOST_EDGES, 7)),  # as in core.obstacles
         ("guide", "i8"),  # 1: near an obstacle its field counts in place of the path's
         ("guard", "i8"),
-        ("push", "f8"),  # N, the largest push that is allowed for
         ("keep", "f8"),  # m: stop so far before the edge
-        ("tip_age", "f8"),  # s, of the position that the controller sees
-        ("velocity_age", "f8"),  # s, likewise
+        ("turns", "f8"),
         ("let_go_force", "f8"),  # N, a pull away from the obstacle that releases; infinite: none does
-        ("full", "f8", (4,)),  # N m, yields at full current
-        ("growth", "f8", (4, RATES + 1)),  # share of the missing yield that a step brings, by joint rate
-        ("per_rate", "f8", (4,)),  # s/rad: places in that table
-        ("lever", "f8", (DIRECTIONS, 4)),  # 1/m, |g_i . u|
-        ("torque", "f8", (DIRECTIONS, 4)),  # N m, yields on the way in each direction
+        ("tip_age", "f8"),  # s, as in `Sensed`
+        ("velocity_age", "f8"),
+        ("tip_error", "f8"),
+        ("velocity_error", "f8"),
+        ("after", "f8", (4,)),  # N m, work space: yields
+        ("stopping", STOPPING),
     ]
 )
 
 
 class Guard(Table, frozen=True):
-    """`[guard]` of a protocol. All assumed."""
+    """`[guard]` of a protocol or scene. All assumed."""
 
-    push_N: Positive = 20.0  # the largest push of a hand that it allows for
-    keep_m: NotNegative = 0.0  # it stops the tip so far before the edge
+    push_N: Push = 10.0  # the largest push of a hand that it allows for
+    keep_m: SmallLength = 0.0  # it stops the tip so far before the edge
     release: Annotated[str, choice("pull", "clear")] = "pull"  # also by a pull, or only once the tip can be stopped
-    pull_N: Positive = 2.0  # a pull away from the obstacle that releases
+    pull_N: Push = 2.0  # a pull away from the obstacle that releases
+    turns: Annotated[int, msgspec.Meta(ge=0, le=100)] = 1  # of a joint inside its play that it keeps room for
 
 
 class Around(Table, frozen=True):
@@ -80,115 +78,223 @@ class Around(Table, frozen=True):
 NOTHING = Around()
 
 
-def make_around(how: Around, brakes: Brakes, age: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """What the kernels read of a trial's obstacles; brakes: of its device; age: of the sensed tip and velocity, s."""
+class Sensed(NamedTuple):
+    """How far what a controller sees of the tip may be from what it is."""
+
+    tip_age: float = 0.0  # s
+    velocity_age: float = 0.0  # s, of the oldest motion that has a part in it
+    tip_error: float = 0.0  # m
+    velocity_error: float = 0.0  # m/s
+
+
+EXACT = Sensed()
+
+
+class Seen(NamedTuple):
+    """What the guard decides by."""
+
+    x: float  # m
+    y: float
+    vx: float  # m/s
+    vy: float
+    fx: float  # N, of the hand
+    fy: float
+    g: np.ndarray  # (4, 2) 1/m, rows of the joints
+    mass: np.ndarray  # (3,) kg, M_xx, M_xy, M_yy of the tip
+
+
+class Motion(NamedTuple):
+    """How far the tip can have moved on since it was sensed, under the largest push."""
+
+    energy: float  # J, kinetic
+    ahead: float  # m, from where it was seen
+
+
+def make_around(how: Around, device: Device, sensed: Sensed = EXACT) -> np.ndarray:
+    """What the kernels read of a trial's obstacles; one record."""
     edges, guard = build_obstacles(how.obstacles), how.guard
-    around = new_record(AROUND, count=len(edges), guide=int(how.guide))
+    around = new_record(AROUND, count=len(edges), guide=int(how.guide), **sensed._asdict())
     around["edges"][0, : len(edges)] = edges
     if guard is not None:
-        around["guard"], around["push"], around["keep"] = 1, guard.push_N, guard.keep_m
-        around["tip_age"], around["velocity_age"] = age
+        around["guard"], around["keep"], around["turns"] = 1, guard.keep_m, guard.turns
         around["let_go_force"] = guard.pull_N if guard.release == "pull" else math.inf
-        learn_lags(around[0], pack_brakes(brakes, backlash=False)[0])
+        around["stopping"][0] = make_stopping(device.mechanism, device.brakes, guard.push_N)[0]
     return around
 
 
-@kernel
-def learn_lags(around, brakes):
-    """Fill the tables of full yields and of their growth."""
-    for i in range(4):
-        if brakes.present[i] != 0.0:
-            most = brakes.current_max[i]
-            around.full[i] = torque_gain(brakes, i, most)
-            around.per_rate[i] = RATES / brakes.omega_0[i] if brakes.omega_0[i] > 0.0 else math.inf
-            for n in range(RATES + 1):
-                lag = time_constant(brakes, i, most, brakes.omega_0[i] * n / RATES, True)
-                around.growth[i, n] = 1.0 - math.exp(-STEP_S * inverse(lag))
+NO_OBSTACLE = new_record(AROUND)
 
 
 def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
     """What a full lock holds (N) in whatever direction, at the worst of places (n, 2), m."""
     present = brakes.present > 0.0
-    full = make_around(Around(guard=Guard()), brakes)["full"][0]
+    full = make_stopping(mechanism, brakes, 1.0)["full"][0]
     return float(held_in_any_direction(brake_rows(mechanism, *places.T)[present], full[present]).min())
 
 
-@kernel
-def least_mass(mass):
-    """The smaller eigenvalue (kg) of the tip's mass matrix (3,): xx, xy, yy."""
-    middle, half = 0.5 * (mass[0] + mass[2]), 0.5 * (mass[0] - mass[2])
-    return middle - math.sqrt(half * half + mass[1] * mass[1])
+def why_no_guard(how: Around, name: str, device: Device, places: np.ndarray, there: str) -> str:
+    """Why a device cannot be guarded at places (n, 2), m, as the end of a sentence; "": it can. there: the places."""
+    if how.guard is None:
+        return ""
+    if not how.obstacles:
+        return "there is no obstacle to guard"
+    if not device.brakes.present.any():
+        return f"{name} has no brakes to lock"
+    if (held := least_held(device.mechanism, device.brakes, places)) <= how.guard.push_N:
+        return f"push_N ({how.guard.push_N:g}) must be less than the {held:.1f} N that {name} holds {there}"
+    return ""
+
+
+def locks_at_rest(how: Around, device: Device, tip: tuple[float, float]) -> bool:
+    """Whether the guard locks a device that stands at `tip` (m)."""
+    around, brakes = make_around(how, device)[0], pack_brakes(device.brakes, backlash=True)[0]
+    return bool(keep_out(around, brakes, new_memory(), seen_at(device, tip), np.zeros(4)) != NONE)
+
+
+def seen_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Seen:
+    """A tip (m) and its velocity (m/s) with what follows from them, and no hand."""
+    state = new_state(*tip, *velocity)
+    look(pack_mechanism(device.mechanism)[0], state[0])
+    return Seen(*tip, *velocity, 0.0, 0.0, state["g"][0, :4], state["mass"][0])
 
 
 @kernel
-def stopping_distance(around, brakes, g, mass, vx, vy, most):
-    """How far (m) the tip can come from now on with all brakes locked, an upper bound; infinite: further than `most`.
+def stopping_distance(around, seen):
+    """How far (m) any hand within the push can bring the tip in the direction in which it moves; infinite: not known.
 
-    g (4, 2), mass (3,) kg. The brakes are taken to have had no current until now: so the bound needs no more than the
-    tip, and what a brake holds already only shortens the way.
+    From brakes without current, a tick of it free: the room that the guard asks of a tip that moves so.
     """
-    for k in range(DIRECTIONS):
-        angle = math.pi * k / DIRECTIONS
-        u_x, u_y = math.cos(angle), math.sin(angle)
-        for i in range(4):
-            around.lever[k, i] = abs(g[i, 0] * u_x + g[i, 1] * u_y)
-            around.torque[k, i] = brakes.k[i, 1]
-    lightest = least_mass(mass)
-    energy = 0.5 * (mass[0] * vx * vx + 2.0 * mass[1] * vx * vy + mass[2] * vy * vy) * (1.0 + MARGIN)
-    way, before = 0.0, 0.0
-    if around.velocity_age > 0.0:
-        speed = math.sqrt(2.0 * energy / lightest) + around.push / lightest * around.velocity_age
-        energy, before = 0.5 * lightest * speed * speed, speed * around.tip_age
-        most -= before
-    for _ in range(round(LONGEST_S / STEP_S)):
-        if way > most:
+    suppose(around.stopping, around.stopping.drag, around.turns)
+    motion = as_it_can_be(around, seen, TICK_S)
+    radius = leash(around.stopping, seen.x, seen.y, motion.energy)
+    speed = math.sqrt(seen.vx * seen.vx + seen.vy * seen.vy)
+    if radius == math.inf or speed == 0.0:
+        return radius + motion.ahead
+    look_towards(around.stopping, seen.vx / speed, seen.vy / speed)
+    way = radius
+    for _ in range(STEPS):
+        nearer = furthest(around.stopping, motion.energy, 0.9 * way)
+        if not nearer < 0.9 * way:
             break
-        speed = math.sqrt(2.0 * energy / lightest)
-        slowing = (least_hold(around, brakes, way, speed) - around.push) / lightest
-        if speed <= slowing * STEP_S:  # at rest within the step
-            way += 0.5 * speed * speed / slowing if speed > 0.0 else 0.0
-            return before + way if way <= most else math.inf
-        step = speed * STEP_S - 0.5 * min(slowing, 0.0) * STEP_S * STEP_S  # no shorter than it can be
-        energy = max(energy - slowing * lightest * step, 0.0)
-        way += step
-    return math.inf
+        way *= 0.9
+    return way + motion.ahead
 
 
 @kernel
-def least_hold(around, brakes, way, speed):
-    """What the brakes take (J/m) in the direction in which they take least, `way` (m) after the joints' last turn; then
-    a step at this speed (m/s) for the yields.
+def keep_out(around, brakes, memory, seen, current):
+    """Lock all brakes where the tip could not be stopped in front of an obstacle; the decision, NONE: they are free.
+
+    They stay locked until the tip could be stopped in `RELEASE_SHARE` of the room, and with as much more energy, by
+    brakes that begin anew (so a lock does not end in the next one). For a hand that pulls away what the brakes hold
+    already counts, too: it is let go where a lock a tick later would still do, and where a lock does not help any more.
+    current (4,) A.
     """
-    least = math.inf
-    for k in range(DIRECTIONS):
-        held = 0.0
-        for i in range(4):
-            if brakes.present[i] == 0.0:
-                continue
-            lever = around.lever[k, i]
-            if way * lever >= brakes.play[i]:
-                held += around.torque[k, i] * lever
-            place = min(speed * lever * around.per_rate[i], float(RATES))
-            around.torque[k, i] += around.growth[i, int(place)] * (around.full[i] - around.torque[k, i])
-        least = min(least, held)
-    return least
+    stopping, was_locked = around.stopping, memory[LOCKED] != 0.0
+    age_yields(around, brakes, memory, seen, was_locked)
+    pulled = pulls_away(around, seen)
+    if pulled:
+        suppose(stopping, around.after, 0.0)
+    else:
+        suppose(stopping, stopping.drag, around.turns)
+    motion = as_it_can_be(around, seen, TICK_S)
+    if was_locked:
+        motion = Motion(motion.energy / RELEASE_SHARE, motion.ahead)
+    radius = leash(stopping, seen.x, seen.y, motion.energy)
+    share = RELEASE_SHARE if was_locked and not pulled else 1.0
+    free = holds = can_be_stopped(around, seen, motion, radius, share)
+    if not free:
+        within = seen.fx * seen.fx + seen.fy * seen.fy <= stopping.push * stopping.push * (1.0 + ROUNDING)
+        holds = memory[SURE] != 0.0 and not turned_back(around, memory, seen, was_locked) and within
+        if not holds:
+            for i in range(4):
+                around.after[i] = memory[HELD + i]
+            suppose(stopping, around.after, 0.0)
+            motion = as_it_can_be(around, seen, 0.0)
+            if radius == math.inf:
+                radius = leash(stopping, seen.x, seen.y, motion.energy)
+            holds = can_be_stopped(around, seen, motion, radius, 1.0)
+            memory[BACK] = 0.0
+        # nobody has to fight the brakes to get away; but a tip that is too fast to be stopped is slowed first
+        free = pulled and not holds and radius < math.inf
+    memory[SURE] = memory[HOLDS] = 1.0 if holds else 0.0
+    memory[LOCKED] = 0.0 if free else 1.0
+    if free:
+        return NONE
+    lock(brakes, current)
+    return LOCK_OBSTACLE if holds else LOCK_TOO_LATE
 
 
 @kernel
-def keep_out(around, near, brakes, memory, vx, vy, fx, fy, g, mass, current):
-    """Lock all brakes where the tip could not be stopped in front of the nearest obstacle; whether they are locked.
+def turned_back(around, memory, seen, was_locked):
+    """Whether a joint has turned back, since the lock began, by more than `BACK_SHARE` of its play in all.
 
-    They stay locked until the tip could be stopped in `RELEASE_SHARE` of the room (so a lock does not end in the next
-    one), or the hand pulls away. Velocity m/s, hand force N; current (4,) A.
+    Until then what was sure when the lock began is sure: the bound is one for all time.
     """
-    room = near.distance - around.keep
-    pull = fx * near.n_x + fy * near.n_y
-    if pull > around.let_go_force and vx * near.n_x + vy * near.n_y >= -STANDS_M_S:
-        memory[LOCKED] = 0.0
-        return False
-    share = RELEASE_SHARE if memory[LOCKED] != 0.0 else 1.0
-    stops = stopping_distance(around, brakes, g, mass, vx, vy, share * room) < share * room
-    memory[LOCKED] = 0.0 if stops else 1.0
-    if not stops:
-        lock(brakes, current)
-    return not stops
+    if not was_locked:
+        memory[BACK] = 0.0
+    for i in range(4):
+        rate = seen.g[i, 0] * seen.vx + seen.g[i, 1] * seen.vy
+        if not was_locked or memory[SENSE + i] == 0.0:
+            memory[SENSE + i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
+        elif rate * memory[SENSE + i] < 0.0 and around.stopping.width[i] > 0.0:
+            memory[BACK] += TICK_S * abs(rate) / around.stopping.width[i]
+    return memory[BACK] > BACK_SHARE
+
+
+@kernel
+def age_yields(around, brakes, memory, seen, was_locked):
+    """What each brake holds at least now, into the memory; into `after`, what it holds at least after a tick of none.
+
+    It has risen at half the joint's rate at least, Eq. (4); where the rate is sensed late, as if the joint rested.
+    """
+    stopping = around.stopping
+    for i in range(4):
+        drag, held = stopping.drag[i], max(memory[HELD + i], stopping.drag[i])
+        if was_locked:
+            rising = stopping.rising[i]
+            if around.velocity_age == 0.0 and stopping.present[i] != 0.0:
+                rate = 0.5 * (seen.g[i, 0] * seen.vx + seen.g[i, 1] * seen.vy)
+                rising = 1.0 - math.exp(-TICK_S * inverse(time_constant(brakes, i, brakes.current_max[i], rate, True)))
+            held += rising * (stopping.full[i] - held)
+        else:
+            held -= stopping.falling[i] * (held - drag)
+        memory[HELD + i] = held
+        around.after[i] = held - stopping.falling[i] * (held - drag)
+
+
+@kernel
+def pulls_away(around, seen):
+    """Whether the hand pulls away from the nearest obstacle by more than releases, and the tip does not approach it."""
+    near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
+    pull, away = seen.fx * near.n_x + seen.fy * near.n_y, seen.vx * near.n_x + seen.vy * near.n_y
+    return pull > around.let_go_force and away >= -STANDS_M_S
+
+
+@kernel
+def as_it_can_be(around, seen, later):
+    """The most that the tip can have of energy and way `later` (s) than its newest sample reached the guard."""
+    xx, xy, yy = seen.mass[0], seen.mass[1], seen.mass[2]
+    middle, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
+    light, heavy = math.sqrt(middle - half), math.sqrt(middle + half)
+    # sqrt(2 E): a push adds to it at most by push / light a second
+    speed = math.sqrt(max(xx * seen.vx * seen.vx + 2.0 * xy * seen.vx * seen.vy + yy * seen.vy * seen.vy, 0.0))
+    speed += around.stopping.push / light * (around.velocity_age + later) + heavy * around.velocity_error
+    return Motion(0.5 * speed * speed, speed / light * (around.tip_age + later) + around.tip_error)
+
+
+@kernel
+def can_be_stopped(around, seen, motion, radius, share):
+    """Whether a lock stops the tip in this share of the room to every obstacle; radius (m): that of its `leash`."""
+    first = 0
+    while first < around.count:
+        after = next_obstacle(around.edges, around.count, first)
+        near = away_from(around.edges, first, after, seen.x, seen.y)
+        room = share * (near.distance - around.keep) - motion.ahead
+        if room <= 0.0 or radius == math.inf:
+            return False
+        if room < radius:
+            look_towards(around.stopping, near.n_x, near.n_y)
+            if not furthest(around.stopping, motion.energy, room) < room:
+                return False
+        first = after
+    return True

@@ -30,6 +30,8 @@ WHOLE, IN_PART = OWN, OWN + 4
 MISSED_N = 1e-6
 #: Share of a brake's range by which a case may be outside it by rounding
 ROUNDING = 1e-9
+#: 1/m2. A brake whose row's square is below exerts nothing that could be told from rounding
+NO_ROW = 1e-200
 
 
 @kernel
@@ -46,11 +48,14 @@ def nearest_passive_force(ax, ay, low, high, fx, fy, torque):
         base_y += ay[i] * low[i]
     wx, wy = fx - base_x, fy - base_y
     # what brakes i and j add to their low torques; bit k of `full`: brake k adds all it can
-    i, j, add_i, add_j, full, outside = nearest_on_edge(ax, ay, low, high, wx, wy)
+    edge, way, full, outside = nearest_on_edge(ax, ay, low, high, wx, wy)
+    i, j, add_i, add_j = -1, -1, 0.0, 0.0
     if not outside:
-        p, q, add_p, add_q, others = inside(ax, ay, low, high, wx, wy)
-        if p >= 0:
-            i, j, add_i, add_j, full = p, q, add_p, add_q, others
+        i, j, add_i, add_j, others = inside(ax, ay, low, high, wx, wy)
+        full = others if i >= 0 else full
+    if i < 0 and edge >= 0:
+        i, add_i, on_line = shared_on_line(ax, ay, low, high, edge, way)
+        full |= on_line
     shown_x, shown_y = 0.0, 0.0
     for k in range(4):
         torque[k] = high[k] if full >> k & 1 else low[k]
@@ -65,34 +70,65 @@ def nearest_passive_force(ax, ay, low, high, fx, fy, torque):
 
 @kernel
 def nearest_on_edge(ax, ay, low, high, wx, wy):
-    """The point of the zonotope's boundary nearest to w: (brake on the edge, -1, what it adds, 0, full ones, outside).
+    """The boundary's point nearest to w: (brake whose line the edge lies along, way along it (N), full ones, outside).
 
-    Each brake gives two edges: on either side of its line the brakes that push to that side are full, the others low.
-    outside: w lies beyond an edge. Brake -1: no brake can add anything.
+    Each line gives two edges: on either side the brakes that push to that side are full, the others low. All brakes on
+    the line make the edge together, also those that push against one another; the way counts from where they add
+    nothing. outside: w lies beyond an edge. Brake -1: no brake can add anything.
     """
-    brake, add, full, outside, least = -1, 0.0, 0, False, math.inf
+    brake, found, full, outside, least = -1, 0.0, 0, False, math.inf
     for j in range(4):
         square = ax[j] * ax[j] + ay[j] * ay[j]
-        room = high[j] - low[j]
-        if not (room > 0.0 and square > 0.0):
+        if not (high[j] > low[j] and square > NO_ROW):
             continue
-        for side in (1.0, -1.0):
-            nx, ny = -side * ay[j], side * ax[j]
-            rx, ry, others = wx, wy, 0
-            for k in range(4):
-                push = nx * ax[k] + ny * ay[k]
-                if k != j and (push > 0.0 or (push == 0.0 and k > j)):
-                    rx -= ax[k] * (high[k] - low[k])
-                    ry -= ay[k] * (high[k] - low[k])
-                    others |= 1 << k
-            if nx * rx + ny * ry > 0.0:
-                outside = True
-            along = min(max((ax[j] * rx + ay[j] * ry) / square, 0.0), room)
-            off_x, off_y = rx - along * ax[j], ry - along * ay[j]
-            distance = off_x * off_x + off_y * off_y
+        size = math.sqrt(square)
+        ux, uy = ax[j] / size, ay[j] / size
+        # w and the line's brakes as seen along and across the line; what the others add on either side of it
+        there, off = ux * wx + uy * wy, ux * wy - uy * wx
+        back = ahead = left_along = left_off = right_along = right_off = 0.0
+        left = right = 0
+        for k in range(4):
+            room = high[k] - low[k]
+            along, across = (ux * ax[k] + uy * ay[k]) * room, (ux * ay[k] - uy * ax[k]) * room
+            if abs(across) <= ROUNDING * abs(along):  # on the line
+                back, ahead = back + min(along, 0.0), ahead + max(along, 0.0)
+            elif across > 0.0:
+                left_along, left_off, left = left_along + along, left_off + across, left | 1 << k
+            else:
+                right_along, right_off, right = right_along + along, right_off + across, right | 1 << k
+        outside = outside or off > left_off or off < right_off
+        for side_along, side_off, others in ((left_along, left_off, left), (right_along, right_off, right)):
+            way = min(max(there - side_along, back), ahead)
+            missed, beside = there - side_along - way, off - side_off
+            distance = missed * missed + beside * beside
             if distance < least:
-                brake, add, full, least = j, along, others, distance
-    return brake, -1, add, 0.0, full, outside
+                brake, found, full, least = j, way, others, distance
+    return brake, found, full, outside
+
+
+@kernel
+def shared_on_line(ax, ay, low, high, j, way):
+    """Share a way (N) along the line of brake j among those on it: (brake in between, what it adds, full ones).
+
+    Those that push that way come in one after the other, the strongest first: the least sum of shares. Brake -1: none
+    is in between.
+    """
+    size = math.hypot(ax[j], ay[j])
+    ux, uy = ax[j] / size, ay[j] / size
+    sense, rest, full = math.copysign(1.0, way), abs(way), 0
+    for _ in range(4):
+        brake, most = -1, 0.0
+        for k in range(4):
+            push, along = ux * ay[k] - uy * ax[k], ux * ax[k] + uy * ay[k]
+            force = sense * along * (high[k] - low[k])
+            if abs(push) <= ROUNDING * abs(along) and force > most and not full >> k & 1:
+                brake, most = k, force
+        if brake >= 0 and rest < most:
+            return brake, (high[brake] - low[brake]) * (rest / most), full
+        if brake >= 0:
+            full |= 1 << brake
+            rest -= most
+    return -1, 0.0, full
 
 
 @kernel

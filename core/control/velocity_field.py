@@ -16,9 +16,12 @@ BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is
 
 #: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
 #: (-1: not yet known). Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
-#: the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round an obstacle,
-#: and whether the guard has locked the brakes.
-TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND, LOCKED = 0, 1, 2, 3, 5, 7, 8
+#: the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round an obstacle.
+TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
+#: The guard's (`core.control.guard`): whether it has locked the brakes, what each brake holds at least (four places,
+#: N m), the sense in which each joint turned when the lock began, how far joints have turned back since (in plays),
+#: whether the guard was sure at the last tick, and whether it is at this one (NaN: it did not decide).
+LOCKED, HELD, SENSE, BACK, SURE, HOLDS = 8, 9, 13, 17, 18, 19
 
 
 class Field(NamedTuple):
@@ -37,8 +40,8 @@ NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is 
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (9,), at the start of a trial: towards the end, no side, no piece."""
-    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4, 1.0, 0.0])
+    """What a controller remembers between ticks, (20,), at the start of a trial: towards the end, no side, no piece."""
+    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4, 1.0, *[0.0] * 11, math.nan])
 
 
 @kernel

@@ -52,7 +52,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             continue
         if crowd > limits.MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
-            piece = min(rest, limits.FALLBACK_S)
+            piece = min(rest, limits.FALLBACK_S * state.tolerance)  # shorter in a check of a run
             advance_stepping(mechanism, brakes, hand, state, scratch, currents, t + elapsed, piece, lagged)
             if piece == rest:
                 return

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import GAP, LOCK_OBSTACLE, LOCKED, NONE, RELEASED, UNREACHABLE
+from core.control.algorithm import BY_GUARD, GAP, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
@@ -219,7 +219,7 @@ class Movement:
     def guarded_share(self) -> float | None:
         if self.least_distance is None:
             return None
-        return float(np.mean(self._decided(frozenset({LOCK_OBSTACLE}))))
+        return float(np.mean(self._decided(BY_GUARD)))
 
     @cached_property
     def least_distance(self) -> float | None:

@@ -6,6 +6,7 @@ where there was nothing to measure. The same rows give the same bytes.
 
 import csv
 import io
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +20,7 @@ from core import tick_log
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.metrics import METRICS, trial_metrics
-from experiments.recording.atomic_files import replace_file, write_new_file
+from experiments.recording.atomic_files import MOST_SHOWN, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -40,9 +41,12 @@ COUNTED = ("done", "timeout")
 #: Trials that settle their cell of the plan: after any other the cell is run again.
 SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
 
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?", re.ASCII)
+_WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)
 CLIPPED = 0.999  # of the largest force of the hand's spring
 
 Measure = float | None
+Name = str | None
 Controller = int | str  # a code, "K3", while the session is blind
 _Measured: Any = make_dataclass(
     "_Measured",
@@ -62,7 +66,9 @@ class TrialRow(_Measured):
     run: Annotated[int, "number of the trial in its session"]
     block: Annotated[int, "block within the configuration"]
     configuration: Annotated[str, "name of the device"]
-    controller: Annotated[Controller, "controller by its number in Table I, or by its code while the session is blind"]
+    controller: Annotated[
+        Controller, "controller by its number in the protocol, or by its code while the session is blind"
+    ]
     segment: Annotated[int, "number of the path"]
     repetition: Annotated[int, "how often this cell of the plan has come, from 1"]
     status: Annotated[str, "how the trial ended"]  # one of STATUSES
@@ -70,6 +76,9 @@ class TrialRow(_Measured):
     energy_residual_J: Annotated[Measure, "what the energy ledger of the trial leaves unexplained", "J"] = None
     energy_added_max_J: Annotated[
         Measure, "the most energy that any brake added in a step: must be none", "J"
+    ] = None  # fmt: skip
+    controller_name: Annotated[  # None: in a table of a version that had no such column
+        Name, "controller by its name in the protocol, or by its code while the session is blind"
     ] = None  # fmt: skip
 
     def seen_from(self, folder: str) -> "TrialRow":
@@ -94,15 +103,30 @@ class Column(NamedTuple):
 
 
 _MEASURES = [metric.name for metric in METRICS]
-_OTHERS = [one.name for one in fields(TrialRow) if one.name not in _MEASURES]
+_LAST = ["controller_name"]
+_OTHERS = [one.name for one in fields(TrialRow) if one.name not in (*_MEASURES, *_LAST)]
 _PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
-#: Measures that came after the first version stand at the end.
-COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:])
+#: What came after the first version stands at the end.
+COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:], *_LAST)
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
 _TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, Column] = {name: Column(*_TYPES[name][1:]) for name in COLUMNS}
+
+
+def named(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
+    """The row with its controller's name where it has none; a code is its own name."""
+    if row.controller_name is not None:
+        return row
+    which = row.controller
+    return replace(row, controller_name=which if isinstance(which, str) else names.get(which))
+
+
+def is_same_row(there: TrialRow, right: TrialRow) -> bool:
+    """Whether a table's row is the right one; an earlier version's table has no name to compare."""
+    name = None if there.controller_name is None else right.controller_name or ""
+    return there == replace(right, controller_name=name)
 
 
 def is_code(cell: object) -> bool:
@@ -122,18 +146,28 @@ def _cell(column: str, value: object) -> str:
             return ""
         if isinstance(value, int | float | np.number) and np.isfinite(value):
             return repr(float(value))
-    elif kind is str and isinstance(value, str) or kind == Controller and is_code(value):
+    elif kind == Name and value is None:
+        return ""
+    elif kind in (str, Name) and isinstance(value, str) or kind == Controller and is_code(value):
         return str(value)
-    elif kind is not str and isinstance(value, int | np.integer) and not isinstance(value, bool):
-        return str(int(value))
+    elif kind in (int, Controller) and isinstance(value, int | np.integer) and not isinstance(value, bool):
+        if _WHOLE_NUMBER.fullmatch(digits := str(int(value))):
+            return digits
     raise ValueError(f"trials table: {column} cannot be {value!r}")
 
 
 def _value(column: str, cell: str) -> object:
+    """ValueError for a cell that `_cell` writes for no value."""
     kind = _TYPES[column][0]
     if kind == Measure:
+        if cell and not (_NUMBER.fullmatch(cell) and math.isfinite(float(cell))):
+            raise ValueError(cell)
         return float(cell) if cell else None
-    return cell if kind is str or kind == Controller and is_code(cell) else int(cell)
+    if kind in (str, Name) or kind == Controller and is_code(cell):
+        return cell
+    if not _WHOLE_NUMBER.fullmatch(cell):
+        raise ValueError(cell)
+    return int(cell)
 
 
 def table_bytes(rows: Iterable[TrialRow]) -> bytes:
@@ -170,11 +204,13 @@ def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = Fa
     write(Path(path), table_bytes(rows), sync=True)
 
 
-def append_row(path: str | Path, row: TrialRow, known: bytes = b"", sync: bool = True) -> bytes:
+def append_row(
+    path: str | Path, row: TrialRow, known: bytes = b"", sync: bool = True, names: Mapping[int, str] | None = None
+) -> bytes:
     """Add a row at the end, making the table if there is none; the rows before are kept as they are.
 
     Returns what the file holds now. known: what the last call returned; a file that still holds it is not read row by
-    row again.
+    row again. names: of the controllers, for rows of an earlier version's table, which has no column for them.
     """
     path = Path(path)
     there = path.read_bytes() if path.exists() else b""
@@ -185,7 +221,7 @@ def append_row(path: str | Path, row: TrialRow, known: bytes = b"", sync: bool =
         before = read_table(path) if there else []
         if before and there != table_bytes(before):
             raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-        data = table_bytes([*before, row])
+        data = table_bytes([*(named(one, names or {}) for one in before), row])
     replace_file(path, data, sync)
     return data
 
@@ -196,11 +232,17 @@ def read_table(path: str | Path) -> list[TrialRow]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
     if not lines or tuple(lines[0][: len(_LEAST)]) != _LEAST:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
+
+
+def _cut(value: object) -> str:
+    """A value in a sentence."""
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}.."
 
 
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
@@ -213,9 +255,9 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
         try:
             values[column] = _value(column, cell)
         except ValueError:
-            raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
+            raise InputError(f"{path}: line {number}: {column} = {_cut(cell)} is not a number") from None
     if values["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {values['status']!r} is none of {', '.join(STATUSES)}")
+        raise InputError(f"{path}: line {number}: status {_cut(values['status'])} is none of {', '.join(STATUSES)}")
     return TrialRow(**values)
 
 
@@ -230,11 +272,7 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     short, as by a force that is not a number) then has a row without measures.
     """
     about, outcome = recording.metadata, recording.outcome
-    for key in NEEDED:
-        if key not in about:
-            raise InputError(f"{recording.path}: the metadata lack {key}")
-    if "status" not in outcome:
-        raise InputError(f"{recording.path}: the end record lacks the status")
+    check_named(recording)
     where = f"{recording.path}: path"
     path = build_path(path_from(about["path"], where), where)
     metrics: dict[str, Any] = {}
@@ -244,14 +282,39 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
-    return TrialRow(
+    preset = about.get("preset", {})
+    if not isinstance(preset, Mapping) or not isinstance(preset.get("name", ""), str):
+        raise InputError(f"{recording.path}: the metadata's preset must be a table with a name")
+    row = TrialRow(
         *(about[key] for key in NEEDED[:-1]),
         outcome["status"],
         recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
         energy_residual_J=outcome.get("energy_residual_J"),
         energy_added_max_J=outcome.get("energy_added_max_J"),
+        controller_name=preset.get("name"),
         **metrics,
     )
+    return named(row, {})
+
+
+def check_named(recording: "Recording") -> None:
+    """InputError if a recording does not name its trial and its end, or by something that no row can hold."""
+    about, outcome = recording.metadata, recording.outcome
+    for key in NEEDED:
+        if key not in about:
+            raise InputError(f"{recording.path}: the metadata lack {key}")
+    if "status" not in outcome:
+        raise InputError(f"{recording.path}: the end record lacks the status")
+    named = [(key, about[key]) for key in NEEDED[:-1]]
+    named += [(name, outcome[name]) for name in ("energy_residual_J", "energy_added_max_J") if name in outcome]
+    for column, value in named:
+        try:
+            _cell(column, value)
+        except (ValueError, TypeError, OverflowError):
+            raise InputError(f"{recording.path}: {column} cannot be {_cut(value)}") from None
+    if outcome["status"] not in list(STATUSES):  # it may be anything
+        known = ", ".join(STATUSES)
+        raise InputError(f"{recording.path}: status {_cut(outcome['status'])} is none of {known}")
 
 
 def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:

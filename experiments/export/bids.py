@@ -28,6 +28,7 @@ from experiments.export.files import (
     Exported,
     ExportedTrial,
     answers_and_notes,
+    controller_levels,
     recording_column,
     write_columns,
     write_json,
@@ -73,6 +74,7 @@ class BidsDataset:
         self.folder = folder
         self._hands: dict[str, str] = {}  # subject -> hand
         self._scans: dict[tuple[str, str], list[list[str]]] = {}
+        self._rows: list[TrialRow] = []
 
     def add(self, trial: ExportedTrial) -> None:
         """Write one recording: motion, channels, events."""
@@ -86,6 +88,7 @@ class BidsDataset:
         write_json(motion / f"{stem}_motion.json", _about(trial, channels))
         write_rows(motion / f"{stem}_channels.tsv", [_Channel._fields, *channels])
         write_rows(motion / f"{stem}_events.tsv", [("onset", "duration", "trial_type"), *_phases(trial.recording)])
+        self._rows.append(trial.row)
         self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
             [f"motion/{stem}_motion.tsv", _day_time(trial.begun), *_cells(trial.row)]
@@ -112,10 +115,11 @@ class BidsDataset:
         answers, _ = answers_and_notes(exported.sessions)
         write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
         levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
+        controllers = controller_levels(self._rows, exported.sessions)
         hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
         phd = version_of("phd")
         about: dict[str, dict[str, Any]] = {
-            "scans.json": {name: _scan_column(name) for name in _SCANNED},
+            "scans.json": {name: _scan_column(name, controllers.get(name, {})) for name in _SCANNED},
             "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
             f"task-{TASK}_events.json": {
                 "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
@@ -253,10 +257,11 @@ def _day_time(text: str) -> str:
         return MISSING
 
 
-def _scan_column(name: str) -> dict[str, Any]:
+def _scan_column(name: str, levels: dict[str, str]) -> dict[str, Any]:
+    """levels: cell -> words, of a column that names one of a few things."""
     meaning, unit = DICTIONARY[name]
-    units = {"Units": unit} if unit else {}
-    return {"Description": meaning, **units, **({"Levels": STATUSES} if name == "status" else {})}
+    levels = STATUSES if name == "status" else levels
+    return {"Description": meaning, **({"Units": unit} if unit else {}), **({"Levels": levels} if levels else {})}
 
 
 _CHANNELS_JSON = {

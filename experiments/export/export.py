@@ -7,7 +7,6 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 """
 
 import contextlib
-import json
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from core.files import InputError
-from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, row_of, write_table
+from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, check_named, row_of, write_table
 from experiments.export.bids import BidsDataset
 from experiments.export.files import (
     DECISION_READING,
@@ -26,6 +25,7 @@ from experiments.export.files import (
     Exported,
     ExportedTrial,
     answers_and_notes,
+    controller_levels,
     recording_column,
     write_answers_and_notes,
     write_columns,
@@ -33,11 +33,12 @@ from experiments.export.files import (
 )
 from experiments.progress import Progress, unseen
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import refusing, rename
+from experiments.recording.atomic_files import reading_stored, refusing, rename
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
-from experiments.session.files import STORED, TABLE, recordings_in, rows_of
+from experiments.session.checksums import read_sealed
+from experiments.session.files import STORED, TABLE, recordings_in, rows_of, seen_from
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.
@@ -59,9 +60,14 @@ def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> 
     paths = [path for home in homes for path in recordings_in(home)]
     if not paths:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
-    sessions = {home: _session_of(home) for home in homes}
-    there = set(paths)
-    left_out = [
+    sessions, left_out = {}, []
+    for home in homes:
+        try:
+            sessions[home] = _session_of(home)
+        except InputError as error:  # without its table a session cannot say what its trials are
+            left_out.append(seen_from(folder, str(error)))
+    homes, there = list(sessions), set(paths)
+    left_out += [
         f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
         for home, session in sessions.items()
         for row in session.recorded.values()
@@ -71,7 +77,8 @@ def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> 
     with _new_folders(outs) as partial:
         forms = [BidsDataset(place) if form == "bids" else CsvTables(place) for form, place in partial.items()]
         for number, path in enumerate(paths, start=1):
-            trial = _look_at(path, sessions[path.parent.parent])
+            home = path.parent.parent
+            trial = _look_at(path, sessions[home]) if home in sessions else "the table of its session cannot be read"
             if isinstance(trial, str):
                 left_out.append(f"{path.relative_to(folder).as_posix()} ({trial})")
             else:
@@ -103,8 +110,8 @@ class _Session(NamedTuple):
 def _session_of(folder: Path) -> _Session:
     rows = rows_of(folder)
     version = "n/a"
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # damaged: `phd verify` names what is wrong
-        version = str(json.loads((folder / STORED).read_text(encoding="utf-8"))["versions"]["phd"])
+    with contextlib.suppress(InputError), reading_stored(folder / STORED):  # `phd verify` names what is wrong
+        version = str(read_sealed(folder / STORED)["versions"]["phd"])
     return _Session(
         (folder / TABLE).exists(),
         {Path(row.recording).stem: row for row in rows if row.recording},
@@ -122,7 +129,11 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
         return "; ".join(recording.damaged) or "cut off before its end"
     if session.has_table and path.stem not in session.recorded:
         return f"has no row in {TABLE}: the trial is not over, or phd recover has to look at it"
-    row = session.recorded[path.stem] if session.has_table else row_of(recording, home)
+    try:
+        check_named(recording)
+        row = session.recorded[path.stem] if session.has_table else row_of(recording, home)
+    except InputError as error:
+        return seen_from(home, str(error))
     about = {**recording.metadata, "controller": row.controller}
     outcome = {**recording.outcome, "status": row.status}  # a trial that was done may have been redone since
     blind = session.blind or isinstance(row.controller, str)  # a code
@@ -203,7 +214,10 @@ class CsvTables:
         write_table(self.folder / "trials.csv", order)
         tables: dict[str, Mapping[str, Column]] = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
         tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
-        write_json(self.folder / "columns.json", {name: _described(columns) for name, columns in tables.items()})
+        described = {name: _described(columns) for name, columns in tables.items()}
+        for name, levels in controller_levels(order, exported.sessions).items():
+            described["trials.csv"][name] |= {"levels": levels} if levels else {}
+        write_json(self.folder / "columns.json", described)
         (self.folder / "README.md").write_bytes(exported.readme("csv"))
 
 

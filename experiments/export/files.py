@@ -1,5 +1,6 @@
 """What an export holds: trials as they may be shown, answers, notes; what its columns mean; how they become text."""
 
+import contextlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,11 +11,12 @@ import pyarrow as pa
 from pyarrow.csv import WriteOptions, write_csv
 
 from core import tick_log
-from core.control.controllers import DECISIONS
+from core.control.controllers import DECISIONS, Preset
 from core.files import InputError
 from experiments.analysis.charts import Answers
-from experiments.analysis.trials_table import DICTIONARY, Column, TrialRow, csv_bytes
+from experiments.analysis.trials_table import DICTIONARY, Column, TrialRow, by_controller, csv_bytes
 from experiments.recording.schema import Recording
+from experiments.session.files import read_stored
 from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
 #: What the ticks of a recording hold.
@@ -56,7 +58,7 @@ PHASE_LEVELS = {
 }
 #: How the words of the column `decision` are to be read.
 DECISION_READING = (
-    "off: brakes off outside the movement; none: controller 1; gap: inside the band without control; "
+    "off: brakes off outside the movement; none: a controller without control; gap: inside the band without control; "
     "release / lock: no or full current on all brakes, and why; "
     "sdof J / prop J: the brake at joint J is used, by the SDOF or the proportional rule. All words: "
     + "; ".join(DECISIONS)
@@ -77,6 +79,28 @@ def recording_column(name: str, command_unit: str = "A") -> Column:
         meaning = column.meaning.replace("current", f"value ({command_unit})", 1)
         return column._replace(meaning=meaning, unit=command_unit)
     return column
+
+
+def controller_levels(rows: Iterable[TrialRow], sessions: Iterable[Path]) -> dict[str, dict[str, str]]:
+    """What the cells of the columns `controller` and `controller_name` stand for: column -> cell -> words.
+
+    From the protocols that the sessions (.../sub-01/ses-01) were run by, which may number other controllers alike; of a
+    blind session no more than the code.
+    """
+    presets: dict[str, Mapping[int, Preset]] = {}
+    for folder in sessions:
+        with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+            presets[folder.parent.name.removeprefix("sub-")] = read_stored(folder).protocol.controllers
+    found: dict[str, dict[str, dict[str, None]]] = {"controller": {}, "controller_name": {}}
+    for row in sorted(rows, key=lambda row: by_controller(row.controller)):
+        number, name = row.controller, row.controller_name
+        preset = None if isinstance(number, str) else presets.get(row.participant, {}).get(number)
+        words = preset.words if preset else "not known" if isinstance(number, int) else "coded, the session is blind"
+        whole = f"{preset.name}: {words}" if preset else words
+        found["controller"].setdefault(str(number), {})[whole] = None
+        if name:
+            found["controller_name"].setdefault(name, {})[words] = None
+    return {column: {cell: " / ".join(each) for cell, each in cells.items()} for column, cells in found.items()}
 
 
 def scale_column(name: str) -> Column:

@@ -18,6 +18,8 @@ from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare
 from experiments.export.files import answers_and_notes
 from experiments.protocol import label
+from experiments.recording.atomic_files import reading_stored
+from experiments.session.checksums import read_sealed
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
 from experiments.session.journal import journal_summary
 
@@ -96,11 +98,16 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
             rows += [row.seen_from(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
         except InputError as error:
             problems.append(str(error))
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # `phd verify` names what is wrong with it
-            about = json.loads((session / STORED).read_text(encoding="utf-8"))
+        with contextlib.suppress(InputError), reading_stored(session / STORED):  # `phd verify` names what is wrong
+            about = read_sealed(session / STORED)
             planned[str(about["participant"])] = len(about["plan"])
             texts.setdefault(json.dumps(about["protocol"], sort_keys=True), session)
-    protocols = [read_stored(session).protocol for session in texts.values()]
+    protocols = []
+    for session in texts.values():
+        try:
+            protocols.append(read_stored(session).protocol)
+        except InputError as error:
+            problems.append(str(error))
     presets = {number: preset for one in reversed(protocols) for number, preset in one.controllers.items()}
     lengths = {
         number: build_path(path, f"path {number}").length

@@ -9,13 +9,14 @@ shown as assumed. Numbers that are hardly in the units of their columns are take
 import contextlib
 import json
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
-from core.files import InputError
+from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.progress import Progress, unseen
@@ -54,7 +55,14 @@ def identify(
 
         drawn = draw_identification(found, figures)
     write_new_files({**drawn, out: text.encode()})
-    return found, parse_brake(text, str(out)), list(drawn)
+    return found, _brake(text, str(out)), list(drawn)
+
+
+def _brake(text: str, where: str) -> BrakeFile:
+    """The brake of a file that was just made; what is strange in it is said of the steps' units (`found.doubtful`)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StrangeInput)
+        return parse_brake(text, where)
 
 
 def brake_text(found: Identification, name: str) -> str:
@@ -62,11 +70,11 @@ def brake_text(found: Identification, name: str) -> str:
     lowest = min(one.step.speed_rpm for one in found.measured)
     text = _brake_text(found, name, lowest * BELOW_MEASURED)
     with contextlib.suppress(InputError):
-        parse_brake(text, found.source)
+        _brake(text, found.source)
         return text
     text = _brake_text(found, name, lowest)  # extrapolated, a time constant may turn negative
     try:
-        parse_brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
+        _brake(text, f"{found.source}: the fit is no brake that can exist: the brake file")
     except InputError as error:
         raise InputError("; ".join([str(error), *found.doubtful.values()])) from None
     return text
@@ -82,7 +90,7 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
     how |= dict.fromkeys(given, GIVEN) | {key: f"assumed: {why}" for key, why in found.assumed.items()}
     provenance = f"identified from {found.source}: {', '.join(found.keys(IDENTIFIED))}"
     provenance += f"; given: {', '.join(given)}" if given else ""
-    provenance += f"; assumed: {', '.join(found.assumed)}"
+    provenance += f"; assumed: {', '.join(found.assumed)}" if found.assumed else ""
     if found.doubtful:
         provenance += f"; doubtful units: {', '.join(found.doubtful)}"
 

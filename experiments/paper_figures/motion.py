@@ -16,6 +16,7 @@ The energy that each puts in is the work of its force on the tip.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from matplotlib.lines import Line2D
 
 from core import tick_log as log
 from core.control.controllers import make_preset
-from core.control.guard import Around, Guard, least_held, make_around, stopping_distance
+from core.control.guard import Around, Guard, least_held, make_around, seen_at, stopping_distance
 from core.device import Device
 from core.mechanism import JOINTS
 from core.path import Segment
@@ -187,16 +188,12 @@ STOPPED_S = 0.5
 
 
 def bounds(device: Device, tip: tuple[float, float], push: float, play: bool) -> Array:
-    """The guard's bound (m) at each of `SPEEDS_M_S`, in the worst direction of the motion; infinite over `MOST_M`."""
-    simulated = pushed(device, tip, play)
-    around, state = make_around(Around(guard=Guard(push_N=push)), device.brakes)[0], simulated.state[0]
+    """The guard's bound (m) at each of `SPEEDS_M_S`, in the worst direction of the motion; infinite: it has none."""
+    if not play:
+        device = replace(device, brakes=device.brakes._replace(play=np.zeros(4)))
+    around = make_around(Around(guard=Guard(push_N=push)), device)[0]
     found = [
-        max(
-            stopping_distance(
-                around, simulated.brakes[0], state.g, state.mass, v * math.cos(a), v * math.sin(a), MOST_M
-            )
-            for a in ANGLES
-        )
+        max(stopping_distance(around, seen_at(device, tip, (v * math.cos(a), v * math.sin(a)))) for a in ANGLES)
         for v in SPEEDS_M_S
     ]
     return np.array(found)
@@ -236,8 +233,9 @@ def draw_stopping(device: Device) -> Figure:
     text = (
         f"{parameters_of(device)} Handle at ({100.0 * tip[0]:.0f}, {100.0 * tip[1]:.0f}) cm, where a full lock holds "
         f"{held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for a hand "
-        "that pushes no harder than that all the while, brakes off until now, in the worst direction. Circles: the "
-        "simulated handle, pushed straight on, in its worst direction, with the play."
+        "that does whatever it wants with no more than that push, brakes off until now, in the worst direction of its "
+        "motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed straight "
+        "on, in its worst direction, with the play."
     )
     figure, [axes] = sheet(text, (8.0, 3.9), (0.65, 0.25, 0.5, 0.95), 1, 2, (0.6, 0.0), sharey=True)
     for panel, play, words in ((axes[0], True, "With the play of the brakes"), (axes[1], False, "Without play")):

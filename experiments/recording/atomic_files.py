@@ -17,6 +17,7 @@ from core.files import InputError
 
 PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
 HELD_OPEN = (5, 32, 33)  # winerror: access denied (so a replaced file that is open), sharing violation, locked
+MOST_SHOWN = 200  # characters of a reason
 TRIES, TRY_S = 40, 0.05  # 2 s. Our choice: such programs keep a new file for some 100 ms
 
 
@@ -80,8 +81,10 @@ def reading_stored(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: is damaged (nested too deeply)") from None
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        raise InputError(f"{path}: is damaged ({type(error).__name__}: {str(error)[:MOST_SHOWN]})") from None
 
 
 def refuse_existing_files(files: Iterable[Path]) -> None:

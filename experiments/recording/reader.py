@@ -13,13 +13,22 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from fastcrc.crc32 import iso_hdlc as crc32
 
+from core import tick_log
 from core.files import InputError
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.schema import FORM, SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at
+from experiments.recording.schema import (
+    FORM,
+    SEAL,
+    TEXT_COLUMNS,
+    Recording,
+    Sensors,
+    footer_at,
+    recording_columns,
+)
 
 MARKER = b"\xff\xff\xff\xff"  # begins every message of an Arrow stream
 STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream
-_UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, ValueError)
+_UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, ValueError, TypeError, RecursionError)
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -46,7 +55,7 @@ def read_parquet(path: Path) -> Recording:
         table = file.read(use_threads=False)
         described = describe(table.schema.metadata)
         columns = as_arrays(table.to_batches(), table.schema, described["words"])
-        outcome = json.loads(stored[b"outcome"])
+        outcome = _outcome(stored[b"outcome"])
     except _UNREADABLE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         return Recording(path, damaged=[f"file: damaged ({reason}), no row can be read"])
@@ -83,13 +92,42 @@ def _read_stream(path: Path) -> Recording:
             damaged.append(f"batch {_span(sequence, number)} (rows {_span(next_row, first)}): damaged")
         sequence, next_row = number + 1, first + batch.num_rows
         if b"end" in about:
-            ended, outcome = True, json.loads(about[b"outcome"])
+            ended = True
+            try:
+                outcome = _outcome(about[b"outcome"])
+            except (KeyError, ValueError, RecursionError):
+                damaged.append("end record: its outcome cannot be read")
         else:
             batches.append(batch)
     if ended and not STREAM_END.startswith(data[at:]):
         damaged.append("end: the bytes after the end record are damaged")
-    columns, complete = as_arrays(batches, schema, described["words"]), ended and data[at:] == STREAM_END
+    try:
+        columns = as_arrays(batches, schema, described["words"])
+    except ValueError as error:  # ArrowInvalid is one
+        return Recording(path, damaged=[f"header: {error}, no row can be trusted"])
+    complete = ended and data[at:] == STREAM_END
     return Recording(path, **described, outcome=outcome, columns=columns, complete=complete, damaged=damaged)
+
+
+def _outcome(text: bytes) -> dict[str, Any]:
+    """How a trial ended, as it was given to the writer. ValueError if it is no JSON object."""
+    outcome = _json(text)
+    if not isinstance(outcome, dict) or not _are_texts(outcome.get("warnings", [])):
+        raise ValueError("the outcome is not as the writer stores it")
+    return outcome
+
+
+def _json(text: bytes) -> Any:
+    """What `writer.as_json` writes: ValueError for numbers that are not finite."""
+
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is no number")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def _are_texts(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(one, str) for one in value)
 
 
 def _span(first: int, end: int) -> str:
@@ -134,6 +172,8 @@ def _whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
         about = dict(custom or {})
         if not is_sealed(message, about.get(b"crc32")) or batch.num_rows != int(about[b"rows"]):
             return None
+        if min(int(about[b"sequence"]), int(about[b"first_row"])) < 0:
+            return None
     except _UNREADABLE:
         return None
     return batch, about, at + len(message)
@@ -154,7 +194,7 @@ def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
     ValueError if this is no recording or one of a later form.
     """
     try:
-        about = json.loads((schema_metadata or {})[b"phd"])
+        about = _json((schema_metadata or {})[b"phd"])
         form, words = about["form"], about["text"]
         described = {
             "metadata": about["metadata"],
@@ -162,7 +202,14 @@ def describe(schema_metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
             "sensors": Sensors(**about["sensors"]) if "sensors" in about else None,
             "words": {name: tuple(words[name]) for name in TEXT_COLUMNS},
         }
-    except (KeyError, TypeError, ValueError):
+        as_declared = isinstance(about["metadata"], dict) and isinstance(about["braked"], str)
+        if not as_declared or not all(_are_texts(words[name]) for name in TEXT_COLUMNS):
+            raise ValueError("not as the writer stores it")
+        known = {"phase": tick_log.PHASES, "stuck": tick_log.STUCK_LETTERS}
+        if any(not set(words[name]) <= set(known[name]) for name in known) or "move" not in words["phase"]:
+            raise ValueError("words that there are not")
+        recording_columns(about["braked"], described["sensors"])  # InputError for joints that there are not
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, InputError):
         raise ValueError("no description of a recording") from None
     if form != FORM:
         raise ValueError(f"form {form!r}, this program reads form {FORM}")
@@ -174,11 +221,17 @@ def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str,
     table = pa.Table.from_batches(batches, schema)
     table.validate(full=True)  # every code has a word
     columns: dict[str, np.ndarray] = {}
+    if missing := [name for name in ("t_s", *TEXT_COLUMNS) if name not in schema.names]:
+        raise ValueError(f"there is no column {missing[0]}")
     for name, column in zip(schema.names, table.unify_dictionaries().columns, strict=True):
         if column.null_count:
             raise ValueError(f"column {name} has gaps")
         coded = column.combine_chunks()
+        if pa.types.is_dictionary(column.type) != (name in TEXT_COLUMNS):
+            raise ValueError(f"column {name} is of another type")
         if name not in TEXT_COLUMNS:
+            if column.type != pa.float64():
+                raise ValueError(f"column {name} is not of numbers")
             columns[name] = np.from_dlpack(coded).copy()  # that can be written to
             continue
         there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}

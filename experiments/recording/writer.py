@@ -1,11 +1,12 @@
 """Writing recordings (their content: `schema`): a stream grows while the trial runs and becomes Parquet once closed."""
 
 import contextlib
+import errno
 import io
 import json
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -25,6 +26,8 @@ from experiments.recording.atomic_files import (
     refuse_existing_files,
     refusing,
     remove,
+    replace_file,
+    set_aside,
     sync_folder,
     written_beside,
 )
@@ -44,14 +47,18 @@ from experiments.recording.schema import (
 BATCH_ROWS = 1000  # most rows in a batch: what a damaged byte can cost. Smaller: slower, larger files
 WRITE_INTERVAL_S = 0.1  # rows wait at most this long (and for the next call): what a kill can cost
 SYNC_INTERVAL_S = 0.25  # at most so often to the disk itself: what a power cut can cost
+MOST_IN_MEMORY = 400_000_000  # bytes of a stream, a quarter of an hour and more. Our choice: a desktop has the room
+OTHER = "other"  # how a file is marked that stood where a stream from memory belongs
 
 
 class RecordingWriter:
     """Writes the ticks of one trial to a new file, batch by batch; closed, the stream has its end record.
 
     As a context manager it closes on a normal exit; on an exception it keeps what it has and leaves the end out.
-    Disk full or unplugged: OSError from `write`, `flush` or `close`; the file then ends with its last whole batch,
-    has no end record, and takes no more. Not for the control loop itself: a call can wait for the disk.
+    Disk full or unplugged, file or folder gone: OSError, once, from the call of `write` or `flush` that notices it, and
+    from `close`. The file then ends with its last whole batch, has no end record, and gets no more; every tick, those
+    before included, is in memory, further ones as well, until `save` brings them to a disk that takes them.
+    Not for the control loop itself: a call can wait for the disk.
     """
 
     def __init__(
@@ -67,6 +74,13 @@ class RecordingWriter:
         self.rows = 0  # rows taken
         self.rows_written = 0  # rows in the file: what a kill cannot take any more
         self.bytes_written = 0
+        self.trouble: OSError | None = None  # why the file gets no more; None: it has everything
+        self._told = False  # of the trouble
+        self.ended = False  # the stream has its end record
+        self.longest_sync_s = 0.0  # that the disk made us wait
+        self._in_stream = 0  # rows
+        self._memory: list[bytes] | None = []  # the whole stream; None: beyond MOST_IN_MEMORY the file alone has it
+        self._memory_bytes = 0
         self._columns = recording_columns(braked, sensors)
         self._none = np.empty((0, tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH))
         self._words = {name: arrow_words(words) for name, words in column_words(DECISIONS).items()}
@@ -83,14 +97,14 @@ class RecordingWriter:
         with refusing(self.path, "the recording cannot be created"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
         self._open = True
-        try:
-            self._put(header)
-        except OSError:
-            self.path.unlink(missing_ok=True)
-            raise
         self._last_write = self._last_sync = time.perf_counter()
+        self._put(header)
+        self._bring_to_disk()
+        if self.trouble is not None:
+            self._open = False
+            self.path.unlink(missing_ok=True)
+            raise self.trouble
         if sync:
-            os.fsync(self._file)
             sync_folder(self.path.parent)
 
     def write(self, rows: np.ndarray) -> None:
@@ -102,35 +116,43 @@ class RecordingWriter:
         rows = np.array(rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != self._none.shape[1]:
             raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._none.shape[1]})")
+        self.rows += len(rows)
+        if self.trouble is not None and (self._memory is None or self._memory_bytes > MOST_IN_MEMORY):
+            return  # lost, and counted as such
         if len(rows):
             self._waiting.append(rows)
-            self.rows += len(rows)
         now = time.perf_counter()
         self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
         if self._sync and now - self._last_sync >= SYNC_INTERVAL_S:
             self.flush()
+        self._tell()
 
     def flush(self) -> None:
         """Bring every row to the file and, unless `sync` is off, to the disk."""
         self._need_open()
         self._write_batches(everything=True)
-        if self._sync:
-            os.fsync(self._file)
-        self._last_sync = time.perf_counter()
+        self._bring_to_disk()
+        self._tell()
 
     def close(self, outcome: dict[str, Any] | None = None) -> None:
-        """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds."""
-        if not self._open:
-            return
-        outcome_json = as_json(outcome or {}, "outcome")
-        try:
-            self._write_batches(everything=True)
-            self._write_message(self._none, end="end", outcome=outcome_json)
-            self._stream.close()
-            self._put(self._taken())
-            self.flush()
-        finally:
-            self._release()
+        """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds.
+
+        A recording that lacks ticks gets no end record: it will read as cut off. OSError: the file is not whole.
+        """
+        if self._open:
+            outcome_json = as_json(outcome or {}, "outcome")
+            try:
+                self._write_batches(everything=True)
+                if not self.lost:
+                    self._write_message(self._none, end="end", outcome=outcome_json)
+                    self._stream.close()
+                    self.ended = True
+                    self._put(self._taken())
+                self._bring_to_disk()
+            finally:
+                self._release()
+        if self.trouble is not None:
+            raise self.trouble
 
     def abandon(self) -> None:
         """Keep what there is and leave the end record out: the recording will read as cut off."""
@@ -140,6 +162,41 @@ class RecordingWriter:
             self.flush()
         finally:
             self._release()
+
+    @property
+    def lost(self) -> int:
+        """Rows that are neither in the file nor in memory."""
+        there = self._in_stream + sum(map(len, self._waiting))
+        if self.trouble is not None and self._memory is None:
+            there = self.rows_written
+        return self.rows - there
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether all of the stream is in memory."""
+        return self._memory is not None
+
+    def is_stored(self) -> bool:
+        """Whether a closed recording is where it belongs, as a stream or as Parquet already."""
+        return self.trouble is None and any(map(os.path.exists, (self.path, self.path.with_suffix(PARQUET_SUFFIX))))
+
+    def save(self, path: Path | None = None) -> None:
+        """Bring a recording that is closed or abandoned from memory to its place, whole, over the part that is there.
+
+        path: its place from now on; None: where it was begun. A file of other content is set aside. InputError or
+        OSError: the disk does not take it, and all is as it was.
+        """
+        path = path or self.path
+        if self._memory is None:
+            raise InputError(f"{path}: its ticks are not in memory")
+        content = b"".join(self._memory)
+        with refusing(path, "the recording cannot be written"):
+            path.parent.mkdir(exist_ok=True)
+            if path.exists() and not content.startswith(path.read_bytes()):
+                set_aside(path, OTHER)
+        replace_file(path, content, self._sync)
+        self.path, self.trouble = path, None
+        self.rows_written, self.bytes_written = self._in_stream, len(content)
 
     def __enter__(self) -> Self:
         return self
@@ -155,11 +212,20 @@ class RecordingWriter:
         if not self._open:
             raise ValueError("the recording is closed")
 
+    def _tell(self) -> None:
+        """OSError, once, if the file gets no more."""
+        if self.trouble is not None and not self._told:
+            self._told = True
+            raise self.trouble
+
     def _release(self) -> None:
-        if self._open:
-            self._open = False
-            self._waiting.clear()
-            os.close(self._file)
+        self._open = False
+        self._waiting.clear()
+        if self.trouble is None:
+            try:
+                os.close(self._file)
+            except OSError as error:  # as of a network drive that takes what was written only now
+                self.trouble = error
 
     def _taken(self) -> bytes:
         """What Arrow has written since the last call."""
@@ -193,22 +259,54 @@ class RecordingWriter:
         for start in range(0, end, BATCH_ROWS):
             self._write_message(rows[start : min(start + BATCH_ROWS, end)])
         self._last_write = time.perf_counter()
+        self._see_to(self._look)
 
     def _write_message(self, rows: np.ndarray, **more: str) -> None:
-        about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self.rows_written)}
+        about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self._in_stream)}
         self._stream.write_batch(self._batch(rows), custom_metadata={**about, "rows": str(len(rows)), **more})
-        self._put(seal(self._taken()))
         self._sequence += 1
-        self.rows_written += len(rows)
+        self._in_stream += len(rows)
+        self._put(seal(self._taken()))
 
     def _put(self, message: bytes) -> None:
-        """Append a whole message; or nothing of it, OSError, and the file is closed."""
-        try:
+        """Append a whole message to memory, and to the file; or nothing of it to the file."""
+        if self._memory is not None:
+            self._memory.append(message)
+            self._memory_bytes += len(message)
+
+        def append() -> None:
             append_whole(self._file, message, self.bytes_written)
-        except OSError:
-            self._release()
-            raise
-        self.bytes_written += len(message)
+            self.bytes_written += len(message)
+            self.rows_written = self._in_stream
+
+        self._see_to(append)
+        if self._memory_bytes > MOST_IN_MEMORY and self.trouble is None:
+            self._memory = None
+
+    def _bring_to_disk(self) -> None:
+        began = time.perf_counter()
+        if self._sync:
+            self._see_to(lambda: os.fsync(self._file))
+        self._see_to(self._look)
+        self._last_sync = time.perf_counter()
+        self.longest_sync_s = max(self.longest_sync_s, self._last_sync - began)
+
+    def _look(self) -> None:
+        """OSError if the file is not where it was made: its folder was deleted, or its disk taken away."""
+        there = os.stat(self.path)
+        if os.name == "posix" and not os.path.samestat(there, os.fstat(self._file)):  # Windows keeps a file in use
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.path))
+
+    def _see_to(self, do: Callable[[], object]) -> None:
+        """Something with the file, unless it gets no more; where that fails, it gets no more from now on."""
+        if self.trouble is not None:
+            return
+        try:
+            do()
+        except OSError as error:
+            self.trouble = error
+            with contextlib.suppress(OSError):  # the first error is the one to tell
+                os.close(self._file)
 
 
 def _before_first_batch(stream: bytes) -> bytes:

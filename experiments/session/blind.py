@@ -53,13 +53,18 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
 
 
 def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
-    """A planned trial or a row with its controller in place of the code; as it is where the key has no such code."""
+    """A planned trial or a row with its controller in place of the code; as it is where the key has no such code.
+
+    A row is then without a name: the key has none (`trials_table.named`).
+    """
     number = key.get(str(thing.controller), thing.controller)
+    if number == thing.controller:
+        return thing
     if isinstance(thing, TrialRow):
-        return replace(thing, controller=number)
+        return replace(thing, controller=number, controller_name=None)
     return thing._replace(controller=number)
 
 
 def veiled(row: TrialRow) -> TrialRow:
     """A coded row without what reveals the controller by itself."""
-    return replace(row, **HIDDEN) if isinstance(row.controller, str) else row
+    return replace(row, controller_name=row.controller, **HIDDEN) if isinstance(row.controller, str) else row

@@ -3,6 +3,7 @@
 DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and brake files in full, versions
                    key.json                    of a blind session alone: which controller each code is
                    journal.jsonl               one line an event
+                   journal.end                 how long the journal was when the session was last left in order
                    trials/run-001.arrows       a trial in progress, or what a crash left of it
                    trials/run-001.parquet      a trial that is closed and verified
                    trials/run-001.arrows.crashed   the stream of a recovered trial, as the crash left it
@@ -11,10 +12,13 @@ DATA/sub-01/ses-01/session.json                plan, hash, protocol, device and 
                    .lock                       held by the one process that may write here
 DATA/trials.csv                                the rows of all participants
 DATA/study.json                                what a study was begun with: operators, population, protocol, in full
+
+Each carries a checksum (recordings: see `recording.schema`; the others: see `checksums`), but for the tables, whose
+every cell follows from recordings and journal, and the key, whose SHA-256 stands in session.json.
 """
 
 import contextlib
-import json
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,11 +30,14 @@ from typing import Any, Self
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, read_table, write_table
-from experiments.plan import PlannedTrial, plan_from_json, plan_hash
+from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, named, read_table, write_table
+from experiments.inputs import INPUTS
+from experiments.plan import PlannedTrial, participant_index, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import reading_stored, write_new_file
+from experiments.session.checksums import CHECKSUM, read_sealed, sealed
+from experiments.trial.operator import Person
 from experiments.trial.population import Population, population_of
 
 LOCK = ".lock"
@@ -163,32 +170,73 @@ class StoredSession:
     plan: tuple[PlannedTrial, ...]  # over codes if the session was begun blind
     about: dict[str, Any]  # everything
 
+    @property
+    def guarded(self) -> bool:
+        """Whether it has a checksum; not if an earlier version stored it."""
+        return CHECKSUM in self.about
+
+
+#: What session.json holds that nothing else can tell -> its type.
+_NEEDED = {
+    "participant": str, "hand": str, "person": dict | None, "protocol": dict, "blind": bool, "key_sha256": str,
+    "plan": list, "plan_sha256": str, "seed": int,
+}  # fmt: skip
+
 
 def read_stored(session: Path) -> StoredSession:
-    """The session as it was stored. InputError if it cannot be read or its plan was changed."""
+    """The session as it was stored. InputError if it cannot be read, lacks something or was changed."""
     path = session / STORED
+    about = read_sealed(path)
+    if missing := [key for key in _NEEDED if key not in about]:
+        raise InputError(f"{path}: is damaged (it lacks {' and '.join(missing)})")
+    if wrong := [key for key, kind in _NEEDED.items() if not isinstance(about[key], kind)]:
+        raise InputError(f"{path}: is damaged ({' and '.join(wrong)} cannot be read)")
+    if about["hand"] not in INPUTS:
+        raise InputError(f"{path}: hand {about['hand'][:40]!r} is none of {', '.join(INPUTS)}")
+    participant_index(about["participant"])  # InputError unless it is a label
     with reading_stored(path):
-        about = json.loads(path.read_text(encoding="utf-8"))
         plan = plan_from_json(about["plan"])
         if plan_hash(plan) != about["plan_sha256"]:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
         return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
 
 
+def person_of(session: Path, stored: StoredSession) -> Person | None:
+    """The simulated operator of a stored session; None: a person, at the mouse or device. InputError: not readable."""
+    about = stored.about["person"]
+    with reading_stored(session / STORED):
+        person = Person(**about) if about else None
+    for name, value in (about or {}).items():
+        if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
+            raise InputError(f"{session / STORED}: person: {name} must be a number")
+    return person
+
+
 def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
     others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parents[1].name != f"sub-{participant}"]
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # one that cannot be read does not count
-            same = json.loads(path.read_text(encoding="utf-8"))["protocol"] == protocol_to_json(protocol)
+        with contextlib.suppress(InputError), reading_stored(path):  # one that cannot be read does not count
+            same = read_sealed(path)["protocol"] == protocol_to_json(protocol)
             return "" if same else path.parents[1].name.removeprefix("sub-")
     return ""
 
 
+def controller_names(session: Path) -> dict[int, str]:
+    """Controller -> its name in the session's protocol; none where that cannot be read (`phd verify` says why)."""
+    with contextlib.suppress(InputError):
+        return {number: preset.name for number, preset in read_stored(session).protocol.controllers.items()}
+    return {}
+
+
 def rows_of(session: Path) -> list[TrialRow]:
-    """The rows of a session's table; none if there is no table yet."""
+    """The rows of a session's table; none if there is no table yet. A table without names gets those of the session."""
     table = session / TABLE
-    return read_table(table) if table.exists() else []
+    rows = read_table(table) if table.exists() else []
+    if all(row.controller_name is not None for row in rows):
+        return rows
+    names = controller_names(session)
+    return [named(row, names) for row in rows]
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
@@ -222,7 +270,7 @@ def pooled_rows(data_dir: Path) -> list[TrialRow]:
     rows = []
     for table in sorted(data_dir.glob(f"sub-*/ses-*/{TABLE}")):
         place = table.parent.relative_to(data_dir).as_posix()
-        rows += [row.seen_from(place) for row in sorted(read_table(table), key=lambda row: row.run)]
+        rows += [row.seen_from(place) for row in sorted(rows_of(table.parent), key=lambda row: row.run)]
     return rows
 
 
@@ -243,6 +291,7 @@ class StudyPlan:
     operators: int
     protocol: Protocol
     population: Population
+    guarded: bool = True  # by a checksum; not if an earlier version began it
 
 
 def refuse_study(folder: Path) -> None:
@@ -258,7 +307,7 @@ def write_study(folder: Path, study: StudyPlan) -> None:
         "population": {"name": study.population.name, "text": study.population.text},
         "protocol": protocol_to_json(study.protocol),
     }
-    write_new_file(folder / STUDY, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
+    write_new_file(folder / STUDY, sealed(about), sync=True)
 
 
 def read_study(folder: Path) -> StudyPlan:
@@ -266,10 +315,13 @@ def read_study(folder: Path) -> StudyPlan:
     path = folder / STUDY
     if not path.exists():
         raise InputError(f"{folder}: holds no study to resume (no {STUDY})")
+    about = read_sealed(path)
     with reading_stored(path):
-        about = json.loads(path.read_text(encoding="utf-8"))
+        operators = about["operators"]
+        if not isinstance(operators, int) or isinstance(operators, bool) or operators < 1:
+            raise InputError(f"{path}: operators must be a whole number of at least 1")
         population = population_of(about["population"]["text"], f"{path}: population")
-        return StudyPlan(int(about["operators"]), protocol_from_json(about["protocol"], str(path)), population)
+        return StudyPlan(operators, protocol_from_json(about["protocol"], str(path)), population, CHECKSUM in about)
 
 
 def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:

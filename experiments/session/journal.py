@@ -5,26 +5,28 @@ whether the key of a blind session was opened for its table, stands in the journ
 that a crash or a bad disk has spoilt can be made again, and `phd analyze` gives the same one.
 """
 
-import contextlib
-import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
 
 from core.device_interface import ZeroRecord
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, row_of, write_table
+from experiments.analysis.trials_table import COUNTED, SETTLED, STATUSES, TrialRow, named, row_of, write_table
 from experiments.plan import PlannedTrial
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import append_whole, reason_of
+from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.blind import opened, veiled
-from experiments.session.files import CRASHED, TABLE, hold_lock, rows_of, write_pooled_table
+from experiments.session.checksums import fault_of_end, next_line, note_end, noted_end, read_lines
+from experiments.session.files import CRASHED, TABLE, controller_names, hold_lock, rows_of, write_pooled_table
 
 NAME = "journal.jsonl"
 
@@ -35,40 +37,51 @@ class Event(NamedTuple):
     """A kind of event: its name, and the fields of its line besides the time."""
 
     name: str
-    fields: dict[str, Any]  # name -> type, or types, as JSON has them
+    fields: dict[str, Any]  # name -> type, as `msgspec.convert` takes it
 
 
-_NUMBER, _TEXTS = (int, float), ("recovered", "completed", "rows_added", "rows_changed", "set_aside", "removed")
-_TRIAL = dict(get_type_hints(PlannedTrial))
+_Count = Annotated[int, msgspec.Meta(ge=0, le=10**9)]
+_Run = Annotated[int, msgspec.Meta(ge=1, le=10**6)]
+_Code = Annotated[str, msgspec.Meta(pattern=r"^K[1-9]\d{0,5}\Z")]
+_Status = Annotated[str, msgspec.Meta(pattern=rf"^({'|'.join(STATUSES)})\Z")]
+_Values = dict[str, float | str | bool | None]
+_TEXTS = ("recovered", "completed", "rows_added", "rows_changed", "set_aside", "removed")
+_TRIAL = {
+    "run": _Run, "block": _Count, "configuration": str, "controller": _Count | _Code, "segment": _Count,
+    "repetition": _Count,
+}  # fmt: skip
 
 CREATED = Event("created", {"plan": str})  # hash of the plan
-RESUMED = Event("resumed", {"open": int})  # trials still to come
+RESUMED = Event("resumed", {"open": _Count})  # trials still to come
 PRACTICE_BEGUN = Event("practice begun", _TRIAL)
-PRACTICE_ENDED = Event("practice ended", {"run": int, "status": str, "reason": str, "configuration": str})
+PRACTICE_ENDED = Event("practice ended", {"run": _Run, "status": _Status, "reason": str, "configuration": str})
 BEGUN = Event("trial begun", _TRIAL)
-ENDED = Event("trial ended", {"run": int, "status": str, "reason": str})
-TRIAL_CUT_OFF = Event("trial cut off", {"run": int, "reason": str})  # of a study whose disk is full
+ENDED = Event("trial ended", {"run": _Run, "status": _Status, "reason": str})
+TRIAL_CUT_OFF = Event("trial cut off", {"run": _Run, "reason": str})  # of a study whose disk is full
 LEFT_AS_STREAM = Event("left as a stream", {"file": str, "reason": str})
 SKIPPED = Event("skipped", {**_TRIAL, "reason": str})
-REDONE = Event("redone", {"run": int, "reason": str})
-POSTPONED = Event("postponed", {"run": int})  # its trial comes again at the end of its configuration
-EXCLUDED = Event("excluded", {"run": int, "reason": str})  # from every result but the table
-UNBLINDED = Event("unblinded", {"who": str, "key": dict})  # code -> controller
+REDONE = Event("redone", {"run": _Run, "reason": str})
+POSTPONED = Event("postponed", {"run": _Run})  # its trial comes again at the end of its configuration
+EXCLUDED = Event("excluded", {"run": _Run, "reason": str})  # from every result but the table
+UNBLINDED = Event("unblinded", {"who": str, "key": dict[_Code, _Count]})  # code -> controller
 KEY_OPENED = Event("key opened", {"who": str, "analysis": str})  # for an analysis; the session stays blind
 NOTE = Event("note", {"text": str})
 PAUSED = Event("paused", {})
-RESUMED_AFTER_PAUSE = Event("resumed after a pause", {"seconds": _NUMBER})
-BREAK_ENDED = Event("break ended", {"settled": int})  # trials of the plan
-ANSWERS = Event("answers", {"configuration": str, "block": int, "values": dict})
-CONTROLLER_ANSWERS = Event("answers of a controller", {"configuration": str, "controller": (int, str), "values": dict})
+RESUMED_AFTER_PAUSE = Event("resumed after a pause", {"seconds": float})
+BREAK_ENDED = Event("break ended", {"settled": _Count})  # trials of the plan
+ANSWERS = Event("answers", {"configuration": str, "block": _Count, "values": _Values})
+CONTROLLER_ANSWERS = Event(
+    "answers of a controller", {"configuration": str, "controller": _Count | _Code, "values": _Values}
+)
 RERIGGED = Event("re-rigged", {"configuration": str})
-HOMED = Event("homed", {"tip_m": list, "board": str})
-ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": int})
+HOMED = Event("homed", {"tip_m": list[float], "board": str})
+ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": _Count})
 BRAKES_OFF = Event("brakes off", {"cause": str})
 BRAKES_ALLOWED = Event("brakes allowed", {})
-LOOP_LOST = Event("control loop lost", {"run": int, "reason": str})
+MOVED = Event("moved", {"from": str})  # the session goes on in this folder
+LOOP_LOST = Event("control loop lost", {"run": _Run, "reason": str})
 WINDOW_LOST = Event("window lost", {})
-PUT_IN_ORDER = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list))
+PUT_IN_ORDER = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list[str]))
 
 EVENTS = {event.name: event for event in tuple(globals().values()) if isinstance(event, Event)}
 
@@ -87,41 +100,102 @@ def now() -> str:
 
 
 def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", **about: object) -> None:
-    """Append one line; a line that a crash cut off is ended first. time: if not now.
+    """Append one line with its checksums (`checksums`); a line that a crash cut off is ended first. time: if not now.
 
     OSError, and no half line, on a full disk. TypeError: the event has other fields.
     """
     if about.keys() != event.fields.keys():
         raise TypeError(f"{event.name}: its fields are {sorted(event.fields)}, not {sorted(about)}")
-    line = json.dumps({"time": time or now(), "event": event.name, **about}).encode() + b"\n"
     handle = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
     try:
-        end = os.lseek(handle, 0, os.SEEK_END)
-        os.lseek(handle, max(end - 1, 0), os.SEEK_SET)
-        is_cut = os.read(handle, 1) not in (b"\n", b"")
-        append_whole(handle, b"\n" + line if is_cut else line, end, sync)
+        with os.fdopen(os.dup(handle), "rb") as file:
+            there = file.read()
+        line = next_line({"time": time or now(), "event": event.name, **about}, there)
+        is_cut = bool(there) and not there.endswith(b"\n")
+        os.lseek(handle, len(there), os.SEEK_SET)
+        append_whole(handle, b"\n" + line if is_cut else line, len(there), sync)
     finally:
         os.close(handle)
 
 
-def read_events(folder: Path) -> list[Entry]:
-    """Every event that can be read, in order.
+class Journal(NamedTuple):
+    """What a journal says, as far as it can be read and believed."""
 
-    Left out are a line that a crash cut off, and an event that is not declared or does not have the declared fields.
+    entries: list[Entry]  # in order
+    faults: list[str]  # each a sentence: which lines are left out or missing, and why
+    notes: list[str]  # each a sentence: what is no fault
+
+
+def read_journal(folder: Path) -> Journal:
+    """Every event of a session that can be read and believed, in order, and what is wrong with the rest.
+
+    Left out are lines that do not match their checksum or cannot be read, and events that are not declared or whose
+    fields are not as declared. InputError if the journal is there and cannot be read at all.
     """
+    path = folder / NAME
+    if not path.exists():
+        return Journal([], [], [])
+    end, fault = None, ""
     try:
-        lines = (folder / NAME).read_bytes().splitlines()
-    except FileNotFoundError:
-        return []
-    entries = []
-    for line in lines:
-        with contextlib.suppress(ValueError, TypeError, KeyError):
-            about = json.loads(line)
-            event, time = EVENTS[about["event"]], about["time"]
-            fields = {name: about[name] for name in event.fields}
-            if isinstance(time, str) and all(isinstance(fields[name], kind) for name, kind in event.fields.items()):
-                entries.append(Entry(event, time, fields))
-    return entries
+        end = noted_end(folder)
+    except InputError as error:
+        fault = str(error)
+    with reading_stored(path):
+        read = read_lines(path.read_bytes())
+    journal = Journal([], read.faults, read.notes)
+    fault = fault or fault_of_end(end, read)
+    for number, about in read.believed.items():
+        name = about.get("event")
+        event = EVENTS.get(name) if isinstance(name, str) else None
+        try:
+            if event is None:
+                journal.notes.append(f"line {number}: is of an event that this version does not know")
+            else:
+                journal.entries.append(_entry(event, about))
+        except ValueError as error:
+            journal.faults.append(f"line {number}: {event.name if event else 'event'}: {str(error)[:MOST_SHOWN]}")
+    if fault:
+        journal.faults.append(fault)
+    return journal
+
+
+def _entry(event: Event, about: Mapping[str, Any]) -> Entry:
+    """ValueError if a field is missing or not as declared."""
+    time = about.get("time")
+    if not isinstance(time, str) or datetime.fromisoformat(time).tzinfo is None:
+        raise ValueError(f"time cannot be {str(time)[:40]!r}")
+    fields = {}
+    for name, kind in event.fields.items():
+        if name not in about:
+            raise ValueError(f"lacks {name}")
+        try:
+            msgspec.convert(about[name], kind)
+        except (msgspec.ValidationError, RecursionError):
+            raise ValueError(f"{name} cannot be {_shown(about[name])}") from None
+        fields[name] = about[name]
+    return Entry(event, time, fields)
+
+
+def _shown(value: object) -> str:
+    """A value in a sentence."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        return "that deep or that long"
+    return text if len(text) <= 60 else f"{text[:60]}.."
+
+
+def read_events(folder: Path) -> list[Entry]:
+    """The events of `read_journal`."""
+    return read_journal(folder).entries
+
+
+def close_journal(folder: Path, sync: bool = True) -> None:
+    """Note where the journal ends, so that it is noticed if its last lines are lost. The caller holds the lock."""
+    if (folder / NAME).exists():
+        with reading_stored(folder / NAME):
+            read = read_lines((folder / NAME).read_bytes())
+        note_end(folder, read, sync)
 
 
 # ------------------------------------------------------------------------------------- what follows for table and plan
@@ -131,16 +205,28 @@ def read_events(folder: Path) -> list[Entry]:
 class JournalSummary:
     """What the journal of a session holds of its trials."""
 
+    session: Path
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
+    practice_begun: set[int] = field(default_factory=set)  # runs
     skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event
     marked: dict[int, str] = field(default_factory=dict)  # run -> its status since, "redone" or "excluded"
     postponed: list[int] = field(default_factory=list)  # runs, in the order in which that was asked for
     practised: Counter[str] = field(default_factory=Counter)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
+    plan_sha256: str = ""  # of the plan with which the session was created
+    faults: list[str] = field(default_factory=list)  # why lines are not in it, as in `Journal`
+    notes: list[str] = field(default_factory=list)  # as in `Journal`
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """Controller -> its name; looked up where a row has none of its own."""
+        return controller_names(self.session)
 
     def row(self, row: TrialRow) -> TrialRow:
         """A row, from its recording or of a skipped trial, as it stands in the table."""
         row = opened(row, self.key) if self.key is not None else veiled(row)
+        if row.controller_name is None:
+            row = named(row, self.names)
         return replace(row, status=self.marked.get(row.run, row.status))
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
@@ -150,10 +236,15 @@ class JournalSummary:
 
 def journal_summary(session: Path) -> JournalSummary:
     """The summary of a session's journal, as far as it can be read."""
-    found = JournalSummary()
-    for event, _, about in read_events(session):
+    journal = read_journal(session)
+    found = JournalSummary(session, faults=journal.faults, notes=journal.notes)
+    for event, _, about in journal.entries:
         if event is BEGUN:
             found.begun[about["run"]] = about
+        elif event is PRACTICE_BEGUN:
+            found.practice_begun.add(about["run"])
+        elif event is CREATED:
+            found.plan_sha256 = about["plan"]
         elif event is SKIPPED and about["block"]:
             found.skipped[about["run"]] = about
         elif event is REDONE or event is EXCLUDED:
@@ -163,7 +254,7 @@ def journal_summary(session: Path) -> JournalSummary:
         elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
             found.practised[about["configuration"]] += 1
         elif event is UNBLINDED:
-            found.key = {str(code): int(number) for code, number in about["key"].items()}
+            found.key = about["key"]
     return found
 
 
@@ -208,6 +299,7 @@ def exclude_run(folder: Path, run: int, reason: str) -> None:
         lock = hold_lock(folder)
         try:
             write_table(folder / TABLE, mark_run(folder, rows_of(folder), run, EXCLUDED, reason), replacing=True)
+            close_journal(folder)
             if (data_dir / TABLE).exists():
                 write_pooled_table(data_dir)
         finally:

@@ -1,13 +1,13 @@
 """What a data folder holds, at a glance: each session with how far it is. Reads only; cheap enough to ask again."""
 
 import contextlib
-import json
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from core.files import InputError
 from experiments.recording.atomic_files import reading_stored
+from experiments.session.checksums import read_sealed
 from experiments.session.files import STORED, STUDY, TABLE, rows_of, sessions_in, settled_cells
 
 
@@ -58,8 +58,8 @@ def look_into(folder: Path) -> DataOverview:
     except (InputError, OSError) as error:
         return DataOverview(folder, problem=str(error))
     operators = 0
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # no study, or one that phd study will refuse
-        operators = int(json.loads((folder / STUDY).read_text(encoding="utf-8"))["operators"])
+    with contextlib.suppress(InputError), reading_stored(folder / STUDY):  # no study, or one that phd study will refuse
+        operators = int(read_sealed(folder / STUDY)["operators"])
     found = (session for session in sessions if session is not None)
     return DataOverview(folder, tuple(sorted(found, key=lambda one: -one.changed_s)), operators)
 
@@ -79,8 +79,8 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         return None
     changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")
     try:
+        about = read_sealed(folder / STORED)
         with reading_stored(folder / STORED):
-            about = json.loads((folder / STORED).read_text(encoding="utf-8"))
             planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
             done, lacking = map(len, settled_cells(rows_of(folder)))
             return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)

@@ -3,8 +3,10 @@
 A stream without its end: every whole batch becomes run-007.parquet with the outcome "recovered", read back and
 compared; the stream itself stays beside it as run-007.arrows.crashed. A stream that was closed: becomes the Parquet
 file that the crash prevented. A recording without a row: gets its row, and so does a trial that was skipped; a row
-that lags behind the journal (redone, excluded, unblinded) follows it. Half-written files: removed (each was a copy in
-the making). Every step can be cut short by another crash and is then taken up where it was left.
+that lags behind the journal (redone, excluded, unblinded) follows it. A table with two rows for one run: is made again.
+Half-written files: removed (each was a copy in the making). A line of the journal that cannot be believed stays, is
+named, and what the others say holds. Every step can be cut short by another crash and is then taken up where it was
+left.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import append_row, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import append_row, is_same_row, read_table, table_bytes, write_table
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
 from experiments.recording.reader import read_recording
@@ -82,7 +84,9 @@ def _settle_pooled_table(folder: Path, done: Rescue) -> None:
         rows = files.pooled_rows(folder)
     except InputError:  # a session's table cannot be read: it is named among the faults
         return
-    if there != rows and {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
+    pairs = zip(there, rows, strict=False)
+    is_right = len(there) == len(rows) and all(is_same_row(one, right) for one, right in pairs)
+    if not is_right and {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
         files.write_pooled_table(folder)
         added = len(rows) - len(there)
         done.rows_changed.append(f"{files.TABLE}: {f'{added} trials added' if added > 0 else 'as the sessions say'}")
@@ -104,6 +108,7 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
         _settle_table(session, done)
     if any(entries for name, entries in vars(done).items() if name != "not_rescued"):
         journal.write_event(session, journal.PUT_IN_ORDER, sync, **vars(done))
+        journal.close_journal(session, sync)
     return done
 
 
@@ -136,10 +141,12 @@ def _settle_table(session: Path, done: Rescue) -> None:
     """Add the rows that are missing, then change those that lag behind the journal."""
     table = session / files.TABLE
     try:
-        rows, is_spoilt = files.rows_of(session), False
+        rows, is_spoilt = read_table(table) if table.exists() else [], False
     except InputError:  # every row can be had again
         rows, is_spoilt = [], True
     summary = journal.journal_summary(session)
+    done.not_rescued += [f"{journal.NAME}: {fault}" for fault in summary.faults]
+    is_spoilt = is_spoilt or len({row.run for row in rows}) < len(rows)
     bare = {row.run: row for row in journal.rows_without_recording(session, summary)}
     on_disk = files.runs_on_disk(session)
     missing = {*on_disk, *bare} - {row.run for row in rows}
@@ -156,7 +163,7 @@ def _settle_table(session: Path, done: Rescue) -> None:
                     raise InputError(f"{path}: {'; '.join(recording.damaged)}")
                 row = journal.recorded_row(recording, session, summary)
         if row is not None:
-            append_row(table, row)
+            append_row(table, row, names=summary.names)
             done.rows_added.append(f"{files.TABLE}: run {run}, {row.status}")
     rows = files.rows_of(session)
     right = journal.rows_as_journalled(session, rows, summary)

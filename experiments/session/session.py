@@ -5,8 +5,8 @@ first. One live process may write in a session.
 """
 
 import contextlib
+import errno
 import importlib.metadata
-import json
 import platform
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -40,6 +40,8 @@ from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session import files
 from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
+from experiments.session.checksums import END, sealed
+from experiments.session.in_memory import InMemory, discard, refuse_place
 from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
@@ -52,6 +54,8 @@ LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 class Session:
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
+
+    _known: InMemory | None = None  # of its folder; None: the session is being created
 
     def __init__(
         self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None = None, sync: bool = True,
@@ -93,11 +97,11 @@ class Session:
                 self._key = new_key(protocol.controllers)
             about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(form)} if form else {}
-            text = json.dumps(about, indent=1, sort_keys=True) + "\n"
-            write_new_file(self.folder / files.STORED, text.encode(), sync)
+            write_new_file(self.folder / files.STORED, sealed(about), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
+            self._known = InMemory(self.folder, self.rows)
         except BaseException:
-            for name in (files.STORED, KEY, events.NAME, files.LOCK):
+            for name in (files.STORED, KEY, events.NAME, END, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
                     (self.folder / name).unlink()
             self.close()
@@ -116,19 +120,22 @@ class Session:
         folder = files.session_folder(data_dir, participant)
         stored = files.read_stored(folder)
         session = cls.__new__(cls)
+        person = files.person_of(folder, stored)
         with reading_stored(folder / files.STORED):
-            person = Person(**stored.about["person"]) if stored.about["person"] else None
             session._take_up(data_dir, participant, stored.protocol, person, sync, on_event)
-            session.hand, session.operators = str(stored.about["hand"]), operators_from_json(stored.about)
-            was_blind, key_sha256 = bool(stored.about["blind"]), str(stored.about["key_sha256"])
+            session.hand, session.operators = stored.about["hand"], operators_from_json(stored.about)
+            was_blind, key_sha256 = stored.about["blind"], stored.about["key_sha256"]
         session._lock = files.hold_lock(folder)
         try:
             recover_session(folder, sync)
             session._summary = summary = events.journal_summary(folder)
             session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
+            if unknown := set((summary.key or {}).values()) - set(stored.protocol.controllers):
+                raise InputError(f"{folder / events.NAME}: unblinded: there is no controller {min(unknown)}")
             session.blind = was_blind and summary.key is None
             session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
             session.rows = files.rows_of(folder)
+            session._known = InMemory(folder, session.rows)
             if session._waiting:
                 session.journal(events.RESUMED, open=len(session._waiting))
         except BaseException:
@@ -146,12 +153,14 @@ class Session:
         self.rows: list[TrialRow] = []
         self._table = b""  # the table, as this process has written it last
         self._key = {}  # code -> controller
-        self._summary = events.JournalSummary()
+        self._summary = events.JournalSummary(self.folder)
         self._sync, self._on_event = sync, on_event
         self._simulations: dict[str, SimulatedDevice] = {}
 
     def close(self) -> None:
-        """Let other processes have the session."""
+        """Note where its journal ends, and let other processes have the session."""
+        with contextlib.suppress(InputError):  # it cannot be read, which whoever reads it next is told
+            events.close_journal(self.folder, self._sync)
         self._lock.release()
 
     def journal(self, event: events.Event, **about: Any) -> None:
@@ -160,6 +169,8 @@ class Session:
         self._has_happened(event, about)
 
     def _has_happened(self, event: events.Event, about: dict[str, Any]) -> None:
+        if self._known is not None:
+            self._known.has_happened(event, about)
         if self._on_event is not None:
             self._on_event(event, about)
 
@@ -192,7 +203,7 @@ class Session:
         due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
         if due and self.person is None and not is_begun:
             return self.next_practice()
-        used = files.runs_used(self.folder) | {row.run for row in self.rows}
+        used = self._used(files.TRIALS) | {row.run for row in self.rows}
         if coming.run not in used:
             return coming
         return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
@@ -204,8 +215,12 @@ class Session:
         configuration = waiting[0].configuration
         number = self._summary.practised[configuration] + 1
         planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
-        run = max(files.runs_used(self.folder, files.PRACTICE), default=0) + 1
+        run = max(self._used(files.PRACTICE), default=0) + 1
         return planned._replace(run=run, controller=planned.controller if self.blind else self._number(planned))
+
+    def _used(self, folder: str) -> set[int]:
+        """Every run number that a file has or had, whatever has become of it."""
+        return files.runs_used(self.folder, folder) | (self._known.runs[folder] if self._known else set())
 
     @property
     def break_due(self) -> bool:
@@ -260,6 +275,8 @@ class Session:
             files.run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
             sync=self._sync, sensors=sensors,
         )  # fmt: skip
+        if self._known is not None:
+            self._known.runs[folder].add(planned.run)
         try:
             self.journal(events.PRACTICE_BEGUN if is_practice else events.BEGUN, **planned._asdict())
         except OSError:
@@ -306,6 +323,47 @@ class Session:
         self.rows[:] = files.rows_of(self.folder)
         return done.not_rescued
 
+    # ---------------------------------------------------------------------------------------- a folder that is gone
+
+    def lacks(self) -> str:
+        """What of its folder is not there any more, one sentence without its full stop; "": nothing. Looks there."""
+        return self._known.lacking(self.folder, self.rows) if self._known else ""
+
+    def refuse_other_folder(self) -> None:
+        """FileNotFoundError if its folder is gone, or another session's by now: nothing of ours belongs there."""
+        if self._known is not None and not self._known.is_ours(self.folder):
+            raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
+
+    def hold_again(self) -> None:
+        """Take the lock of a folder that was gone and is back. InputError if another process has it by now."""
+        self._lock.release()
+        self._lock = files.hold_lock(self.folder)
+
+    def move_to(self, data_dir: Path, unsaved: RecordingWriter | None = None) -> int:
+        """Go on in another data folder: with what can be read of this one, and with what is known of the rest.
+
+        Trials whose recordings stay behind keep their rows. How many these are. unsaved: a recording in memory, which
+        goes along. InputError or OSError: nothing has changed, and nothing is left there.
+        """
+        assert self._known is not None
+        folder = refuse_place(data_dir, self.participant)
+        with refusing(folder, "cannot be created"):
+            (folder / files.TRIALS).mkdir(parents=True)
+        lock = None
+        try:
+            lock = files.hold_lock(folder)
+            behind = self._known.put_into(folder, self.folder, self.rows, self._sync)
+            if unsaved is not None:
+                unsaved.save(folder / unsaved.path.relative_to(self.folder))
+        except BaseException:
+            if lock is not None:
+                lock.release()
+            discard(folder)
+            raise
+        self._lock.release()
+        self._lock, self.data_dir, self.folder, self._table = lock, data_dir, folder, b""
+        return behind
+
     # ------------------------------------------------------------------------------------ what the experimenter decides
 
     def skip(self, reason: str) -> TrialRow:
@@ -314,7 +372,7 @@ class Session:
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
         self.journal(events.SKIPPED, **planned._asdict(), reason=reason)
-        row = events.unmeasured_row(self.folder, planned._asdict(), "skipped")
+        row = self._summary.row(events.unmeasured_row(self.folder, planned._asdict(), "skipped"))
         if planned.block == PRACTICE_BLOCK:
             self._summary.practised[planned.configuration] += 1
         else:
@@ -362,7 +420,8 @@ class Session:
             files.write_pooled_table(self.data_dir)
 
     def _add(self, row: TrialRow) -> None:
-        self._table = append_row(self.folder / files.TABLE, row, self._table, self._sync)
+        names = {number: preset.name for number, preset in self.protocol.controllers.items()}
+        self._table = append_row(self.folder / files.TABLE, row, self._table, self._sync, names)
         self.rows.append(row)
 
     def _replace_rows(self, rows: list[TrialRow]) -> None:

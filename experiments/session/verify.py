@@ -1,24 +1,42 @@
-"""`phd verify`: is every recording of a folder whole, or marked as recovered, and do the tables agree with them?
+"""`phd verify`: is everything in a folder as it was written, every recording whole or marked as recovered, and do the
+tables agree with them?
 
 Nothing is written. No faults: an unfinished plan, an empty folder, one that was hardly begun, and, in a session that a
-live process holds, the trial in progress. Faults, each by file: every damaged batch or part of a recording; a trial
-that was cut off and not yet recovered; a recording that trials.csv or the journal names and that is not there; a trial
-without a row; a row that its recording and the journal (skipped, redone, excluded, unblinded) contradict; a stored plan
-that was changed; a blind session without its key. Practice trials have recordings and no rows: none is missing.
+live process holds, the trial in progress. Faults, each by file: every damaged batch or part of a recording; one whose
+metadata fit neither its name, its session nor the journal; a trial that was cut off and not yet recovered; a recording
+that trials.csv or the journal names and that is not there; a line of the journal that was changed, cannot be read, is
+missing or stands there twice; session.json or study.json that was changed or lacks something; a trial without a row, or
+with two; a row that its recording and the journal (skipped, redone, excluded, unblinded) contradict; a blind session
+without its key. Practice trials have recordings and no rows: none is missing.
+
+Notes are no faults: what an earlier version wrote without a checksum, a line that a crash cut off, numbers of the table
+that differ in their last digits from what the recordings give here.
+
+Checksums find accidents, not malice (`checksums`): who changes a file on purpose can change its checksum too.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, TrialRow, read_table
+from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table
+from experiments.plan import PRACTICE_BLOCK, counted
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session import files
 from experiments.session.blind import KEY, read_key
-from experiments.session.journal import journal_summary, recorded_row, rows_without_recording
+from experiments.session.checksums import NOT_GUARDED
+from experiments.session.files import cell
+from experiments.session.journal import (
+    NAME,
+    JournalSummary,
+    journal_summary,
+    recorded_row,
+    rows_without_recording,
+)
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
 TOLERANCE = 1e-6
@@ -27,7 +45,8 @@ TOLERANCE = 1e-6
 def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
 
-    `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts.
+    `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts; and
+    `notes`: what is no fault, and should be known.
     InputError if there is no such folder or it holds no session but other files.
     """
     folder = Path(folder)
@@ -35,9 +54,10 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
     checks = []
     faults: list[tuple[str, str]] = []
     warnings: list[tuple[str, str]] = []
+    notes: list[tuple[str, str]] = []
     if (folder / files.STUDY).exists():
         try:
-            files.read_study(folder)
+            notes += [] if files.read_study(folder).guarded else [(files.STUDY, NOT_GUARDED)]
         except InputError as error:
             faults.append((files.STUDY, files.seen_from(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
@@ -45,6 +65,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
         faults += [(f"{inside}{file}", fault) for file, fault in checks[-1].faults]
         warnings += [(f"{inside}{file}", text) for file, text in checks[-1].warnings]
+        notes += [(f"{inside}{file}", text) for file, text in checks[-1].notes]
         if progress:
             progress(number / len(sessions))
     in_use = sum(check.live for check in checks)
@@ -56,6 +77,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         "in_use": in_use,
         **{name: sum(getattr(check, name) for check in checks) for name in ("whole", "recovered", "in_progress")},
         "faults": [{"file": file, "fault": fault} for file, fault in faults],
+        "notes": [{"file": file, "note": text} for file, text in notes],
         "warnings": [{"file": file, "warning": text} for file, text in warnings],
     }
 
@@ -70,23 +92,36 @@ class _SessionCheck:
         self.whole = self.recovered = self.in_progress = 0  # recordings
         self.faults: list[tuple[str, str]] = []  # file (relative to the session), what is wrong
         self.warnings: list[tuple[str, str]] = []  # file, why its motion may be wrong, though it is whole
+        self.notes: list[tuple[str, str]] = []  # file, what is no fault
         if files.is_half_created(session):
             return
-        self.journal = journal_summary(session)
+        self.journal = JournalSummary(session)
         self.rows: dict[int, TrialRow] = {}
+        self.stored: files.StoredSession | None = None
+        self._rounded: set[int] = set()  # runs whose numbers differ from their recordings in the last digits
+        self._check_journal()
         self._check_stored()
         on_disk = files.runs_on_disk(session)
         recordings = [found for of_run in on_disk.values() if (found := self._check_files(of_run)) is not None]
-        for of_run in files.runs_on_disk(session, files.PRACTICE).values():
-            self._check_files(of_run)
+        practised = files.runs_on_disk(session, files.PRACTICE).values()
+        for recording in filter(None, map(self._check_files, practised)):
+            self._right_row(recording)
+        right_rows = [row for recording in recordings if (row := self._right_row(recording)) is not None]
         try:
-            self.rows = {row.run: row for row in files.rows_of(session)}
+            rows = files.rows_of(session)
+            self.rows = {row.run: row for row in rows}
+            self._check_each_once(rows)
         except InputError as error:
             self._fault(files.TABLE, error)
         else:
-            for recording in recordings:
-                self._check_row(recording)
+            for right in right_rows:
+                self._check_row(right)
             self._check_rows_without_recording()
+        if self._rounded:
+            text = (
+                "numbers differ in their last digits from what the recordings give here: rounding, or a changed digit"
+            )
+            self.notes.append((files.TABLE, f"{text} ({counted(len(self._rounded), 'run')})"))
         for run in sorted(set(self.journal.begun) - set(on_disk) - set(self.rows)):
             if not any(session.glob(f"trials/run-{run:03d}.*")):
                 self._fault(f"trials/run-{run:03d}", "missing: the journal says that this trial was begun")
@@ -97,16 +132,39 @@ class _SessionCheck:
         name = file.relative_to(self.session).as_posix() if isinstance(file, Path) else file
         self.faults.append((name, files.seen_from(self.session, str(what))))
 
-    def _check_stored(self) -> None:
-        """session.json, and the key of a session that is still blind."""
-        file = files.STORED
+    def _check_journal(self) -> None:
+        """Every line of the journal."""
         try:
-            about = files.read_stored(self.session).about
-            if about.get("blind") and self.journal.key is None:
+            self.journal = journal_summary(self.session)
+        except InputError as error:
+            self._fault(NAME, error)
+            return
+        for fault in self.journal.faults:
+            self._fault(NAME, fault)
+        self.notes += [(NAME, note) for note in self.journal.notes]
+        if not (self.session / NAME).exists() and files.runs_used(self.session):
+            self._fault(NAME, "missing")
+
+    def _check_stored(self) -> None:
+        """session.json, and the key of a session that was begun blind."""
+        file, key = files.STORED, None
+        try:
+            self.stored = stored = files.read_stored(self.session)
+            if not stored.guarded:
+                self.notes.append((file, NOT_GUARDED))
+            files.person_of(self.session, stored)
+            folder = self.session.parent.name
+            if folder.startswith("sub-") and folder != f"sub-{stored.participant}":
+                self._fault(file, f"is of participant {stored.participant}, the folder is {folder}")
+            if self.journal.plan_sha256 not in ("", stored.about["plan_sha256"]):
+                self._fault(NAME, f"is the journal of another plan than that of {file}")
+            if stored.about["blind"] and (self.journal.key is None or (self.session / KEY).exists()):
                 file = KEY
-                read_key(self.session, str(about.get("key_sha256")))
+                key = read_key(self.session, stored.about["key_sha256"])
         except InputError as error:
             self._fault(file, error)
+        if key is not None and self.journal.key not in (None, key):
+            self._fault(NAME, f"says that the session was opened with another key than {KEY}")
 
     def _check_files(self, of_run: dict[str, Path]) -> Recording | None:
         """Check the files of one trial; the recording that its row must match, None where there is none to trust."""
@@ -141,20 +199,43 @@ class _SessionCheck:
         name = recording.path.relative_to(self.session).as_posix()
         self.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
 
-    def _check_row(self, recording: Recording) -> None:
-        """The row of a recording against what the recording gives."""
+    def _right_row(self, recording: Recording) -> TrialRow | None:
+        """The row that a whole recording gives, checked against its name, the session and the journal; None: none."""
         try:
             right = recorded_row(recording, self.session, self.journal)
         except InputError as error:
             self._fault(recording.path, error)
-            return
-        if f"run-{right.run:03d}" != recording.path.stem:
-            self._fault(recording.path, f"says that it is run {right.run}")
+            return None
+        path, is_practice = recording.path, recording.path.parent.name == files.PRACTICE
+        if f"run-{right.run:03d}" != path.stem:
+            self._fault(path, f"says that it is run {right.run}")
+            return right
+        if (right.block == PRACTICE_BLOCK) != is_practice:
+            self._fault(path, f"says that it is of block {right.block}")
+        elif self.stored and not is_practice and cell(right) not in map(cell, self.journal.plan(self.stored.plan)):
+            self._fault(path, "says that it is a trial that the plan does not have")
+        if self.stored and right.participant != self.stored.participant:
+            self._fault(path, f"is of participant {right.participant}, the session of {self.stored.participant}")
+        about, begun = recording.metadata, self.journal.begun.get(right.run)
+        if right.run not in (self.journal.practice_begun if is_practice else self.journal.begun):
+            if not self.live and recording.outcome["status"] != "recovered":  # that of a crash may have none
+                self._fault(NAME, f"has no line that says that run {right.run} was begun, {path.name} is there")
+        elif not is_practice and begun and any(about[name] != begun[name] for name in begun):
+            self._fault(path, f"is not the trial that the journal says was begun as run {right.run}")
+        return right
+
+    def _check_each_once(self, rows: Sequence[TrialRow]) -> None:
+        """Whether every run has one row."""
+        for run, count in Counter(row.run for row in rows).items():
+            if count > 1:
+                self._fault(files.TABLE, f"has {count} rows for run {run}")
+
+    def _check_row(self, right: TrialRow) -> None:
+        """The row of a recording against what the recording gives."""
         if (row := self.rows.get(right.run)) is not None:
             self._compare(row, right, "its recording")
         elif not self.live:
-            name = recording.path.relative_to(self.session).as_posix()
-            self._fault(files.TABLE, f"has no row for run {right.run} ({name}): recover it")
+            self._fault(files.TABLE, f"has no row for run {right.run} ({right.recording}): recover it")
 
     def _check_rows_without_recording(self) -> None:
         """Rows without a recording against the journal, both ways; rows whose recording is gone."""
@@ -174,20 +255,30 @@ class _SessionCheck:
         """Where a row differs from the right one."""
         for column in COLUMNS:
             there, true = getattr(row, column), getattr(right, column)
+            if column == "controller_name" and None in (there, true):
+                continue  # session.json, which has the names, cannot be read: that is named by itself
             if column == "recording":
                 there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
             is_same = there == true
             if isinstance(there, float) and isinstance(true, float):
                 is_same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
+                self._rounded |= {row.run} if is_same and there != true else set()
             if not is_same:
-                shown, right_shown = ("empty" if value in (None, "") else value for value in (there, true))
+                shown, right_shown = (_shown(value) for value in (there, true))
                 self._fault(files.TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
+
+
+def _shown(value: object) -> str:
+    """A cell in a sentence."""
+    text = str(value)
+    return "empty" if value in (None, "") else text if len(text) <= 60 else f"{text[:60]}.."
 
 
 def _pooled_faults(folder: Path) -> Iterator[str]:
     """How DATA/trials.csv differs from the tables of the sessions."""
     try:
-        pooled = {(row.participant, row.run): row for row in read_table(folder / files.TABLE)}
+        there = read_table(folder / files.TABLE)
+        pooled = {(row.participant, row.run): row for row in there}
     except InputError as error:
         yield files.seen_from(folder, str(error))
         return
@@ -195,11 +286,14 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
         rows = {(row.participant, row.run): row for row in files.pooled_rows(folder)}
     except InputError:  # named already
         return
+    for (participant, run), count in Counter((row.participant, row.run) for row in there).items():
+        if count > 1:
+            yield f"run {run} of participant {participant}: has {count} rows"
     for key in sorted({*pooled, *rows}):
         trial = f"run {key[1]} of participant {key[0]}"
         if key not in rows:
             yield f"{trial}: no session's {files.TABLE} has it"
         elif key not in pooled:
             yield f"{trial}: is missing, the session's {files.TABLE} has it: recover it"
-        elif pooled[key] != rows[key]:
+        elif not is_same_row(pooled[key], rows[key]):
             yield f"{trial}: differs from the session's {files.TABLE}"

@@ -17,11 +17,10 @@ from core.control.velocity_field import BLEND_WIDTH, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
 from core.files import (
     InputError,
-    NotNegative,
-    Pair,
     Positive,
     Table,
     from_plain,
+    is_assumed,
     parse_toml,
     read_text,
     shipped_or_file,
@@ -29,22 +28,23 @@ from core.files import (
 from core.kernel import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
+from core.ranges import Angle, Coordinate, Force, Place, Push, Torque
 from core.simulator.state import new_record
 from experiments.progress import Progress, unseen
-from experiments.simulate.scene import StepLength, hand_force, whole_number
+from experiments.simulate.scene import StepLength, hand_force, refuse_endless, whole_number
 from experiments.simulate.simulate import new_csv, run_beside
 
 FREE, ALONG_PATH, AT_WALL = range(3)
 #: t, pose (3), velocity (3), angles of the castors (3), limited castors (bits), hand's work, kinetic energy
 WIDTH = 13
-Triple = tuple[float, float, float]
+Pose = tuple[Coordinate, Coordinate, Angle]
 
 
 class HandTable(Table, frozen=True):
     """What the hand does at the centre of mass: a file, or a constant."""
 
     file: str | None = None  # with the header t_s,fx_N,fy_N,torque_N_m; linear in between
-    constant: Triple | None = None  # N, N, N m
+    constant: tuple[Force, Force, Torque] | None = None  # N, N, N m
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant is not None:
@@ -54,9 +54,9 @@ class HandTable(Table, frozen=True):
 class WallTable(Table, frozen=True):
     """A straight wall that a free cobot never passes, as long as the hand pushes no harder than `push_max_N`."""
 
-    at_m: Pair
-    normal: Pair  # to the free side
-    push_max_N: NotNegative
+    at_m: Place
+    normal: tuple[float, float]  # to the free side
+    push_max_N: Push
 
     def __post_init__(self) -> None:
         if not math.hypot(*self.normal) > 0.0:
@@ -70,7 +70,7 @@ class CobotSceneFile(Table, frozen=True):
     duration_s: Positive
     step_s: StepLength
     output_interval_s: Positive | None = None  # None: step_s
-    initial_pose: Triple = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
+    initial_pose: Pose = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
     force: HandTable = HandTable()
     #: A path of core.path along which the controllers' velocity field steers; with `heading_rad` (0), to which the body
     #: turns within about `within_m` (0.3) of way.
@@ -86,7 +86,7 @@ class CobotScene(NamedTuple):
     """A scene that has passed every check."""
 
     cobot: CobotFile
-    pose: Triple
+    pose: Pose
     step_s: float
     output_every: int  # steps from one output row to the next
     rows: int  # the first at t = 0
@@ -102,6 +102,11 @@ class CobotScene(NamedTuple):
     def finer(self) -> "CobotScene":
         """The same at half the step."""
         return self._replace(step_s=0.5 * self.step_s, output_every=2 * self.output_every)
+
+    @property
+    def doubt(self) -> tuple[str, str]:
+        """Where the check comes apart from the run: what `finer` was, and what to do."""
+        return "half the step", "choose a smaller step_s"
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1."""
@@ -120,7 +125,7 @@ def load_cobot(reference: str, folder: Path, where: str) -> CobotFile:
         assert device.castor is not None
         return CobotFile(
             name=device.name, mass_kg=device.mechanism.tip_mass, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),),
-            steering_rate_max_rad_s=device.castor.steering_rate_max_rad_s, provenance="assumed" * device.assumed,
+            steering_rate_max_rad_s=device.castor.steering_rate_max_rad_s, provenance=device.file.provenance,
         )  # fmt: skip
     path = shipped_or_file(reference, COBOT_FOLDER, folder, f"{where}: unknown cobot")
     return parse_toml(read_text(path), CobotFile, str(path))
@@ -133,6 +138,7 @@ def read_cobot_scene(path: Path) -> CobotScene:
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
     every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     rows = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals") + 1
+    refuse_endless((rows - 1) * every, rows, path)
     mode, ahead, heading, within = FREE, line((0.0, 0.0), (1.0, 0.0)), 0.0, 1.0
     if file.path is not None:
         about = dict(file.path)
@@ -230,7 +236,7 @@ def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = unsee
     record = run.cobots[0]
     return {
         "cobot": scene.cobot.name,
-        "assumed": scene.cobot.provenance == "assumed",
+        "assumed": is_assumed(scene.cobot.provenance),
         "rows": scene.rows,
         "wall_s": done.wall_s,
         "half_step_differs_m": done.differs_m,

@@ -5,6 +5,7 @@
 
 import io
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +14,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from core.control.guard import NOTHING, Around, Guard, why_no_guard
+from core.control.stopping import TICK_S
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Pair, Positive, Table, choice, parse_toml, read_text
+from core.files import InputError, NotNegative, Positive, StrangeInput, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
+from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
+from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Range, Speed
 from core.workspace import tip_is_free
 
 
@@ -44,6 +49,16 @@ class NumberTable:
             raise InputError(
                 f"{self.path}: line {self.line(row)}: time must rise, but {t[row]:g} s follows {t[row - 1]:g} s"
             )
+
+    def check_range(self, column: int, quantity: Range) -> None:
+        """Refuse a column that leaves the range of its quantity; warn where its largest number is strange."""
+        row = int(np.abs(self.values[:, column]).argmax())
+        value = float(self.values[row, column])
+        place = f"{self.path}: line {self.line(row)}: {self.columns[column]}"
+        if reason := quantity.refusal(value):
+            raise InputError(f"{place} {reason}")
+        if doubt := quantity.doubt(value):
+            warnings.warn(StrangeInput(f"{place} = {doubt}"), stacklevel=1)
 
 
 def read_number_table(path: Path, asked_by: str, needed: Sequence[str] = ()) -> NumberTable:
@@ -96,11 +111,14 @@ WHOLE_WITHIN = 1e-9
 TIME_WITHIN = 1e-9
 
 
-StepLength = Annotated[float, msgspec.Meta(gt=TIME_WITHIN)]
+#: A run of more would take an hour and more, and its table more than a GiB.
+MOST_STEPS, MOST_ROWS = 1_000_000_000, 10_000_000
+
+StepLength = Annotated[float, msgspec.Meta(gt=TIME_WITHIN, le=STEP.most, extra={"range": STEP})]
 
 
-class JointValues(Table, frozen=True):
-    """One value a joint; joints that are not named are 0."""
+class JointCurrents(Table, frozen=True):
+    """One current a joint; joints that are not named are 0."""
 
     A: NotNegative = 0.0
     E: NotNegative = 0.0
@@ -108,11 +126,20 @@ class JointValues(Table, frozen=True):
     C: NotNegative = 0.0
 
 
+class JointTorques(Table, frozen=True):
+    """One yield torque a joint; joints that are not named are 0."""
+
+    A: Held = 0.0
+    E: Held = 0.0
+    B: Held = 0.0
+    C: Held = 0.0
+
+
 class BrakeTable(Table, frozen=True):
     """The commands to the brakes: constants, or a schedule file that overrides them."""
 
-    torque_N_m: JointValues | None = None
-    current_amperes: JointValues | None = None
+    torque_N_m: JointTorques | None = None
+    current_amperes: JointCurrents | None = None
     schedule: str | None = None
 
 
@@ -120,7 +147,7 @@ class ForceTable(Table, frozen=True):
     """What the hand does: a file, or a constant."""
 
     file: str | None = None
-    constant_N: Pair | None = None
+    constant_N: tuple[Force, Force] | None = None
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant_N is not None:
@@ -133,18 +160,24 @@ class SceneFile(Table, frozen=True):
     device: str
     duration_s: Positive
     step_s: StepLength
-    initial_tip_m: Pair
+    initial_tip_m: Place
     output_interval_s: Positive | None = None
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
-    initial_tip_velocity_m_s: Pair = (0.0, 0.0)
+    initial_tip_velocity_m_s: tuple[Speed, Speed] = (0.0, 0.0)
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "ideal"
     brake_model: Annotated[str, choice("yield", "signed")] = "yield"  # what the lag of Eq. (1) acts on
     brakes: BrakeTable = BrakeTable()
     force: ForceTable = ForceTable()
+    obstacle: tuple[ObstacleFile, ...] = ()
+    guard: Guard | None = None  # locks all brakes in front of obstacles, whatever the brake table says
 
     def __post_init__(self) -> None:
         if self.brake_model == "signed" and (self.fidelity, self.integrator) != ("mr", "event"):
             raise ValueError("brake_model 'signed' needs fidelity 'mr' and integrator 'event'")
+        if self.guard is not None and self.fidelity == "ideal":
+            raise ValueError("guard needs fidelity 'static' or 'mr': it locks the brakes by their currents")
+        if self.guard is not None and self.brake_model == "signed":
+            raise ValueError("guard does not go with brake_model 'signed', whose brakes add energy")
         right, wrong = "torque_N_m", "current_amperes"
         if self.fidelity != "ideal":
             right, wrong = wrong, right
@@ -171,6 +204,7 @@ class Scene:
     force_t: np.ndarray  # (m,) s, rising; linear in between, held beyond the ends (a constant has one knot)
     force: np.ndarray  # (m, 2) N
     tolerance: float = 1.0  # share of the integrator's own error bounds
+    around: Around = NOTHING  # obstacles; with a guard no step is longer than its tick
 
     @property
     def rows(self) -> int:
@@ -178,11 +212,25 @@ class Scene:
         return self.steps // self.output_every + 1
 
     def finer(self) -> "Scene":
-        """The same scene for a check of its accuracy: half the step, a tenth of the integrator's error bounds."""
+        """The same scene for a check of its accuracy: `event` at half the step, with a hundredth of its error bounds.
+
+        No integrator is checked by itself but `event`, which cuts its steps by its own error estimate and locates what
+        happens within them: where that estimate and not step_s sets the error, a tenth of the bounds leaves half of it,
+        and where it falls back to `stepping`, the check does so in pieces a hundredth as long.
+        `stepping` cuts a fast step alike at any step_s, and like `karnopp` sees brakes stop the tip within one step and
+        within half of it alike: either would agree with its own error.
+        """
         return replace(
             self, step_s=0.5 * self.step_s, steps=2 * self.steps, output_every=2 * self.output_every,
-            tolerance=0.1 * self.tolerance,
+            integrator="event", tolerance=0.01 * self.tolerance,
         )  # fmt: skip
+
+    @property
+    def doubt(self) -> tuple[str, str]:
+        """Where the check comes apart from the run: what `finer` was, and what to do."""
+        if self.integrator == "event":
+            return "half the step", "choose a smaller step_s"
+        return "event at half the step", "choose integrator event or a smaller step_s"
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1: exact multiples of the interval.
@@ -208,8 +256,10 @@ def read_scene(path: str | Path) -> Scene:
     if file.brake_model == "signed":
         device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
-    output_every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
+    parts = 1 if file.guard is None else _parts(file.step_s, path)
+    output_every = parts * whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     intervals = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals")
+    refuse_endless(intervals * output_every, intervals + 1, path)
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
         raise InputError(
@@ -217,10 +267,11 @@ def read_scene(path: str | Path) -> Scene:
             "out of reach, beyond a hard stop, or not in y > 0"
         )
     return Scene(
-        device, file.duration_s, file.step_s, intervals * output_every, interval, output_every, file.integrator,
+        device, file.duration_s, file.step_s / parts, intervals * output_every, interval, output_every, file.integrator,
         file.fidelity, np.array(file.initial_tip_m), np.array(file.initial_tip_velocity_m_s),
         *_schedule(file, device, path),
         *hand_force(file.force.file, file.force.constant_N or (0.0, 0.0), ("fx_N", "fy_N"), file.duration_s, path),
+        around=_around(file, device, path),
     )  # fmt: skip
 
 
@@ -235,10 +286,51 @@ def whole_number(total: float, part: float, where: str, of: str) -> int:
     return count
 
 
+def refuse_endless(steps: int, rows: int, path: Path) -> None:
+    """Refuse a scene whose run nobody would wait for, or whose output fills a disk."""
+    if steps > MOST_STEPS:
+        raise InputError(f"{path}: step_s: {steps:g} steps are too many, at most {MOST_STEPS:,}: choose longer ones")
+    if rows > MOST_ROWS:
+        raise InputError(
+            f"{path}: output_interval_s: {rows:g} rows are too many, at most {MOST_ROWS:,}: choose a longer one"
+        )
+
+
+def _parts(step_s: float, path: Path) -> int:
+    """Into how many parts a guarded step is divided, so that each look of the guard is at the edge of a step.
+
+    Half the step, beside which the scene is run, then has half the parts' length: it checks them.
+    """
+    ticks = step_s / TICK_S
+    parts = max(round(ticks), 1)
+    whole = ticks / parts if ticks >= 1.0 else 1.0 / ticks
+    if abs(whole - round(whole)) > WHOLE_WITHIN * whole:
+        raise InputError(
+            f"{path}: step_s ({step_s:g} s) must be a whole number of milliseconds, or one over a whole number: the "
+            "guard looks every millisecond"
+        )
+    return parts
+
+
+def _around(file: SceneFile, device: Device, path: Path) -> Around:
+    """The obstacles. InputError if they are too many, or there is a guard that cannot keep the tip out of them."""
+    try:
+        edges = build_obstacles(file.obstacle)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    around = Around(obstacles=file.obstacle, guide=False, guard=file.guard)
+    x, y = file.initial_tip_m
+    if reason := why_no_guard(around, device.name, device, np.array([[x, y]]), "at initial_tip_m"):
+        raise InputError(f"{path}: guard: {reason}")
+    if file.guard is not None and nearest_obstacle(edges, len(edges), x, y).distance <= 0.0:
+        raise InputError(f"{path}: initial_tip_m: ({x:g}, {y:g}) m is in an obstacle, there is nothing to guard")
+    return around
+
+
 def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) and values (n, 4) of the commands to the brakes."""
     key = "torque_N_m" if file.fidelity == "ideal" else "current_amperes"
-    given = getattr(file.brakes, key) or JointValues()
+    given = getattr(file.brakes, key) or JointCurrents()
     constants = np.array([[getattr(given, joint) for joint in JOINTS]])
     _check_commands(constants, device, file.fidelity, lambda row, joint: f"{path}: brakes.{key}.{joint}")
     if file.brakes.schedule is None:
@@ -253,6 +345,9 @@ def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, 
     table.check_times()
     values = np.zeros((len(table.values), 4))
     values[:, [JOINTS.index(joint) for joint in joints]] = table.values[:, 1:]
+    if file.fidelity == "ideal":
+        for column in range(1, len(table.columns)):
+            table.check_range(column, YIELD)
     _check_commands(values, device, file.fidelity, lambda row, joint: f"{name}: line {table.line(row)}: {joint}")
     return table.values[:, 0].copy(), values
 
@@ -284,6 +379,8 @@ def hand_force(
     if table.columns != header:
         raise InputError(f"{name}: line 1: the header must be {','.join(header)}, not {','.join(table.columns)}")
     table.check_times()
+    for column, title in enumerate(header[1:], 1):
+        table.check_range(column, TORQUE if title.endswith("_N_m") else FORCE)
     last = table.values[-1, 0]
     if last < duration_s - TIME_WITHIN:
         raise InputError(f"{name}: ends at {last:g} s, before the scene does (duration_s = {duration_s:g} s)")

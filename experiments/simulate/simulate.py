@@ -1,12 +1,13 @@
 """`phd simulate`: run a scene and stream its motion to a new CSV file, chunk by chunk, so memory stays flat.
 
-Beside the run goes the same scene at half the step: where the two come apart, or the energy ledger contradicts the
-motion, the summary warns.
+Beside the run goes the same scene at half the step, whatever the integrator by `event`: where the two come apart, or
+the energy ledger contradicts the motion, the summary warns.
 """
 
 import math
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -15,7 +16,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
+from core.control.algorithm import LOCK_TOO_LATE, NONE
 from core.mechanism import JOINTS
+from core.obstacles import build_obstacles, nearest_obstacle
+from core.simulator.guarding import Guarded, Schedule
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
@@ -24,16 +28,24 @@ from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
 
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
-#: shows and an interrupt is heard (a running kernel hears none).
+#: shows.
 CHUNK_ROWS = 20_000
 CHUNK_STEPS = 500_000
 
-#: m; a run whose tip differs by more from that at half the step is warned of (our choice: a first-order error of a
-#: millimetre shows as half a millimetre, and leave a margin).
-SURE_WITHIN_M = 3e-4
+#: s; how late an interrupt is heard while a kernel runs.
+HEARD_EVERY_S = 0.1
+
+#: m; a run whose tip differs by more from the check is warned of. Our choice: half of the millimetre promised, so a
+#: check may be off by as much. Larger: where the check is off, too, a millimetre passes. Smaller: right results are
+#: warned of.
+SURE_WITHIN_M = 5e-4
+
+ROUNDING = 1e-9  # relative, of a force file's two components: a push of push_N in any direction is no more than that
 
 #: Columns of a chunk: t, x, y, vx, vy, torque of A, E, B, C, stuck (bits 1 A, 2 E, 4 B, 8 C).
 X, TORQUE, STUCK, WIDTH = 1, 5, 9, ROW_WIDTH
+GUARD = ROW_WIDTH  # where there is a guard: its decision
+LOCKED, TOO_LATE = "lock", "lock: too late"  # words of the guard; where the brakes are free it has none
 
 
 class SceneRun:
@@ -43,19 +55,40 @@ class SceneRun:
         """Compile, or load, every kernel that a step needs, so that no clock runs meanwhile."""
         self.scene, self.row = scene, 0
         self.simulation = new_simulation(scene)
-        new_simulation(scene).rows(1, scene.step_s, 1, scene.schedule_t, scene.schedule, 0, 0)
+        self.guarded = None if scene.around.guard is None else Guarded(self.simulation, scene.around)
+        if self.guarded is None:
+            new_simulation(scene).rows(1, scene.step_s, 1, scene.schedule_t, scene.schedule, 0, 0)
+        else:
+            schedule = Schedule(scene.schedule_t, scene.schedule)
+            Guarded(new_simulation(scene), scene.around).rows(1, scene.step_s, 1, schedule, 0, 0)
 
     def run_chunk(self, rows: int) -> np.ndarray:
-        """The next output rows (rows, WIDTH); the first call begins at t = 0."""
+        """The next output rows (rows, WIDTH, or one more with a guard); the first call begins at t = 0."""
         scene, first = self.scene, self.row
         self.row += rows
-        return self.simulation.rows(
-            rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
-        )
+        if self.guarded is None:
+            return self.simulation.rows(
+                rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
+            )
+        schedule = Schedule(scene.schedule_t, scene.schedule)
+        return self.guarded.rows(rows, scene.step_s, scene.output_every, schedule, first, scene.rows - 1)
 
     def ledger(self) -> Ledger:
         """Energies and counts so far."""
         return self.simulation.ledger()
+
+    def guard_ticks(self) -> dict[str, int]:
+        """How often the guard has looked so far, and what it did."""
+        assert self.guarded is not None
+        counts = {"guard_ticks": "ticks", "guard_locked_ticks": "locked", "guard_too_late_ticks": "too_late"}
+        return {name: int(self.guarded.guarding[field][0]) for name, field in counts.items()}
+
+    def other_decisions(self, half_step: "SceneRun") -> tuple[str, ...]:
+        """A sentence where the guard of the same scene at half the step has decided otherwise in any tick."""
+        guards = [run.guarded.guarding for run in (self, half_step) if run.guarded is not None]
+        if len({int(guarding["course"][0]) for guarding in guards}) < 2:
+            return ()
+        return ("at half the step the guard locks or lets go in other ticks: from there on the motions differ by that",)
 
 
 def new_simulation(scene: Scene) -> Simulation:
@@ -71,10 +104,23 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = unseen) ->
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
     """
-    braked = scene.device.braked
-    with new_csv(Path(out_path), column_names(braked)) as file:
+    braked, edges, nearest = scene.device.braked, build_obstacles(scene.around.obstacles), math.inf
+
+    def write(times: np.ndarray, rows: np.ndarray) -> None:
+        nonlocal nearest
+        more: dict[str, pa.Array] = {}
+        if len(edges):
+            distances = [nearest_obstacle(edges, len(edges), x, y).distance for x, y in rows[:, X : X + 2].tolist()]
+            nearest = min(nearest, *distances)
+            more["obstacle_m"] = pa.array(distances)
+        if scene.around.guard is not None:
+            which = np.where(rows[:, GUARD] == NONE, 0, np.where(rows[:, GUARD] == LOCK_TOO_LATE, 2, 1))
+            more["guard"] = _words(which, ("", LOCKED, TOO_LATE))
+        write_rows(file, times, rows, braked, more)
+
+    with new_csv(Path(out_path), [*column_names(braked), *extra_columns(scene)]) as file:
         run, half_step = SceneRun(scene), SceneRun(scene.finer())
-        done = run_beside(scene, run, half_step, lambda times, rows: write_rows(file, times, rows, braked), progress)
+        done = run_beside(scene, run, half_step, write, progress)
     ledger = run.ledger()
     return {
         "rows": scene.rows,
@@ -85,8 +131,33 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = unseen) ->
         "fallbacks": ledger.fallbacks,
         "half_step_differs_m": done.differs_m,
         "check_s": done.check_s,
-        "warnings": [*ledger.warnings(), *done.warnings],
+        **({"least_obstacle_m": nearest} if len(edges) else {}),
+        **({} if scene.around.guard is None else run.guard_ticks()),
+        "warnings": [
+            *ledger.warnings(),
+            *done.warnings,
+            *(run.other_decisions(half_step) if done.warnings and scene.around.guard else ()),
+            *(pushed_beyond(scene, scene.around.guard.push_N) if scene.around.guard else ()),
+        ],  # fmt: skip
     }
+
+
+def extra_columns(scene: Scene) -> list[str]:
+    """The columns at the end of a scene's file that only scenes with obstacles have."""
+    return ["obstacle_m"] * bool(scene.around.obstacles) + ["guard"] * (scene.around.guard is not None)
+
+
+def pushed_beyond(scene: Scene, allowed: float) -> tuple[str, ...]:
+    """A warning where the hand pushes harder than its guard allows for (N)."""
+    inside = scene.force_t[(scene.force_t > 0.0) & (scene.force_t < scene.duration_s)]
+    times = np.concatenate([[0.0], inside, [scene.duration_s]])
+    push = np.hypot(*(np.interp(times, scene.force_t, scene.force[:, axis]) for axis in (0, 1))).max()
+    if push <= allowed * (1.0 + ROUNDING):
+        return ()
+    return (
+        f"the hand pushes with up to {push:.4g} N, more than the {allowed:g} N (push_N) that the guard allows for: the "
+        "tip can get into an obstacle",
+    )
 
 
 @contextmanager
@@ -108,10 +179,10 @@ def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
 
 
 class Comparison(NamedTuple):
-    """A run beside the same scene at half the step."""
+    """A run beside its check."""
 
     wall_s: float  # of the run alone
-    check_s: float  # of the one at half the step
+    check_s: float  # of the check
     differs_m: float | None  # how far apart their places came; None: without bound
     warnings: tuple[str, ...]
 
@@ -120,7 +191,7 @@ def run_beside(
     scene: Any, run: Any, half_step: Any, write: Callable[[np.ndarray, np.ndarray], None],
     progress: Callable[[float], None],
 ) -> Comparison:  # fmt: skip
-    """Run a scene (of a device or a cobot) and the same one at half the step, chunk by chunk, and compare the places.
+    """Run a scene (of a device or a cobot) and its check (`finer`), chunk by chunk, and compare the places.
 
     write: takes the times (n,) and rows (n, columns; the place in columns X and X + 1) of each chunk of the run.
     FloatingPointError if the motion diverges.
@@ -128,13 +199,13 @@ def run_beside(
     start, check_s, done, differs_m, wrong_from_s = time.perf_counter(), 0.0, 0, 0.0, math.inf
     while done < scene.rows:
         count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)
-        rows, times = run.run_chunk(count), scene.row_times(done, count)
+        rows, times = interruptible(run.run_chunk, count), scene.row_times(done, count)
         if not np.isfinite(rows).all():  # a force or speed beyond all sense
             t = times[np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]]
             raise FloatingPointError(f"the simulated motion is no longer finite at t = {t:g} s")
         write(times, rows)
         began = time.perf_counter()
-        apart = np.hypot(*(rows - half_step.run_chunk(count))[:, X : X + 2].T)
+        apart = np.hypot(*(rows - interruptible(half_step.run_chunk, count))[:, X : X + 2].T)
         apart[~np.isfinite(apart)] = np.inf
         differs_m = max(differs_m, float(apart.max()))
         wrong_from_s = min([wrong_from_s, *times[apart > SURE_WITHIN_M][:1]])
@@ -142,14 +213,37 @@ def run_beside(
         done += count
         progress(done / scene.rows)
     far = f"up to {1e3 * differs_m:.3g} mm elsewhere" if math.isfinite(differs_m) else "beyond all bounds"
+    check, advice = scene.doubt
     warning = (
-        f"the motion may be wrong by a millimetre or more from t = {wrong_from_s:g} s on: half the step puts it {far}; "
-        "choose a smaller step_s"
+        f"the motion may be wrong by a millimetre or more from t = {wrong_from_s:g} s on: {check} puts it {far}; "
+        f"{advice}"
     )
     return Comparison(
         time.perf_counter() - start - check_s, check_s, differs_m if math.isfinite(differs_m) else None,
         (warning,) if math.isfinite(wrong_from_s) else (),
     )  # fmt: skip
+
+
+def interruptible(compute: Callable[[int], np.ndarray], count: int) -> np.ndarray:
+    """What `compute` answers, from a thread of its own: a kernel holds no interpreter lock, so Ctrl-C is heard at once.
+
+    The thread then ends with the process. Whatever `compute` raises is raised here.
+    """
+    found: list[np.ndarray | BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(compute(count))
+        except BaseException as error:  # handed over below
+            found.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(HEARD_EVERY_S)  # on Windows a wait without an end hears nothing
+    if isinstance(found[0], BaseException):
+        raise found[0]
+    return found[0]
 
 
 def column_names(braked: str) -> list[str]:
@@ -158,11 +252,17 @@ def column_names(braked: str) -> list[str]:
     return [*tip, *(f"torque_{joint}_N_m" for joint in braked), "stuck"]
 
 
-def write_rows(file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str) -> None:
-    """Append rows: shortest decimals that read back as the same doubles, LF line ends."""
+def write_rows(
+    file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str, more: Mapping[str, pa.Array] | None = None
+) -> None:
+    """Append rows: shortest decimals that read back as the same doubles, LF line ends. more: further columns."""
     columns = [times, *chunk[:, X : X + 4].T, *(chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked)]
-    bits = pa.array(chunk[:, STUCK].astype(np.int8))
-    stuck = pa.DictionaryArray.from_arrays(bits, list(STUCK_LETTERS)).cast(pa.string())
     arrays = [pa.array(column + 0.0) for column in columns]  # + 0.0: no "-0" where a torque is zero
-    table = pa.table([*arrays, stuck], names=column_names(braked))
+    all_columns = dict(zip(column_names(braked), [*arrays, _words(chunk[:, STUCK], STUCK_LETTERS)], strict=True))
+    table = pa.table(all_columns | dict(more or {}))
     pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False, quoting_style="none"))
+
+
+def _words(numbers: np.ndarray, words: Sequence[str]) -> pa.Array:
+    """A column of words by their numbers (n,)."""
+    return pa.DictionaryArray.from_arrays(pa.array(numbers.astype(np.int8)), list(words)).cast(pa.string())

@@ -20,13 +20,15 @@ from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_
 from experiments.inputs import is_person
 from experiments.progress import Progress, unseen
 from experiments.protocol import label
-from experiments.recording.atomic_files import first_free, make_empty_folder, write_new_file
+from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
-from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, seen_from
 from experiments.session.journal import (
     KEY_OPENED,
+    NAME,
     JournalSummary,
+    close_journal,
     journal_summary,
     recorded_row,
     rows_without_recording,
@@ -48,6 +50,7 @@ class Found:
     presets: dict[int, Preset] = field(default_factory=dict)
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
+    doubts: list[str] = field(default_factory=list)  # what of the journals could not be believed
 
     @property
     def controllers(self) -> dict[Controller, str]:
@@ -83,10 +86,17 @@ def analyze(
     try:
         for session, paths in sessions.items():
             journal = journal_summary(session)
+            place = session.relative_to(folder)
+            found.doubts += [
+                f"{place / NAME}: {fault}: what it said is not in this analysis" for fault in journal.faults
+            ]
             if unblind and journal.key is None:
                 journal = open_key(session, journal, unblind, out, found)
             if journal.key is not None:  # its recordings cannot name their controllers
-                found.presets.update(read_stored(session).protocol.controllers)
+                try:
+                    found.presets.update(read_stored(session).protocol.controllers)
+                except InputError as error:
+                    found.doubts.append(seen_from(folder, str(error)))
             rows: list[TrialRow] = []
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
@@ -107,7 +117,7 @@ def analyze(
         "coded": found.coded,
         "left_out": found.left_out,
         "changed": changed_boxes(folder / TABLE, found, timeouts) if found.left_out else [],
-        "warnings": warned,
+        "warnings": [*found.doubts, *warned],
     }
 
 
@@ -120,6 +130,7 @@ def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found:
     lock = hold_lock(session)
     try:
         write_event(session, KEY_OPENED, who=who, analysis=str(out))
+        close_journal(session)
     finally:
         lock.release()
     found.keys[str(about["participant"])] = key
@@ -133,15 +144,23 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
         why = "; ".join(recording.damaged) or "cut off before its end"
         found.left_out.append(f"{path.relative_to(folder)} ({why})")
         return []
-    row, about = recorded_row(recording, out, journal), recording.metadata
-    operators = operators_from_json(about)
+    about = recording.metadata
+    try:
+        row = recorded_row(recording, out, journal)
+        with reading_stored(path):
+            operators = operators_from_json(about)
+            preset = preset_from_json(about["preset"]) if "preset" in about else None
+            simulated = not is_person(about.get("hand", ""))
+    except InputError as error:
+        found.left_out.append(seen_from(folder, str(error)))
+        return []
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
     found.labels.add(f"{protocol}, {operators.label if operators else hand}")
     found.notes.add(f"{protocol}, {operators.note if operators else hand}")
-    found.simulated |= not is_person(about.get("hand", ""))
+    found.simulated |= simulated
     found.protocols.add(str(about.get("protocol", "")))
-    if isinstance(row.controller, int) and "preset" in about:
-        found.presets[row.controller] = preset_from_json(about["preset"])
+    if isinstance(row.controller, int) and preset is not None:
+        found.presets[row.controller] = preset
     return [row]
 
 

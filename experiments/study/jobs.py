@@ -8,11 +8,13 @@ A job's rows depend on nothing but the job, so the table is the same, byte by by
 """
 
 import contextlib
+import csv
 import json
 import math
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -82,13 +84,14 @@ def run_work(
             about = {"name": work.name, "texts": dict(work.texts)}
             write_new_file(stored, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
         parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
-        there = {path.name for path in (out / PARTS).glob("*.csv")}
+        width = len(work.columns)
+        there = {path.name for path in (out / PARTS).glob("*.csv") if _cells_of(path) == width}
         waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in there]
         done, ticks = len(work.jobs) - len(waiting), 0
         progress(done / len(work.jobs))
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
-        with _ending_at_once():
+        with _ending_at_once(out):
             for number, (rows, more) in _results(waiting, cluster is not None):
                 with written_beside(parts[number], rows, sync=False) as partial:
                     rename(partial, parts[number])
@@ -99,6 +102,11 @@ def run_work(
             write_new_file(table, csv_bytes([work.columns]) + rows, sync=True)
         shutil.rmtree(out / PARTS, ignore_errors=True)
     return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
+
+
+def going_on(out: Path) -> str:
+    """What is said of work that was interrupted and can go on."""
+    return f"{out}: interrupted; go on with the same command and --resume"
 
 
 def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
@@ -153,6 +161,12 @@ def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
 
 
+def _cells_of(part: Path) -> int:
+    """How many cells the rows of a part have. One of an earlier version may have fewer: its job runs again."""
+    with part.open(encoding="utf-8", newline="") as rows:
+        return len(next(csv.reader(rows), ()))
+
+
 def _run(job: Any, parent: int | None = None) -> tuple[int, Done]:
     """A job; in a worker of this machine, which ends when its parent does, however that ends."""
     if parent is not None and parent != os.getpid():
@@ -161,11 +175,18 @@ def _run(job: Any, parent: int | None = None) -> tuple[int, Done]:
 
 
 @contextlib.contextmanager
-def _ending_at_once() -> Iterator[None]:
+def _ending_at_once(out: Path) -> Iterator[None]:
     """An interrupt ends the process on the spot: finished jobs are on the disk, and the workers see that their parent
     is gone. An orderly end would wait for them, sometimes for ever.
     """
-    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT)}
+
+    def end(number: int, _: object) -> None:
+        with contextlib.suppress(OSError, ValueError):  # nobody may be there to read it
+            print(f"phd: {going_on(out)}", file=sys.stderr, flush=True)
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield
     finally:

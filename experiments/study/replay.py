@@ -38,7 +38,7 @@ from experiments.study.replay_motion import (
     recorded_arm,
     run_replay,
 )
-from experiments.trial.encoder_sensing import REAL_AGE, decision_noise, new_sensing, sensed_age
+from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
 from experiments.trial.tick import decide_again
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
@@ -281,14 +281,13 @@ def check_decisions(
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
     middle = point_at(path, 0.5 * path.length)[:2]
     if recording.sensors:
-        noise, sensing, age = velocity_noise(device, middle), new_sensing(device, DEFAULTS), REAL_AGE
+        noise, sensing, assumed = velocity_noise(device, middle), new_sensing(device, DEFAULTS), AS_ON_THE_BENCH
     else:
         device = assumed.applied_to(device)
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
-        age = sensed_age(assumed)
     controller = make_controller(
         preset, device.force_normalised_N, rules, velocity_noise=noise,
-        around=make_around(around, device.brakes, age),
+        around=make_around(around, device, sensed(device, middle, assumed)),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     decide_again(

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from core import tick_log
+from core.files import InputError
 from experiments.analysis.chart_figures import draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
-from experiments.plan import PlannedTrial, participant_index
+from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
@@ -36,6 +37,7 @@ from experiments.session.files import (
 from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
+from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, settled
 from experiments.trial.population import Population
 from experiments.trial.tick import TICK_S
@@ -44,6 +46,8 @@ from experiments.trial.trial import Trial, load_kernels
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
 CHUNK_TICKS = 8192
 FIGURES, REPORT = "figures", "report"
+MOST_OPERATORS = 1000  # our choice: 60,000 of the paper's trials
+TRIAL_BYTES = 800_000  # of a recording of the paper's protocol, about: the mean over 120 was 780 kB
 
 
 def run_study(
@@ -51,12 +55,13 @@ def run_study(
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
     out = Path(out)
+    refuse_too_many(out, operators, protocol)
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as beside, hold_lock(out):
         study = StudyPlan(operators, settled(protocol, population), population)
         write_study(out, study)
-        return Run(out, study, beside.shared, progress).carry_out(beside)
+        return carry_out(out, study, beside, progress)
 
 
 def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = unseen) -> dict:
@@ -73,7 +78,27 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = un
     refuse_other(out, study, asked)
     load_kernels()
     with helpers(study.operators) as beside, hold_lock(out):
+        return carry_out(out, study, beside, progress)
+
+
+def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
+    """InputError for more operators than a study may have, or than the disk of `out` has room for."""
+    if operators > MOST_OPERATORS:
+        raise InputError(f"--operators: at most {MOST_OPERATORS}, not {operators}; a sweep keeps no recordings")
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.is_dir())
+    wanted = operators * len(make_plan(protocol, "01", coded=False)) * TRIAL_BYTES
+    if wanted > (free := shutil.disk_usage(there).free):
+        raise InputError(
+            f"{out}: {operators} operators record about {1e-9 * wanted:.1f} GB, and {1e-9 * free:.1f} GB are free there"
+        )
+
+
+def carry_out(out: Path, study: StudyPlan, beside: Helpers, progress: Progress) -> dict:
+    """Run what is not done yet; the summary. An interrupt says how the study goes on."""
+    try:
         return Run(out, study, beside.shared, progress).carry_out(beside)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(going_on(out)) from None
 
 
 @dataclass

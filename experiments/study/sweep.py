@@ -22,7 +22,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, unseen
-from experiments.protocol import Protocol, load_protocol
+from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
@@ -34,7 +34,7 @@ MOST_JOBS = 1_000_000
 #: Of the table; the assumptions that vary stand behind the rules.
 COLUMNS = (
     "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
-    *BY_NAME, "energy_residual_J", "energy_added_max_J",
+    *BY_NAME, "energy_residual_J", "energy_added_max_J", "controller_name",
 )  # fmt: skip
 
 
@@ -118,6 +118,7 @@ class Job:
     operator: int
     repetitions: int
     varied: tuple[str, ...]  # assumptions that are not the same in all jobs
+    controller_name: str  # as the protocol has it, else its algorithm and parameters as the sweep has them
 
     def run(self) -> Done:
         """Its rows, in the order of `COLUMNS`."""
@@ -138,7 +139,7 @@ class Job:
             self.population.name, self.device.name, self.protocol.rules,
             *(getattr(self.protocol.assumptions, name) for name in self.varied),
             self.preset.kind, *map(self.preset.value, PARAMETERS), self.operator,
-            *(getattr(row, name) for name in COLUMNS[COLUMNS.index("segment") :]),
+            *(getattr(row, name) for name in COLUMNS[COLUMNS.index("segment") : -1]), self.controller_name,
         ]  # fmt: skip
 
 
@@ -173,8 +174,19 @@ def load_sweep(path: Path) -> Work:
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
+    in_protocol = {one[1:]: one.name for one in presets_of(protocol)}
     jobs = tuple(
-        Job(number, population, device, one, one.assumptions.controller(preset), operator, file.repetitions, varied)
+        Job(
+            number,
+            population,
+            device,
+            one,
+            one.assumptions.controller(preset),
+            operator,
+            file.repetitions,
+            varied,
+            in_protocol.get(preset[1:], preset.words),
+        )  # fmt: skip
         for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
     )
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}

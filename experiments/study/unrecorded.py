@@ -5,6 +5,7 @@ Of worlds and sweeps; of a study's error bars; and of the paper's own rule for t
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,9 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
-from experiments.recording.atomic_files import reading_stored
 from experiments.recording.schema import recording_of
-from experiments.session.files import STORED, read_stored
+from experiments.session.files import person_of as stored_person
+from experiments.session.files import read_stored
 from experiments.trial.normals import normals
 from experiments.trial.operator import TICK_S, Person
 from experiments.trial.population import Population
@@ -75,7 +76,9 @@ def study_trials(
         for planned in make_plan(protocol, label, coded=False):
             preset = protocol.controllers[int(planned.controller)]
             device = devices[planned.configuration]
-            yield run_measured(trial_of(protocol, person, operator, planned, device, preset), label, metrics)
+            trial = trial_of(protocol, person, operator, planned, device, preset)
+            row, ticks = run_measured(trial, label, metrics)
+            yield replace(row, controller_name=preset.name), ticks
 
 
 def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) -> tuple[TrialRow, int]:
@@ -103,11 +106,8 @@ def errors_in(folder: Path) -> list[Moved]:
     """Those of the first simulated operator in a data folder, none if there is none. InputError: cannot be read."""
     for session in sorted(folder.glob("sub-*/ses-*")):
         stored = read_stored(session)
-        with reading_stored(session / STORED):
-            about = stored.about["person"]
-            person = Person(**about) if about else None
-        if person:
-            return simulation_errors(stored.protocol, person, str(stored.about["participant"]))
+        if person := stored_person(session, stored):
+            return simulation_errors(stored.protocol, person, stored.participant)
     return []
 
 

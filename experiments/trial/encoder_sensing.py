@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from core.control.guard import Sensed
 from core.device import Device
-from core.device_interface import velocity_noise
+from core.device_interface import encoder_step, velocity_noise
 from core.kernel import kernel
 from core.linkage import joint_angles
 from core.simulator.state import new_record, new_state
@@ -65,16 +66,22 @@ def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assump
     return velocity_noise(device, tip, assumptions.filter_samples) if assumptions.sensing == ENCODERS else 0.0
 
 
-def sensed_age(assumptions: Assumptions) -> tuple[float, float]:
-    """How old (s) the tip and the velocity are that the controller of a simulated device sees."""
+def sensed(device: Device, tip: tuple[float, float], assumptions: Assumptions) -> Sensed:
+    """How far what the controller of a simulated device sees may be from its motion.
+
+    The steps of the encoders: twice what they are at `tip` (m).
+    """
     if assumptions.sensing != ENCODERS:
-        return 0.0, 0.0
-    delay = TICK_S * assumptions.delay_samples
-    return delay, delay + 0.5 * TICK_S * (assumptions.filter_samples - 1)
+        return Sensed()
+    delay, window = TICK_S * assumptions.delay_samples, assumptions.filter_samples
+    encoders = device.sensing.encoders if device.sensing else None
+    error = encoder_step(device, tip, encoders.counts) if encoders else 0.0  # half a count, twice
+    slope = 3.0 * window / (TICK_S * (window * window - 1.0))  # largest sum of the filter's weights, 1/s
+    return Sensed(delay, delay + TICK_S * (window - 1), error, slope * error)
 
 
-#: s; assumed of a real device, whose velocity is filtered alike (hardware/sensing/samples).
-REAL_AGE = sensed_age(Assumptions(sensing=ENCODERS))
+#: Assumed of a real device, whose velocity is filtered alike (hardware/sensing/samples).
+AS_ON_THE_BENCH = Assumptions(sensing=ENCODERS)
 
 
 @kernel

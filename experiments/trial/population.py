@@ -12,11 +12,11 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import msgspec
 import numpy as np
 
-from core.files import Table, parse_toml, read_text, shipped_or_file
+from core.files import Table, is_assumed, parse_toml, read_text, shipped_or_file
 from experiments.trial.operator import Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
-ASSUMED = "assumed"  # a source that begins so: no data stand behind the number
+ASSUMED = "assumed"  # how a source begins where no data stand behind the number
 
 #: Least and most of each number, in its unit.
 LIMITS: dict[str, tuple[float, float]] = {
@@ -127,7 +127,7 @@ class Population:
     @property
     def assumed(self) -> bool:
         """Whether some of its numbers are assumed: marked wherever they are shown."""
-        return any(spread.source.startswith(ASSUMED) for spread in self.spreads.values())
+        return any(is_assumed(spread.source) for spread in self.spreads.values())
 
     def draw(self, generator: np.random.Generator) -> Person:
         """A person at random. The same draws pick the same place in every population's spreads."""

@@ -29,7 +29,7 @@ from core.brake import begin_lag, lagged_yield, torque_gain
 from core.cobot import COBOT
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
-from core.control.velocity_field import NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
+from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
 from core.kernel import inlined, kernel
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
@@ -179,7 +179,7 @@ def run_ticks(
             guard(mechanism, brakes, state, run, row)
         if run.simulated_hand != 0:
             operate(operator, grip, way, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
-        memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = math.nan
+        memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = memory[HOLDS] = math.nan
         if run.slave.on != 0:
             follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(controller, brakes, path, memory, seen, run, row)
@@ -191,7 +191,7 @@ def run_ticks(
             resolve(mechanism, brakes, hand, state, t)
         log_row(mechanism, brakes, state, grip, run, t, row)
         log_shown(state, run, memory, row)
-        log_obstacle(controller.around[0], state.tip, row)
+        log_obstacle(controller.around[0], state.tip, memory, row)
         if run.cobot.wheels != 0:
             move_with_castor(mechanism, hand, state, run)
         elif run.real == 0:
@@ -440,8 +440,9 @@ def log_shown(state, run, memory, row):
 
 
 @kernel
-def log_obstacle(around, tip, row):
-    """Stage: into the row, how far the nearest obstacle is."""
+def log_obstacle(around, tip, memory, row):
+    """Stage: into the row, how far the nearest obstacle is, and whether the guard can keep the tip out of it."""
+    row[log.GUARD_HOLDS] = memory[HOLDS]
     row[log.OBSTACLE_DISTANCE] = math.nan
     if around.count > 0:
         row[log.OBSTACLE_DISTANCE] = nearest_obstacle(around.edges, around.count, tip[0], tip[1]).distance

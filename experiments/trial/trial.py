@@ -33,7 +33,7 @@ from experiments.protocol import TrialRules, load_protocol
 from experiments.trial import tick
 from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
-from experiments.trial.encoder_sensing import REAL_AGE, Sensing, decision_noise, new_sensing, sensed_age
+from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, Sensing, decision_noise, new_sensing, sensed
 from experiments.trial.normals import Normals
 from experiments.trial.operator import OPERATOR, TICK_S, Person, new_operator, take_handle
 
@@ -96,17 +96,18 @@ class Trial:
         middle = point_at(self.path, 0.5 * self.path.length)[:2]
         if isinstance(device, SimulatedDevice):
             self.device = device.device
-            noise, age = decision_noise(self.device, middle, how.assumptions), sensed_age(how.assumptions)
+            assumed = how.assumptions
+            noise = decision_noise(self.device, middle, assumed)
             self.model: Simulation = device
             self.sensing = new_sensing(self.device, how.assumptions)
             device.begin()
         else:  # what is known of it: sensed motion, and the brake model
-            self.device, noise, age = device, velocity_noise(device, middle), REAL_AGE
+            self.device, noise, assumed = device, velocity_noise(device, middle), AS_ON_THE_BENCH
             self.model = Simulation(device, middle, fidelity="mr", integrator="event", backlash=False)
             self.sensing = new_sensing(device, DEFAULTS)
         self.controller: Controller = make_controller(
             preset, self.device.force_normalised_N, rules, velocity_noise=noise,
-            around=make_around(how.around, self.device.brakes, age),
+            around=make_around(how.around, self.device, sensed(self.device, middle, assumed)),
         )  # fmt: skip
         self._way = self.path  # of the operator
         self._memory = new_memory()

@@ -270,12 +270,15 @@ class Board:
             self._flags &= ~Flag.LATE
         return out
 
-    def lose_power(self, now_us: int) -> None:
-        """Brown-out: the supply fell; currents are zero, and the board starts anew with the fault latched."""
+    def lose_power(self, now_us: int, noticed: bool = True) -> None:
+        """Brown-out: the supply fell; currents are zero, and the board starts anew with the fault latched.
+
+        Not noticed: neither latched nor counted, by a board that counts its starts in a memory that forgets.
+        """
         self._change(Event.BROWN_OUT)
-        self._low_at_start = True
+        self._low_at_start = noticed
         self.faults = self.cause = Fault.NONE
-        self.starts = (self.starts + 1) % WRAP
+        self.starts = (self.starts + noticed) % WRAP
         self._sequence = 0
         self._power_up(now_us)
 

@@ -18,7 +18,7 @@ from core.device import Device
 from core.files import InputError
 from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand, hello_of
-from hardware.emulated_board.line_faults import Line, LineFault, read_fault
+from hardware.emulated_board.line_faults import POWER, Line, LineFault, read_fault
 from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, TcpPort, Terminal
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
@@ -184,12 +184,13 @@ class Emulator:
             self.to_board.clear()
         elif self._plug is None and "unplug" not in kinds:
             self._plug = self._plug_in()
-        if "brown-out" in kinds and now >= self._powered_s:
-            self.board.lose_power(0)
+        without = kinds.intersection(POWER)
+        if without and now >= self._powered_s:
+            self.board.lose_power(0, noticed="brown-out" in without)
             self.device.sensors.power_up()
             self.to_board.clear()
             self._powered_s = math.inf
-        elif math.isinf(self._powered_s) and "brown-out" not in kinds:
+        elif math.isinf(self._powered_s) and not without:
             self._powered_s = now
 
     def _tell_changes(self) -> None:

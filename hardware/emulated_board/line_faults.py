@@ -8,6 +8,7 @@
     stall@5+0.3          at 5 s nothing passes for 0.3 s, then everything that waited
     unplug@5+2           at 5 s the port is gone, for 2 s; the board goes on
     brown-out@5+0.3      at 5 s the supply falls, for 0.3 s
+    uncounted-start@5+1  at 5 s the supply is off, for 1 s; the board then gives the same number of starts
     stuck-encoder=A@5+1  the encoder at A stays where it is
     bad-encoder=A@5+1    the encoder at A says that its signal is bad
     over-current=A@5+1   the amplifier at A measures twice what it can give
@@ -29,7 +30,8 @@ from core.mechanism import JOINTS
 SHARES = ("drop", "corrupt", "duplicate")
 TIMES = ("delay", "jitter")
 AT_JOINT = ("stuck-encoder", "bad-encoder", "over-current")
-PLAIN = ("stall", "unplug", "brown-out", "saturated-force")
+POWER = ("brown-out", "uncounted-start")
+PLAIN = ("stall", "unplug", *POWER, "saturated-force")
 KINDS = SHARES + TIMES + PLAIN + AT_JOINT
 LONGEST_S = 3600.0  # a time that is longer is a slip of the pen
 

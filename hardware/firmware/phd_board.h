@@ -9,8 +9,19 @@
 #include "phd_freshness.h"
 #include "phd_watch.h"
 
-enum { PHD_TICK_US = 1000000 / PHD_SAMPLE_HZ, PHD_WATCHDOG_US = 1000 * PHD_WATCHDOG_MS };  /* us, as all that ends so */
-enum { PHD_SILENCE_US = 1000000, PHD_START_US = 100000 };
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* us, as all that ends so. An int may have 16 bits: in it 1000 * 50 is no 50000. */
+#define PHD_TICK_US (UINT32_C(1000000) / PHD_SAMPLE_HZ)
+#define PHD_WATCHDOG_US (UINT32_C(1000) * PHD_WATCHDOG_MS)
+#define PHD_SILENCE_US UINT32_C(1000000)
+#define PHD_START_US UINT32_C(100000)
+PHD_ASSERT_U32(tick_us, PHD_TICK_US, 1000);
+PHD_ASSERT_U32(watchdog_us, PHD_WATCHDOG_US, 50000);
+PHD_ASSERT_U32(silence_us, PHD_SILENCE_US, 1000000);
+PHD_ASSERT_U32(start_us, PHD_START_US, 100000);
 
 typedef struct {
     /* Set all drivers now, before returning: zero is in force by the time that anything is said about it. */
@@ -66,6 +77,11 @@ enum phd_event {
     PHD_ON_STOP, PHD_ON_BYE, PHD_ON_STARTED, PHD_ON_STARTED_LOW, PHD_ON_SILENCE, PHD_ON_WATCHDOG, PHD_ON_CONDITION,
     PHD_ON_BROWN_OUT, PHD_EVENTS
 };
+PHD_ASSERT(states_and_marks_differ, (int)PHD_STATES <= (int)PHD_SAME);
 extern const uint8_t phd_states[PHD_EVENTS][PHD_STATES];
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -23,7 +23,7 @@ size_t phd_encode_frame(const uint8_t *payload, size_t n, uint8_t frame[PHD_MAX_
     size_t code_at = 0; /* where the way to the next zero byte will stand; below 255, since 128 bytes are the most */
     size_t at = 1;
     for (size_t i = 0; i < n + PHD_CRC_BYTES; i++) {
-        uint8_t byte = i < n ? payload[i] : (uint8_t)(crc >> (8 * (i - n)));
+        uint8_t byte = (uint8_t)(i < n ? payload[i] : crc >> (8 * (i - n)));
         if (byte != 0) {
             frame[at++] = byte;
         } else {

@@ -3,10 +3,15 @@
 #ifndef PHD_FRESHNESS_H
 #define PHD_FRESHNESS_H
 
-#include <stdbool.h>
-#include <stdint.h>
+#include "phd_frames.h"
 
-enum { PHD_LATE_US = 50000 }; /* a command that took this much longer than the quickest of late is not obeyed */
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define PHD_LATE_US UINT32_C(50000) /* a command that took this much longer than the quickest of late is not obeyed */
+PHD_ASSERT_U32(late_us, PHD_LATE_US, 50000);
+
 enum phd_age { PHD_FRESH, PHD_OLD, PHD_LATE };
 
 /* The memory of one connection; all zero at its beginning. */
@@ -18,5 +23,9 @@ typedef struct {
 
 /* What a command is; changes nothing but the memory of how long commands take. */
 enum phd_age phd_freshness_judge(phd_freshness *freshness, uint32_t sequence, uint64_t host_us, uint64_t now_us);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

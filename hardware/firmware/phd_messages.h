@@ -6,6 +6,10 @@
 
 #include "phd_frames.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum { PHD_VERSION = 1, PHD_JOINTS = 4, PHD_MAX_FORCE = 6, PHD_NO_DETAIL = 255 };
 enum { PHD_SAMPLE_HZ = 1000, PHD_WATCHDOG_MS = 50 };
 
@@ -36,6 +40,9 @@ typedef struct {
     int32_t force_full_scale;             /* counts, above 0, at which a channel is saturated */
     char device[24], serial[16];          /* UTF-8, filled with zero bytes */
 } phd_capability;
+
+PHD_ASSERT(hello_has_93_bytes, 53 + sizeof(((phd_capability *)0)->device) + sizeof(((phd_capability *)0)->serial) == 93);
+PHD_ASSERT(a_message_fits, 93 <= PHD_MAX_PAYLOAD && 23 + 6 * PHD_JOINTS + 4 * PHD_MAX_FORCE <= PHD_MAX_PAYLOAD);
 
 typedef struct {
     uint16_t current_mA[PHD_JOINTS];
@@ -79,5 +86,9 @@ size_t phd_pack_fault_report(uint8_t payload[PHD_MAX_PAYLOAD], uint16_t faults, 
                              uint64_t board_us);
 size_t phd_pack_heartbeat_reply(uint8_t payload[PHD_MAX_PAYLOAD], uint32_t token, uint64_t board_us);
 size_t phd_pack_refused(uint8_t payload[PHD_MAX_PAYLOAD], uint8_t type, uint8_t reason);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "phd_messages.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum { PHD_SPEED_TICKS = 10, PHD_OVER_CURRENT_TICKS = 10, PHD_SATURATED_TICKS = 5, PHD_OVER_CURRENT_mA = 100 };
 enum { PHD_MAX_CONDITIONS = 3 * PHD_JOINTS + 1 };
 
@@ -14,6 +18,8 @@ typedef struct {
     int16_t current_mA[PHD_JOINTS];    /* measured */
     bool encoder_good[PHD_JOINTS];     /* what the encoder's interface says of its signal */
 } phd_readings;
+
+PHD_ASSERT(ticks_fit_a_byte, PHD_SPEED_TICKS < 255 && PHD_OVER_CURRENT_TICKS < 256 && PHD_SATURATED_TICKS < 256);
 
 typedef struct {
     uint16_t fault;
@@ -31,5 +37,9 @@ void phd_watch_init(phd_watch *watch);
 /* Look at one tick's readings; how many conditions were found. To be called every tick. */
 size_t phd_watch_look(phd_watch *watch, const phd_capability *capability, const phd_limits *limits,
                       const phd_readings *readings, phd_condition found[PHD_MAX_CONDITIONS]);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -71,6 +71,16 @@ class ClockModel:
         elif self.fit.blocks == 0 and self._block is not None:
             self.fit = ClockFit(self._block[1], 0.0, 0.0, 0)
 
+    def went_on(self, board_us: int, asked_s: float) -> bool:
+        """Whether a board that says `board_us`, asked at host time `asked_s`, has had power since its newest sample.
+
+        Its clock has not gone back, and stood at zero before that sample: else it was powered up in between. A board
+        that never said a time went on.
+        """
+        if board_us < self._newest_us:
+            return False
+        return self.fit.blocks == 0 and self._block is None or asked_s - 1e-6 * board_us < self.host_s(self._newest_us)
+
     def _forget_before_a_step(self) -> None:
         newest = list(self._quickest)[-STEP_BLOCKS:]
         if len(self._quickest) > STEP_BLOCKS and all(

@@ -36,14 +36,18 @@ def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
 class BoardSensing:
     """What one board's counts mean. InputError where board and device file do not fit."""
 
-    def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None) -> None:
-        """before: of the connection before this one, whose zero and clock hold where the same board went on."""
+    def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None, fault: str = "") -> None:
+        """before: of the connection before this one, whose zero and clock hold: the same board went on.
+
+        fault: what this host found wrong with the board; it stands until the board is reset.
+        """
         self.hello = hello
         self.state = hello.state  # of the board, by the newest sample
         self.pose = PoseSensing(device, joints_of(hello.encoders), hello.counts_per_rev)
         self.force = ForceSensing(device, hello.force_channels, hello.force_unit)
         self.clock, self.zero = ClockModel(), NO_ZERO
-        if before is not None and (before.hello.serial, before.hello.starts) == (hello.serial, hello.starts):
+        self.fault = fault
+        if before is not None:
             self.clock = before.clock
             self.set_zero(before.zero)
         self.motion = MotionFilter()
@@ -85,7 +89,7 @@ class BoardSensing:
             current=(current[0], current[1], current[2], current[3]),
             closed=pose.closed,
             homed=sample.flags & encoders == encoders,
-            fault=fault_words(sample.cause),
+            fault=fault_words(sample.cause) or self.fault,
         )
 
 

@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,9 @@ from app import doctor
 from app.cli import main
 from app.doctor import UDEV_RULE, hid_checks, port_checks
 from app.ipc.messages import CAUTION, GOOD
+from app.verbs import run as run_verb
 from core.files import InputError
+from experiments.inputs import MOUSE
 from hardware import discovery
 from hardware.emulated_board.plug import LOOPBACK
 
@@ -171,7 +174,9 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
 
 
 WRONG_LINKS = [
-    (["--link", "usb"], "--link: must be sim or serial:PORT, not 'usb'"),
+    (["--link", "usb"], "--link: must be sim, serial:PORT or socket://HOST:NUMBER, not 'usb'"),
+    (["--link", "socket://bench"], "--link: must be sim, serial:PORT or socket://HOST:NUMBER, not 'socket://bench'"),
+    (["--link", "serial:socket://bench"], "--link: an address must be socket://HOST:NUMBER, not 'socket://bench'"),
     (["--link", f"serial:{os.devnull}", "--input", "operator"], "--input operator: on the bench the force sensor"),
     (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
 ]
@@ -181,6 +186,26 @@ WRONG_LINKS = [
 def test_a_link_that_cannot_be_is_one_sentence(arguments: list[str], says: str, tmp_path: Path, capsys) -> None:
     assert says in refusal(capsys, "run", *arguments, "--data-dir", tmp_path / "data")
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS[:4])
+def test_a_link_that_cannot_be_is_refused_where_only_the_plan_is_asked_for(
+    arguments: list[str], says: str, tmp_path: Path, capsys
+) -> None:
+    assert says in refusal(capsys, "run", "--print-plan", *arguments, "--data-dir", tmp_path / "data")
+
+
+@pytest.mark.parametrize("link", ["serial:/dev/none", "serial:auto", "socket://127.0.0.1:5000"])
+def test_the_plan_needs_no_device_to_be_there(link: str, tmp_path: Path, capsys) -> None:
+    assert main(["run", "--print-plan", "--link", link, "--data-dir", str(tmp_path / "data")]) == 0
+    assert capsys.readouterr().out.count("\n") > 60
+
+
+@pytest.mark.parametrize("before", ["", "serial:"])
+def test_the_address_of_a_tcp_port_is_a_link_as_it_is_a_port(before: str) -> None:
+    address = "socket://127.0.0.1:5000"
+    link = before + address
+    assert run_verb.port_of(Namespace(link=link, force="", input=MOUSE)) == address == run_verb.reached(address, "")
 
 
 def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded() -> None:

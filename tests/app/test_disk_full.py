@@ -62,7 +62,8 @@ def small_disk(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may mount a small file system")
-def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(begin, small_disk, capsys):
+def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(begin, small_disk, capsys, monkeypatch):
+    monkeypatch.setattr("experiments.study.study.TRIAL_BYTES", 0)  # else it is refused before it begins
     out = small_disk / "study"
     assert main([*begin, "--out", str(out)]) == 1
     done = assert_stopped_cleanly(out, capsys.readouterr().err)

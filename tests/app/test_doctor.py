@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from disks import flip_a_bit, full
 from packaging.requirements import Requirement
 
 from app import doctor
@@ -13,6 +14,7 @@ from app.cli import main
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.session_server import preflight
 from app.session_server.lost_time import stolen_share
+from core.kernel_cache import Place, keep
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Pa
 
 
 def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_made(tmp_path: Path) -> None:
-    line = doctor.check_disk(tmp_path / "not" / "yet", sync=True)
+    line = doctor.check_disk(tmp_path / "not" / "yet")
     assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.text
     assert not (tmp_path / "not").exists()
 
@@ -48,18 +50,18 @@ def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_mad
 )
 def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    assert doctor.check_disk(tmp_path, sync=True).state == BAD
+    assert doctor.check_disk(tmp_path).state == BAD
     tmp_path.chmod(0o700)
 
 
 def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
-    full = doctor.check_disk(tmp_path, sync=True)
+    full = doctor.check_disk(tmp_path)
     assert full.state == BAD and "Make room" in full.advice
     monkeypatch.setattr(preflight, "TOO_LOW", 0)
     monkeypatch.setattr(preflight, "LOW", 0)
     monkeypatch.setattr(preflight, "SLOW_SYNC_S", -1.0)
-    slow = doctor.check_disk(tmp_path, sync=True)
+    slow = doctor.check_disk(tmp_path)
     assert slow.state == CAUTION and "local disk" in slow.advice
 
 
@@ -109,6 +111,31 @@ def test_kernels_are_compiled_once_those_of_a_trial_are_whatever_else_is(monkeyp
     for name, state in (("start", CAUTION), ("run_ticks", GOOD)):
         monkeypatch.setattr(doctor, "is_compiled", lambda kernel, name=name: kernel == name)
         assert doctor.kernels().state == state
+
+
+def test_damaged_kernels_are_named_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "cache_place", lambda: Place(tmp_path))
+    monkeypatch.setattr(doctor, "is_compiled", lambda kernel: True)
+    for name in "ab":
+        keep(tmp_path / "core" / f"{name}.kernel", b"code")
+    assert doctor.kernels().state == GOOD
+    flip_a_bit(tmp_path / "core" / "a.kernel")
+    line = doctor.kernels()
+    assert line.state == CAUTION and line.text.startswith("1 of the files") and "a.kernel: it is damaged" in line.text
+    assert [file.name for file in tmp_path.rglob("*.kernel")] == ["b.kernel"] and doctor.kernels().state == GOOD
+
+
+def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for place in (Place(tmp_path, "it belongs to another user"), Place(None, "it belongs to another user")):
+        monkeypatch.setattr(doctor, "cache_place", lambda place=place: place)
+        line = doctor.kernels()
+        assert line.state == CAUTION and "it belongs to another user" in line.text
+    monkeypatch.setattr(doctor, "cache_place", lambda: Place(tmp_path))
+    monkeypatch.setattr("core.kernel_cache.tempfile.TemporaryFile", full)
+    line = doctor.kernels()
+    assert line.state == CAUTION and "No space left on device" in line.text and "Make room" in line.advice
 
 
 @pytest.mark.parametrize(

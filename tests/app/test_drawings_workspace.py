@@ -167,17 +167,17 @@ def test_the_spring_is_drawn_only_while_the_handle_is_held(plane: Plane) -> None
 
 def test_a_trail_is_kept_over_a_change_of_size_and_forgotten_with_another_path(plane: Plane) -> None:
     for x in np.linspace(-0.1, 0.0, 40):
-        plane.extend_trail((float(x), 0.41))
+        plane.extend_trail(np.array([(x, 0.41)]))
     plane.grab()
     for y in np.linspace(0.41, 0.38, 40):
-        plane.extend_trail((0.0, float(y)))
+        plane.extend_trail(np.array([(0.0, y)]))
     for size in ((760, 620), (900, 500)):
         plane.resize(*size)
         image = plane.grab().toImage()
         for place in ((-0.05, 0.41), (0.0, 0.385)):
             assert is_seen(image, plane.to_screen(place), theme.TRACE), (size, place)
     plane.show_path(ACROSS)
-    assert plane.trail == []
+    assert not len(plane.trail)
     assert not is_seen(plane.grab().toImage(), plane.to_screen((-0.05, 0.41)), theme.TRACE)
 
 

@@ -57,6 +57,17 @@ def test_the_lag_on_the_signed_torque_runs_and_warns_that_it_adds_energy(tmp_pat
     assert said.count("\n") == 1 and "(brake model signed) the device is not passive" in said
 
 
+def test_the_guard_keeps_the_tip_from_a_wall_that_it_is_through_without(tmp_path):
+    columns = rows_of("guarded", tmp_path)
+    assert min(map(float, columns["obstacle_m"])) > 0.0 and set(columns["guard"]) == {"", "lock"}
+    text = (EXAMPLES / "guarded.toml").read_text(encoding="utf-8")
+    (tmp_path / "free.toml").write_text(text[: text.index("\n[guard]\n") + 1], encoding="utf-8")
+    (tmp_path / "guarded-force.csv").write_bytes((EXAMPLES / "guarded-force.csv").read_bytes())
+    assert main(["simulate", str(tmp_path / "free.toml"), "--out", str(tmp_path / "free.csv")]) == 0
+    inside = [float(row["t_s"]) for row in rows(tmp_path / "free.csv") if float(row["obstacle_m"]) < 0.0]
+    assert inside[0] == pytest.approx(0.15, abs=0.01)
+
+
 @pytest.mark.parametrize("file", sorted((EXAMPLES / "protocols").glob("*.toml")), ids=lambda file: file.stem)
 def test_every_protocol_can_be_run(file):
     assert main(["run", str(file), "--print-plan"]) == 0

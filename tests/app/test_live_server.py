@@ -17,6 +17,8 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from core import tick_log
+from experiments.inputs import HID
+from hardware.hid import attached, list_hid
 
 JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
 
@@ -124,6 +126,14 @@ def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
         opened.client.send(m.EndSandbox())
         opened.until_stage(m.NO_SESSION)
     assert not setup.data_dir.exists()
+
+
+@pytest.mark.skipif(bool(attached(list_hid())), reason="a six-axis device is attached")
+def test_a_hand_that_is_not_attached_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    client = Client(Setup(tmp_path / "data", hand=HID, real_time=False))
+    assert "no six-axis device is attached" in client.refused()
+    client.stop("")
+    assert gone(client.pid) and not (tmp_path / "data").exists()
 
 
 def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:

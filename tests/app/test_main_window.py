@@ -326,7 +326,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert screens.main.banner.text() == words.SERVER_DIED
+        assert screens.main.banner.text() == words.server_died(running(3))
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
         assert screens.main.banner.text() == "The disk is full."
@@ -335,6 +335,23 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
     assert all(screens.press(key, modifier=CTRL) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
+
+
+def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
+    refused = m.NOT_NOW[m.RUNNING]
+    screens.hear(opened(), running(3, notice=refused, notice_bad=True))
+    screens.client.alive = False
+    screens.hear()
+    said = screens.main.banner.text()
+    assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
+
+
+def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:
+    for last in (running(3, in_memory="run 4, 812 ticks"), ready(4, in_memory="run 4, 812 ticks")):
+        assert "is lost: run 4, 812 ticks" in words.server_died(last) and "kept" not in words.server_died(last)
+    assert words.server_died(ready(4)) == words.SERVER_DIED
+    said_so = ready(4, stage=m.FAILED, notice="It failed.", notice_bad=True)
+    assert words.server_died(said_so) == "It failed."
 
 
 def test_larger_text_is_larger_on_every_page_and_can_be_taken_back(screens: Screens) -> None:
@@ -370,6 +387,47 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
+UNDONE = "/data is gone. All its 812 ticks are in memory. It is tried again every 5 s"
+STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
+
+
+def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(
+    screens: Screens, monkeypatch
+) -> None:
+    screens.hear(opened(), ready(3))
+    assert not screens.run.panel.elsewhere.isVisible()
+    screens.hear(running(3, undone=UNDONE, checks=STUCK))
+    assert not screens.run.panel.elsewhere.isVisible()  # the trial goes on
+    screens.hear(ready(3, undone=UNDONE, checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
+    assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
+    answers = ["", "/elsewhere"]
+    monkeypatch.setattr("app.window.run_page.QFileDialog.getExistingDirectory", lambda *_: answers.pop(0))
+    sent = len(screens.client.sent)
+    for _ in range(2):
+        QTest.mouseClick(screens.run.panel.elsewhere, Qt.MouseButton.LeftButton)
+    assert screens.client.sent[sent:] == [m.MoveTo("/elsewhere")]
+
+
+def test_a_session_that_was_brought_to_another_folder_is_gone_on_with_there_once(qapp) -> None:
+    console, asked = MainWindow(FakeClient()), []
+    console.restart_asked.connect(lambda *how: asked.append(how))
+    for _ in range(2):
+        console.show_snapshot(before(moved=("/elsewhere", "07"), notice="1 recording stayed.", notice_bad=True))
+    ((setup, then),) = asked
+    assert setup.data_dir == Path("/elsewhere") and then == m.Open("07", resume=True)
+    assert console.cards.question is not None and "stayed." in console.cards.question.text.text()
+    console.close()
+
+
+def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3, undone=UNDONE, in_memory="run 4, 812 ticks"))
+    assert not console.close() and not screens.client.stopped
+    assert "would be lost: run 4, 812 ticks" in " ".join(visible_texts(console))
+    screens.main.cards.question.buttons[1].click()
+    assert not console.isVisible() and screens.client.stopped
+
+
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
     console, ended = screens.hear(opened(), ready(3)), []
     analyse = console.page(ANALYSE)
@@ -377,6 +435,12 @@ def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Scre
     assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
 
 
+GONE = (
+    "Run 10 is not complete: /home/somebody/a long place/data/sub-01/ses-01/trials is gone, with the 9 recordings in "
+    "it. All its 12 345 ticks are in memory. 3 lines of the journal are in memory. What is in memory is lost if this "
+    "program ends before it is written. It is tried again every 5 s. Bring it back (connect its disk, take it out of "
+    "the wastebasket): what is missing is then written by itself. Or go on in another folder"
+)
 STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
@@ -384,6 +448,16 @@ STATES = {
     "red": (opened(), ready(12, checks=RED)),
     "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
     "said": (opened(), ready(9, notice="Run 9: the participant was distracted by a long sentence that goes on.")),
+    "undone": (
+        opened(),
+        ready(
+            9,
+            undone=GONE,
+            checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE)),
+            notice=f"{GONE}.",
+            notice_bad=True,
+        ),
+    ),
     "paused": (opened(), ready(9, paused=True)),
     "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
     "re-rig": (opened(), ready(30, stage=m.RERIG)),

@@ -14,10 +14,10 @@ from protocols import PAPER
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.ipc.pipe import Pipe
-from app.ipc.ring import BRAKES_OFF, GRASP_RADIUS_M, NO_CAUSE, RING_FULL, SERVER_SILENT, STOPPED, Ring
+from app.ipc.ring import BRAKES_OFF, GRASP_RADIUS_M, LET_GO, NO_CAUSE, RING_FULL, SERVER_SILENT, STOPPED, TAKEN, Ring
 from app.loop.clock import new_timer, now_ns
 from app.loop.loop import stopped_trial
-from app.loop.real_time import MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
+from app.loop.real_time import HOMEWARD_M_S, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
 from core import tick_log
 from core.files import InputError
 from core.simulator.hand import GRIP, grip_force
@@ -137,6 +137,30 @@ def test_a_pointer_that_leaves_lets_the_handle_go_and_must_touch_it_again(ring: 
     assert pull(-0.20, 0.4) == (0.0, 0.0)  # the pointer is back, 250 mm away
     assert abs(pull(0.055, 0.4)[0]) < 0.5 * force_max and ring.control.taken
     assert ring.control.let_go == counted
+
+
+def test_before_and_after_the_movement_the_spring_goes_home_from_where_the_pointer_left_it(ring: Ring) -> None:
+    home = (-0.1, 0.4)
+    ring.begin_trial(home=home)
+    grip, tip = new_record(GRIP)[0], np.array([0.02, 0.4, 0.1, 0.0])
+    for x in (0.02, 0.05):
+        ring.aim(x, 0.4)
+        take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
+    ring.let_go()
+    before = grip.target.copy()
+    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.END):
+        take_aim(ring.control, grip, tip, phase, 40.0)
+        step = np.hypot(*(grip.target - before)[:2])
+        assert grip.force_max == 40.0 and step == pytest.approx(1e-3 * HOMEWARD_M_S) and not ring.control.taken
+        before = grip.target.copy()
+    for _ in range(2000):
+        take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
+    assert grip.target.tolist() == [*home, 0.0, 0.0] and ring.grasp == LET_GO
+    take_aim(ring.control, grip, tip, tick_log.MOVE, 40.0)
+    assert grip.force_max == 0.0, "in the movement it is nobody's"
+    ring.aim(0.02, 0.4)
+    take_aim(ring.control, grip, tip, tick_log.APPROACH, 40.0)
+    assert ring.grasp == TAKEN and grip.target[0] == 0.02
 
 
 def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> None:

@@ -11,6 +11,7 @@ from synthetic_hand import SyntheticHand
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
+from app.loop.real_time import HOMEWARD_M_S
 from core import tick_log
 from core.control.algorithm import LOCK_OBSTACLE
 from experiments.assumptions import Assumptions
@@ -160,6 +161,110 @@ def test_another_device_or_path_begins_another_pass_where_the_handle_is(window: 
     tips = rows[again - 1 : again + 1, tick_log.TIP_X : tick_log.TIP_Y + 1]
     assert np.hypot(*np.diff(tips, axis=0)[0]) < 1e-3
     assert not window.snapshot.sandbox.passes
+
+
+PX_M = 1.0 / 3100.0  # of the canvas at 1280 x 720 px
+CANVAS = np.array([(-0.13, 0.34), (0.13, 0.46)])  # m, its corners: 3 cm around path 1, at least
+SPEEDS_PX_S = (300, 600, 1000, 1700, 2500)
+
+
+def wait(window: LocalWindow, seconds: float) -> np.ndarray:
+    """The ticks of so long."""
+    came, pieces = 0, len(window.ticks)
+    while came < 1e3 * seconds:
+        window.look()
+        came += len(window.ticks[-1])
+    return np.concatenate(window.ticks[pieces:])
+
+
+def sweep(window: LocalWindow, tip: np.ndarray, angle: float, speed_m_s: float) -> None:
+    """The pointer takes the handle, and leaves the canvas from there with it."""
+    at, way = tip.copy(), np.array([math.cos(angle), math.sin(angle)])
+    while not window.client.taken:
+        window.client.aim(*at)
+        window.look()
+    while np.all((CANVAS[0] < at) & (at < CANVAS[1])):
+        window.client.aim(*at)
+        window.look()
+        at = at + 1e-3 * len(window.ticks[-1]) * speed_m_s * way
+    window.client.let_go()
+
+
+@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
+def test_a_handle_that_is_let_go_at_any_speed_in_any_direction_comes_to_rest_on_the_way_back_to_the_start(
+    window: LocalWindow, device: str
+) -> None:
+    start, lost = np.array(PAPER.paths[1].start_m), []
+    change(window, device=device)
+    wait(window, 0.2)
+    for k, (turn, speed) in enumerate((turn, speed) for turn in range(16) for speed in SPEEDS_PX_S):
+        if (k + turn) % {"three-brake": 5, "four-brake": 10}[device]:  # every direction (or second) and every speed
+            continue
+        change(window, controller=1 + k % 5)
+        tip = wait(window, 0.05)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1]
+        sweep(window, tip, 2.0 * math.pi * turn / 16, speed * PX_M)
+        rows = wait(window, 0.5 + float(np.hypot(*(CANVAS[1] - CANVAS[0]))) / HOMEWARD_M_S)
+        tips = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
+        out_m = np.maximum(CANVAS[0] - tips, tips - CANVAS[1]).max(axis=1)
+        resting = np.hypot(*rows[-20:, (tick_log.TIP_VX, tick_log.TIP_VY)].T).max() < 1e-3
+        if out_m[300:].max() > 0.0 or np.hypot(*(tips[-1] - start)) > 0.004 or not resting:
+            lost.append((turn, speed, out_m.max(), tips[-1]))
+    assert not lost
+    ledger = window.client.state.sandbox.simulation.ledger()
+    assert abs(ledger.residual) < 1e-6 * ledger.work_hand and ledger.added_by_brakes < 1e-9
+    done = len(window.snapshot.sandbox.passes)
+    drive(window, lambda s, _: len(s.sandbox.passes) == done + 1)  # and there it can be touched
+
+
+def test_in_the_movement_nobody_has_a_handle_that_was_let_go_until_it_is_brought_back(window: LocalWindow) -> None:
+    drive(window, moves(300))
+    run = window.client.state.runner.run
+    window.client.let_go()
+    rows = wait(window, 1.0)
+    assert set(rows[100:, tick_log.PHASE]) == {tick_log.MOVE} and not rows[100:, tick_log.ARM_FORCE_MAX].any()
+    window.client.send(m.BringBack())
+    rows = wait(window, 2.0)
+    assert window.client.state.runner.run is not run and set(rows[100:, tick_log.PHASE]) == {tick_log.APPROACH}
+    assert rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1] == pytest.approx(PAPER.paths[1].start_m, abs=0.004)
+    assert not window.snapshot.sandbox.passes, "a pass that was given up is none"
+
+
+def test_the_handle_is_brought_back_where_no_pointer_ever_was_and_out_of_the_hand(window: LocalWindow) -> None:
+    start = PAPER.paths[1].start_m
+    assert wait(window, 0.3)[-1, tick_log.TIP_X] == pytest.approx(
+        PAPER.paths[1].end_m[0], abs=1e-3
+    )  # till then it waits
+    window.client.send(m.BringBack())
+    assert wait(window, 2.0)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1] == pytest.approx(start, abs=0.004)
+    window.client.aim(*start)
+    wait(window, 0.1)
+    window.client.aim(0.0, 0.43)
+    wait(window, 0.5)
+    assert window.client.taken
+    window.client.send(m.BringBack())
+    assert wait(window, 2.0)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1] == pytest.approx(start, abs=0.004)
+    assert not window.client.taken
+
+
+def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the_start(window: LocalWindow) -> None:
+    drive(window, moves(300))
+    window.client.let_go()
+    window.client.send(m.EndSandbox())
+    window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
+    window.client.send(m.Sandbox())
+    window.until(lambda s: s.sandbox and s.running)
+    for what in (dict(path=1), dict(path=2), dict(device="four-brake"), dict(path=1)):
+        change(window, **what)
+        tip = wait(window, 2.2)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1]
+        assert tip == pytest.approx(PAPER.paths[window.snapshot.sandbox.settings.path].start_m, abs=0.004), what
+
+
+def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
+    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
+        window.client.send(m.Sandbox())
+        window.until(lambda s: s.sandbox and s.running)
+        window.client.send(m.BringBack())
+        assert "Only the hand of the pointer" in window.until(lambda s: s.notice_bad).notice
 
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:

@@ -1,22 +1,37 @@
 """The participant's window: plain words, no numbers, no names; true to scale; the pointer as the hand."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_client import LONG_BREAK, PLAN, PRESETS, movement, opened, paper, ready, result, running, ticks
+from fake_client import (
+    LONG_BREAK,
+    PLAN,
+    PRACTICE,
+    PRESETS,
+    SHORT_BREAK,
+    movement,
+    opened,
+    paper,
+    ready,
+    result,
+    running,
+    ticks,
+)
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, point, settle, visible_texts
 
 from app.ipc import messages as m
+from app.window import participant_window
 from app.window.painting import theme
-from app.window.painting.plane import TRAIL_STEP_PX
 from app.window.participant_window import TEXT_TOP
 from app.window.questionnaire import ITEMS
 from app.window.words import Shown
 from core import tick_log
+from experiments.language import ENGLISH_WORDS
 from experiments.protocol import load_protocol, shipped_protocols
 from experiments.protocol_file import Cues, Instruction
 
@@ -174,13 +189,10 @@ def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
         screens.tick(rows[i : i + 16])
     view = screens.participant.view
     assert view.tip == pytest.approx((rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y]))
-    assert set(view.trail) <= {(x, y) for x, y in rows[:, (tick_log.TIP_X, tick_log.TIP_Y)].tolist()}
-    steps = np.hypot(*np.diff(np.array([*view.trail, view.tip]), axis=0).T) * view.scale
-    assert steps[:-1].min() >= TRAIL_STEP_PX > steps[-1]  # what is missing lies under the handle
-    assert TRAIL_STEP_PX < view.sizes.handle
+    assert np.array_equal(view.trail, rows[:, (tick_log.TIP_X, tick_log.TIP_Y)])
     screens.hear(ready(5))
     screens.hear(running(5))
-    assert not view.trail
+    assert not len(view.trail)
 
 
 def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens: Screens) -> None:
@@ -274,6 +286,75 @@ def test_instructions_are_read_page_by_page_before_the_first_trial(screens: Scre
     QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton)
     assert window.view.isVisible()
     assert screens.press(Qt.Key.Key_Space, window) == [m.Start()]
+
+
+def instructed(screens: Screens, folder: str) -> None:
+    pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
+    screens.hear(opened(protocol=paper(instruction=pages), folder=folder), ready(0))
+
+
+@pytest.mark.parametrize("how", ["key", "button", "participant", "both"])
+def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages(screens: Screens, how: str) -> None:
+    window, start = screens.participant, screens.run.panel.start
+    turns = {
+        "key": lambda: screens.press(Qt.Key.Key_Space),
+        "button": lambda: QTest.mouseClick(start, Qt.MouseButton.LeftButton),
+        "participant": lambda: screens.press(Qt.Key.Key_Space, window),
+    }
+    hands = [turns["key"], turns["participant"]] if how == "both" else [turns[how]] * 2
+    window.show()
+    instructed(screens, how)
+    screens.client.sent.clear()
+    assert start.text() == "Next page of instructions"
+    for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
+        turn()
+        assert screens.client.sent == [] and (window.instructions.text.text() == text or not text)
+    assert window.view.isVisible() and start.text() == "Start"
+    hands[0]()
+    assert screens.client.sent == [m.Start()]
+    for practice in range(2):  # rows are of the plan alone: after practice there are none yet
+        screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE._replace(repetition=practice)))
+        screens.hear(ready(0))
+        assert window.view.isVisible() and start.text() == "Start"
+
+
+def test_instructions_that_nobody_sees_hold_nothing_up_and_do_not_come_after_the_first_trial(screens: Screens) -> None:
+    screens.participant.hide()
+    instructed(screens, "nobody")
+    assert screens.press(Qt.Key.Key_Space) == [m.Start()]
+    screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE))
+    screens.hear(ready(0))
+    screens.participant.show()
+    assert screens.participant.view.isVisible() and screens.run.panel.start.text() == "Start"
+    instructed(screens, "another")
+    assert screens.participant.instructions.isVisible()
+    screens.participant.hide()
+    assert screens.run.panel.start.text() == "Start"
+
+
+def test_the_countdown_of_a_break_goes_on_between_two_words_of_the_server(
+    screens: Screens, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(now_s=100.0, perf_counter=lambda: clock.now_s)
+    monkeypatch.setattr(participant_window, "time", clock)
+    screens.hear(opened(), ready(8, stage=m.BREAK, card=SHORT_BREAK))
+    read = []
+    while clock.now_s < 107.0:
+        clock.now_s += 0.25
+        screens.hear()
+        if (text := screens.participant.view.shown.small.split(" · ")[0]) not in read:
+            read.append(text)
+    left = [ENGLISH_WORDS["break_left"].format(time=f"0:0{seconds}") for seconds in range(5, 0, -1)]
+    assert read == [*left, ENGLISH_WORDS["break_how"]]
+
+
+def test_nobody_is_asked_to_touch_a_dot_that_is_out_of_sight(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    for x, asked in ((0.0, True), (1.5, False), (0.0, True)):
+        for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE):
+            screens.tick(ticks(phase, TIP_X=x), taken=False)
+            for small in (screens.participant.view.shown.small, screens.run.small.text()):
+                assert ("Touch" in small) == asked, (x, phase)
 
 
 def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_the_paths_find_room(

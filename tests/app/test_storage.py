@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from disks import full
@@ -21,6 +22,7 @@ from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import stage_of
 from app.session_server.storage import Storage
+from app.session_server.trial_runner import TrialRun
 from experiments.inputs import MOUSE
 from experiments.recording.reader import read_recording
 from experiments.session import journal
@@ -42,9 +44,12 @@ class Idle:
 class Ended:
     """A trial of a session that has come to its end."""
 
+    unsaved = TrialRun.unsaved
+
     def __init__(self, session: Session, ticks: int = 10**9) -> None:
         self.planned = session.next_planned()
         self.trial, self.writer = session.begin(self.planned)
+        self.recorder = SimpleNamespace(writer=self.writer, trouble=None)
         run(self.trial, self.writer, ticks)
         self.name, self.cut_short, self.again = f"Run {self.planned.run}", True, "never"
         if not self.trial.finished:
@@ -138,7 +143,7 @@ def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
         patch.setattr("experiments.recording.atomic_files.written_beside", full)
         storage.keep(Ended(session))
         assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
-        assert said[-1][0].endswith("Make room on the disk: what is missing is then written by itself.")
+        assert "Make room on the disk: what is missing is then written by itself." in said[-1][0]
         assert check_recording("", storage.undone, "", 0).state == BAD
         storage.catch_up()
         assert storage.undone and session.rows == []

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_ways import Pieces, frames
 from fake_ticks import ALONG, trial
 from protocols import short
 from PySide6.QtCore import QPointF, Qt
@@ -15,7 +16,7 @@ from sessions import closed_session
 
 from app.window.painting import theme
 from app.window.painting.parts import wide
-from app.window.trial_view import SPEEDS, STRIDE, TrialView, TrialWindow
+from app.window.trial_view import SPEEDS, TrialView, TrialWindow
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
@@ -116,16 +117,37 @@ def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_a
     played, at = view.workspace.view, view.at
     tip, sense, moves = played.tip, played.sense, rows[: at + 1, tick_log.PHASE] == tick_log.MOVE
     view.go_to(0.0)
-    assert played.tip == tuple(rows[0, 2:4]) and not played.trail
+    assert played.tip == tuple(rows[0, 2:4]) and not len(played.trail)
     view.go_to(view.trial.t[at])
     assert view.at == at and played.tip == tip == tuple(rows[at, 2:4])
-    assert played.sense == sense and len(played.trail) > np.count_nonzero(moves) / STRIDE / 10 > 5
+    assert played.sense == sense and np.array_equal(played.trail, rows[: at + 1, 2:4][moves])
     rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
     rows[-150:, tick_log.CURRENT] = 1.0
     view.trial.ticks[:] = rows
     view.go_to(view.trial.t[-1])
     states = {joint: doing.state for joint, doing in view.workspace.view.labels.doing.items()}
     assert states["A"] != "off" and states["E"] == "off"
+
+
+def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(
+    view: TrialView, rows: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pieces, generator = Pieces(monkeypatch), np.random.default_rng(3)
+    shown = view.workspace.view
+
+    def off_px() -> float:
+        shown.grab()
+        return pieces.furthest_px(shown, rows[: view.at + 1])
+
+    for _, until in frames(rows, generator):
+        view.go_on(float(rows[until - 1, tick_log.T]) - view._played_s + 1e-6)
+        shown.grab()
+    assert view.at == len(rows) - 1 and off_px() < 1.0
+    for at in generator.integers(len(rows) // 2, len(rows), 5):
+        view.go_to(float(rows[at, tick_log.T]))
+        assert off_px() < 1.0
+        view.go_on(0.05)
+        assert off_px() < 1.0
 
 
 def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:

@@ -108,7 +108,7 @@ SPOILT = {
     "table unreadable": (lambda d: (d / TABLE).write_bytes(b"\x00\xff"), TABLE, "cannot be read"),
     "plan changed": (
         lambda d: edited(d, f"{SESSION}/session.json", '"controller": 1', '"controller": 2'),
-        f"{SESSION}/session.json", "plan_sha256",
+        f"{SESSION}/session.json", "does not match its checksum",
     ),
     "session.json gone": (
         lambda d: (d / SESSION / "session.json").unlink(), f"{SESSION}/session.json", "cannot be read",

@@ -1,8 +1,9 @@
-"""Random reaches at obstacles, per device: how many hands get in with the guard, without it, and against its release.
+"""An adversary of the guard of obstacles: hands that keep to its push, drawn at random or bred from the nearest so far.
 
-    python -m tests.benchmarks.guard_reaches [REACHES] [SEED]
+    python -m tests.benchmarks.guard_reaches [HANDS] [SEED] [DEVICE ...]
 
-Pushes up to the push that the guard allows for; per device the largest whole one below half of what a full lock holds.
+Per device: how many hands got in, of those that began where the guard is sure; the same without the guard, and by
+encoders. A hand pushes with exactly the largest push (`PUSHES_N`).
 """
 
 import sys
@@ -10,71 +11,80 @@ import time
 
 import numpy as np
 
-from core.control.guard import Around, Guard, least_held, make_around, stopping_distance
-from core.device import load_device, shipped_devices
-from core.kernel import kernel
+from core.control.guard import Guard
+from core.device import Device, load_device
 from experiments.assumptions import DEFAULTS, ENCODERS, Assumptions
-from tests.support.reaches import guarded, pushed_device, random_task, run_reach
+from tests.support.reaches import (
+    KINDS,
+    PUSHES_N,
+    Attack,
+    Reached,
+    attack_with,
+    changed_attack,
+    random_attack,
+)
 
-CALLS = 2000
 BY_ENCODERS = Assumptions(sensing=ENCODERS)
+GENERATION = 100
+KEPT = 30  # of a kind, from which the next are bred
 
 
-@kernel
-def many_bounds(around, brakes, g, mass, calls):
-    """The guard's bound, again and again."""
-    total = 0.0
-    for _ in range(calls):
-        total += min(stopping_distance(around[0], brakes[0], g, mass, 0.2, 0.1, 0.1), 1.0)
-    return total
+def search(
+    device: Device, guard: Guard | None, assumed: Assumptions, hands: int, seed: int
+) -> dict[str, list[Reached]]:
+    """So many hands, the kinds in turn; half of each generation are changed from the nearest ones so far."""
+    rng = np.random.default_rng(seed)
+    found: dict[str, list[Reached]] = {kind: [] for kind in KINDS}
+    nearest: list[list[tuple[float, Attack]]] = [[] for _ in KINDS]
+    while sum(map(len, found.values())) < hands:
+        for kind, best in enumerate(nearest):
+            for n in range(GENERATION // len(KINDS)):
+                fresh = n % 2 == 0 or not best
+                attack = random_attack(rng, kind) if fresh else changed_attack(rng, best[rng.integers(len(best))][1])
+                came = attack_with(attack, device, guard, assumed)
+                if came is None:
+                    continue
+                found[KINDS[kind]].append(came)
+                if came.first_unsure > 0.0:  # it began where the guard is sure
+                    best.append((came.least, attack))
+            best.sort(key=lambda one: one[0])
+            del best[KEPT:]
+    return found
 
 
-def bound_us(name: str, push: float) -> float:
-    """Cost of one bound, us."""
-    device = pushed_device(load_device(name), (0.0, 0.4))
-    device.settle(np.zeros(4), 0.0)
-    around = make_around(Around(guard=Guard(push_N=push)), device.device.brakes)
-    given = around, device.brakes, device.state["g"][0], device.state["mass"][0]
-    many_bounds(*given, 1)
-    began = time.perf_counter()
-    many_bounds(*given, CALLS)
-    return 1e6 * (time.perf_counter() - began) / CALLS
+def report(what: str, came: list[Reached]) -> None:
+    """A line on hands of one kind."""
+    least = 1e3 * np.array([one.least for one in came])
+    unsure, got_in = (np.array([getattr(one, name) for one in came]) for name in ("first_unsure", "entered"))
+    sure, entered = unsure > 0.0, np.isfinite(got_in)
+    counts = [np.count_nonzero(one) for one in (entered, sure, entered & sure, entered & (unsure > got_in))]
+    print(
+        f"  {what} {len(came):6d} hands, entered {counts[0]:5d}; began sure {counts[1]:6d}, of them entered "
+        f"{counts[2]:4d}, unmarked {counts[3]:3d}; least {least[sure].min(initial=np.inf):.1f}, median "
+        f"{np.median(least):.1f} mm",
+        flush=True,
+    )
 
 
 def main() -> None:
-    count, seed = (int(word) for word in (*sys.argv[1:], 1000, 2026)[:2])
-    places = np.array([[x, y] for x in (-0.1, 0.0, 0.1) for y in (0.34, 0.4, 0.45)])
-    for name in shipped_devices():
+    hands, seed = (int(word) for word in (sys.argv[1:3] if len(sys.argv) > 2 else ("1000", "2026")))
+    for name in sys.argv[3:] or PUSHES_N:
         device = load_device(name)
-        held = least_held(device.mechanism, device.brakes, places)
-        push = float(int(0.5 * held))
-        if not push > 0.0:
-            print(f"{name}: a full lock holds {held:.1f} N, too little for a guard")
-            continue
-        clear, pull = Guard(push_N=push, release="clear"), Guard(push_N=push)
+        guard = Guard(push_N=PUSHES_N[name])
         tries = (
-            ("without the guard", None, False, DEFAULTS),
-            ("guard, release: clear", clear, False, DEFAULTS),
-            ("guard, release: pull", pull, False, DEFAULTS),
-            ("a hand that feigns pulls, release: clear", clear, True, DEFAULTS),
-            ("a hand that feigns pulls, release: pull", pull, True, DEFAULTS),
-            ("by encoders, release: clear", clear, False, BY_ENCODERS),
-            ("by encoders, release: pull", pull, False, BY_ENCODERS),
-            ("by encoders, feigned pulls, release: clear", clear, True, BY_ENCODERS),
-            ("by encoders, feigned pulls, release: pull", pull, True, BY_ENCODERS),
+            ("without the guard", None, DEFAULTS, hands // 10),
+            ("guard", guard, DEFAULTS, hands),
+            ("guard, release: clear", Guard(push_N=PUSHES_N[name], release="clear"), DEFAULTS, hands // 10),
+            ("guard, by encoders", guard, BY_ENCODERS, hands // 4),
         )
-        print(f"{name}: holds {held:.1f} N, pushes to {push:g} N; one bound takes {bound_us(name, push):.1f} us")
-        for words, guard, adversary, assumed in tries:
-            rng, least = np.random.default_rng(seed), []
-            for _ in range(count):
-                task = random_task(rng, push)
-                controller, pushed = guarded(device, task.obstacle, guard, assumed), pushed_device(device, task.tip)
-                least.append(run_reach(pushed, controller, task.pushes, adversary, assumed).least)
-            quantiles = 1e3 * np.quantile(least, (0.0, 0.05, 0.5, 0.95))
-            print(
-                f"  {words:42s} entered {np.count_nonzero(np.array(least) < 0.0):4d} of {count}; least distance "
-                f"{quantiles[0]:.1f}, 5 % {quantiles[1]:.1f}, median {quantiles[2]:.1f}, 95 % {quantiles[3]:.1f} mm"
-            )
+        print(f"{name}: pushes of {PUSHES_N[name]:g} N", flush=True)
+        for what, how, assumed, count in tries:
+            began = time.process_time()
+            found = search(device, how, assumed, count, seed)
+            spent = time.process_time() - began
+            for kind, came in found.items():
+                report(f"{what:22s} {kind:9s}", came)
+            print(f"  {what}: {1e3 * spent / max(sum(map(len, found.values())), 1):.1f} ms a hand", flush=True)
 
 
 if __name__ == "__main__":

@@ -169,6 +169,16 @@ def test_measured_files_are_not_called_assumed():
     assert not measured.assumed
 
 
+@pytest.mark.parametrize("said", ["measured; tip mass assumed", "Assumed", "an assumption", "unknown", "", " ", None])
+def test_a_number_that_is_assumed_or_of_unknown_origin_makes_the_device_assumed_in_the_device_and_a_brake(said):
+    line = "" if said is None else f'provenance = "{said}"'
+    measured = 'provenance = "measured on the bench"'
+    own = 'provenance = "assumed"'
+    assert device((own, line), brake=BRAKE.replace(own, measured)).assumed
+    assert device((own, measured), brake=BRAKE.replace(own, line)).assumed
+    assert not device((own, measured), brake=BRAKE.replace(own, measured)).assumed
+
+
 def test_a_force_sensor_calibration_is_read_beside_the_device(tmp_path: Path):
     text = changed(FOUR.text, (r"inertia_beyond_kg = 0.1\}", 'inertia_beyond_kg = 0.1, calibration = "c.csv"}'))
     (tmp_path / "mine.toml").write_text(text)
@@ -225,8 +235,8 @@ def test_one_moving_body_alone_leaves_the_tip_without_inertia():
 
 
 BAD_DEVICES = {
-    "negative length": ("L_AE_m = 0.2794", "L_AE_m = -0.2", r"geometry\.L_AE_m must be greater than 0, not -0\.2"),
-    "zero length": ("L_CD_m = 0.3048", "L_CD_m = 0", r"geometry\.L_CD_m must be greater than 0"),
+    "negative length": ("L_AE_m = 0.2794", "L_AE_m = -0.2", r"geometry\.L_AE_m must be at least 0\.001, not -0\.2"),
+    "zero length": ("L_CD_m = 0.3048", "L_CD_m = 0", r"geometry\.L_CD_m must be at least 0\.001"),
     "arms too short": (r"0\.0762", "2.0", r"bases are 4 m apart, more than the arms reach.*L_AE_m"),
     "margin too wide": ("margin = 0.3 ", "margin = 0.9999 ", "no tip position.*margin of 0.9999"),
     "margin of one": ("margin = 0.3 ", "margin = 1.0 ", r"limits\.margin must be less than 1"),
@@ -253,7 +263,7 @@ BAD_DEVICES = {
     "elbows": ('"out"', '"up"', "elbows must be one of out, in, left, right, not 'up'"),
     "one encoder": ("A = 96000, B = 96000", "A = 96000", "two or four"),
     "encoder counts": ("A = 96000,", "A = 0.5,", r"sensing\.encoders\.A must be a whole number"),
-    "a centre of mass far off": (r"com_m = \S+,", "com_m = -1e300,", r"mass\.AE\.com_m must be at least -1e\+06"),
+    "a centre of mass far off": (r"com_m = \S+,", "com_m = -1e300,", r"mass\.AE\.com_m must be at least -1000"),
     "more counts than a counter has": ("A = 96000,", "A = 2000000000,", r"encoders\.A must be at most 1e\+09"),
     "sensor body": ('"handle"', '"table"', "on must be one of"),
     "sensor mass": ("beyond_kg = 0.1", "beyond_kg = 0.6", r"part of mass\.tip_kg"),
@@ -340,9 +350,9 @@ BAD_BRAKES = {
     "jumps at the knee": (r"-0\.3875", "-0.3", "jumps from 1 to 1.0875 N m at knee_A"),
     "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
     "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
-    "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be greater than 0"),
+    "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be at least 1e-06"),
     "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
-    "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be greater than 0"),
+    "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be at least 1e-06"),
     "five coefficients": (r"0\.066\]", "0.066, 1]", r"rise\.a must hold 6 values, not 7"),
     "no unit": ("knee_A", 'command_unit = ""\nknee_A', "command_unit must be 1 to 12 characters of plain text"),
     "unknown key": ("knee_A", "knee_mA = 1\nknee_A", "unknown key knee_mA"),

@@ -13,7 +13,7 @@ from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
-LAW = 1000  # random problems
+LAW = 3000  # random problems
 
 
 def solved(a, low, high, force):
@@ -23,41 +23,69 @@ def solved(a, low, high, force):
     return torque, np.array(shown)
 
 
-def random_problem(rng):
+#: How the rows of a random problem lie.
+LAYOUTS = (
+    "generic", "one without a brake", "one alone", "one with its drag alone", "parallel", "anti-parallel", "two lines",
+    "all on one line", "nearly parallel", "vanishing",
+)  # fmt: skip
+
+
+def random_problem(rng, layout):
+    """Rows (4, 2), lows and highs of a layout, and a wanted force: any, one that can be had, or a corner of these."""
     a, low = rng.normal(size=(4, 2)) * 4.0, rng.uniform(0.0, 0.5, 4)
     high = low + rng.uniform(0.0, 5.0, 4)
-    kind = rng.integers(5)
-    if kind == 1:  # a joint without a brake
-        a[rng.integers(4)] = 0.0
-    if kind == 2:  # two brakes on one line, as on coaxial bases
-        a[3] = a[1] * rng.uniform(0.2, 3.0)
-    if kind == 3:  # one brake alone
-        a[[0, 1, 3]], low[[0, 1, 3]], high[[0, 1, 3]] = 0.0, 0.0, 0.0
-    if kind == 4:  # one that cannot give more than its drag
-        high[0] = low[0]
-    return a, low, high, rng.normal(size=2) * rng.choice([0.1, 5.0, 40.0])
+    i, j, k, m = rng.permutation(4)
+    ratio, senses = rng.uniform(0.2, 3.0), rng.choice([1.0, -1.0], 4)
+    if layout == "one without a brake":
+        a[i] = 0.0
+    elif layout == "one alone":
+        a[[j, k, m]], low[[j, k, m]], high[[j, k, m]] = 0.0, 0.0, 0.0
+    elif layout == "one with its drag alone":
+        high[i] = low[i]
+    elif layout == "parallel":  # as on coaxial bases
+        a[i] = a[j] * ratio
+    elif layout == "anti-parallel":
+        a[i] = -a[j] * ratio
+    elif layout == "two lines":
+        a[i], a[k] = senses[0] * ratio * a[j], senses[1] * a[m]
+    elif layout == "all on one line":
+        a = np.outer(senses * rng.uniform(0.2, 3.0, 4), a[0])
+    elif layout == "nearly parallel":
+        row = senses[0] * ratio * a[j]
+        a[i] = row + 10.0 ** rng.uniform(-17.0, -3.0) * np.array((-row[1], row[0]))
+    elif layout == "vanishing":
+        a[i] *= 10.0 ** rng.uniform(-320.0, -3.0)
+    where = rng.random()
+    force = rng.normal(size=2) * rng.choice([0.1, 5.0, 40.0])
+    if where < 0.3:
+        force = a.T @ rng.uniform(low, high)
+    elif where < 0.4:
+        force = a.T @ np.where(rng.random(4) < 0.5, low, high)
+    return a, low, high, force
 
 
-def test_the_force_is_the_nearest_one_as_quadratic_programming_finds_it():
-    rng = np.random.default_rng(15)
-    worst = 0.0
-    for _ in range(LAW):
-        a, low, high, force = random_problem(rng)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_force_is_the_nearest_one_as_bounded_least_squares_finds_it(layout):
+    rng = np.random.default_rng((15, LAYOUTS.index(layout)))
+    for _ in range(LAW // len(LAYOUTS)):
+        a, low, high, force = random_problem(rng, layout)
         torque, shown = solved(a, low, high, force)
         assert np.all(torque >= low - 1e-12) and np.all(torque <= high + 1e-12)
         assert shown == pytest.approx(a.T @ torque, abs=1e-12)
         width = np.where(high > low, high - low, 1e-12)
-        found = lsq_linear(a.T, force, (low, low + width), method="bvls", tol=1e-14)
+        found = lsq_linear(a.T, force, (low, low + width), method="bvls", tol=1e-15)
         nearest = a.T @ np.clip(found.x, low, high)
-        assert np.hypot(*(shown - force)) <= np.hypot(*(nearest - force)) + 1e-9, "no other is nearer"
-        worst = max(worst, float(np.hypot(*(shown - nearest))))
-    assert worst < 1e-6  # the nearest force is unique; the programme's own tolerance
+        # the nearest force is unique; rows that are nearly parallel leave a millionth part of what a hand feels
+        assert shown == pytest.approx(nearest, abs=1e-7 if layout == "nearly parallel" else 1e-10)
 
 
 def test_of_several_ways_to_have_a_force_the_least_braking_is_taken():
     rng, compared = np.random.default_rng(16), 0
-    for _ in range(300):
-        a, low, high, _ = random_problem(rng)
+    for n in range(600):
+        layout = LAYOUTS[n % len(LAYOUTS)]
+        if layout in ("nearly parallel", "vanishing"):
+            continue  # the programme below is too coarse for them
+        a, low, high, _ = random_problem(rng, layout)
         force = a.T @ rng.uniform(low, high)  # one that can be had
         torque, shown = solved(a, low, high, force)
         assert shown == pytest.approx(force, abs=1e-9)

@@ -97,7 +97,8 @@ def test_a_trial_records_its_distance_from_obstacles_and_no_operator_gets_in(stu
         recording = read_recording(study / row["recording"])
         distance = recording.column("obstacle_distance_m")[recording.in_phase("move")]
         assert distance.min() == pytest.approx(float(row["least_clearance_m"]))
-        locked = recording.text("decision")[recording.in_phase("move")] == "lock: obstacle"
+        words = recording.text("decision")[recording.in_phase("move")]
+        locked = np.isin(words, ["lock: obstacle", "lock: obstacle, too late to be sure"])
         assert locked.mean() == pytest.approx(float(row["guarded_share"]))
 
 

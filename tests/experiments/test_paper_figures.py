@@ -302,7 +302,7 @@ def words(figure) -> str:
 
 def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(figures):
     measured = {"measured": re.sub(r'provenance = "assumed"', 'provenance = "bench"', BRAKE_TEXT)}
-    text = re.sub('"test-brake"', '"measured"', THREE.text)
+    text = 'provenance = "bench"\n' + re.sub('"test-brake"', '"measured"', THREE.text)
     free = {"fig01_unachievable_directions", "fig12_velocity_field", "fig14_proportional_selection"}
     for figure, written in zip(figures.drawn, figures.words, strict=True):
         assert ("Assumed parameters: " in written) == (figure.name not in free), figure.name

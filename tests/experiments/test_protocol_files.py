@@ -205,12 +205,13 @@ def test_a_protocol_takes_a_shipped_language_or_a_file_and_keeps_it_when_the_fil
 
 
 def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> None:
-    (tmp_path / "grip.png").write_bytes(b"picture")
+    picture = b"\x89PNG\r\n\x1a\n and so on"
+    (tmp_path / "grip.png").write_bytes(picture)
     pages = '\n[[instruction]]\ntext = "Hold the handle."\npicture = "grip.png"\n[[instruction]]\ntext = "Go on."\n'
     path = with_lines(tmp_path, text=PAPER + pages)
     stored = protocol_to_json(load_protocol(path))
     (tmp_path / "grip.png").unlink()
-    assert protocol_from_json(stored, "session.json").pages == (("Hold the handle.", b"picture"), ("Go on.", b""))
+    assert protocol_from_json(stored, "session.json").pages == (("Hold the handle.", picture), ("Go on.", b""))
     with pytest.raises(InputError, match="instruction: .*grip.png: no such file"):
         load_protocol(path)
     with pytest.raises(InputError, match="instruction: picture: the path is not valid"):

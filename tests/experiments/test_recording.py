@@ -1,6 +1,9 @@
 """A recording gives back what was written, every tick of it, or names what is missing; as Parquet it is the same."""
 
+import contextlib
 import json
+import shutil
+import sys
 import threading
 import zlib
 from pathlib import Path
@@ -9,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from disks import fill_up
+from disks import fill_up, full
 from recorded import NAMES, assert_holds, batch_ends, record, ticks
 
 from core import tick_log
@@ -193,9 +196,121 @@ def test_a_full_disk_is_an_error_and_leaves_whole_batches(path, monkeypatch):
     fill_up(monkeypatch, 5000)
     with pytest.raises(OSError, match="No space left"):
         writer.write(rows[2000:])
-    writer.close({"status": "done"})  # has nothing left to do, and must not claim a whole recording
+    with pytest.raises(OSError, match="No space left"):
+        writer.close({"status": "done"})  # it must not claim a whole recording
     recording = read_recording(path)
     assert recording.rows == 2000 and not recording.complete and recording.damaged == []
+
+
+def take_away(path, way):
+    """In the middle of a recording: its file, its folder, or the disk that the folder is on."""
+    if way == "the file":
+        path.unlink()
+    elif way == "the folder":
+        shutil.rmtree(path.parent)
+    else:
+        path.parent.rename(path.parent.with_name("elsewhere"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no file that is in use")
+@pytest.mark.parametrize("way", ["the file", "the folder", "the disk"])
+def test_a_recording_whose_file_vanishes_says_so_once_and_is_saved_whole_when_there_is_a_place_again(tmp_path, way):
+    path = tmp_path / "trials" / "run-001.arrows"
+    path.parent.mkdir()
+    rows, writer = ticks(5000), RecordingWriter(path, "AEB", {})
+    writer.write(rows[:1000])
+    take_away(path, way)
+    with pytest.raises(FileNotFoundError):
+        writer.write(rows[1000:2000])
+    for piece in np.array_split(rows[2000:], 7):
+        writer.write(piece)  # said once: from now on the ticks go to memory
+    with pytest.raises(FileNotFoundError):
+        writer.close({"status": "done"})
+    assert writer.lost == 0 and not writer.is_stored() and not path.exists()
+    if way == "the folder":
+        with pytest.raises(InputError):
+            writer.save(path.parent / "not there" / "trials" / path.name)
+    elif way == "the disk":
+        path.parent.with_name("elsewhere").rename(path.parent)  # with what was written until then
+        assert 0 < read_recording(path).rows < 5000
+    writer.save()
+    assert writer.is_stored()
+    recording = read_recording(path)
+    assert recording.whole and recording.outcome == {"status": "done"}
+    assert_holds(recording, rows)
+
+
+@pytest.mark.parametrize("room", [0, 300, 20_000, 200_000])
+def test_wherever_a_disk_is_full_no_tick_is_lost_once_it_has_room(path, room):
+    rows, writer = ticks(4000), RecordingWriter(path, "AEB", {})
+    with pytest.MonkeyPatch.context() as patch:
+        fill_up(patch, room)
+        with contextlib.suppress(OSError):
+            writer.write(rows[:1500])
+        with contextlib.suppress(OSError):
+            writer.write(rows[1500:])
+        with pytest.raises(OSError, match="No space left"):
+            writer.close({"status": "done"})
+        with pytest.raises(OSError, match="No space left"):
+            full_save(writer, patch)
+    writer.save()
+    assert_holds(read_recording(path), rows)
+    assert read_recording(path).whole and list(path.parent.iterdir()) == [path]
+
+
+def full_save(writer, patch):
+    patch.setattr("experiments.recording.atomic_files.written_beside", full)
+    writer.save()
+
+
+def test_what_stands_where_a_recording_in_memory_belongs_is_set_aside(tmp_path):
+    path = tmp_path / "trials" / "run-001.arrows"
+    path.parent.mkdir()
+    writer = RecordingWriter(path, "AEB", {})
+    shutil.rmtree(path.parent)
+    with pytest.raises(FileNotFoundError):
+        writer.close()
+    path.parent.mkdir()
+    path.write_bytes(b"somebody else's")
+    writer.save()
+    assert path.with_name("run-001.arrows.other").read_bytes() == b"somebody else's" and read_recording(path).whole
+
+
+def test_ticks_that_neither_disk_nor_memory_takes_are_counted_and_the_recording_does_not_claim_to_be_whole(
+    path, monkeypatch
+):
+    rows, writer = ticks(4000), RecordingWriter(path, "AEB", {}, sync=False)
+    writer.write(rows[:1000])
+    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", writer.bytes_written + 1000)
+    with monkeypatch.context() as patch:
+        fill_up(patch, 0)
+        with pytest.raises(OSError, match="No space left"):
+            writer.write(rows[1000:2000])
+        assert writer.lost == 0
+        writer.write(rows[2000:3500])
+        assert writer.lost == 1500 and writer.rows == 3500
+        with pytest.raises(OSError, match="No space left"):
+            writer.close({"status": "done"})
+    writer.save()
+    kept = read_recording(path)
+    assert not kept.complete and kept.rows == 2000 == writer.rows - writer.lost
+
+
+def test_a_recording_too_long_for_memory_is_in_its_file_and_what_comes_after_the_disk_is_counted_as_lost(
+    path, monkeypatch
+):
+    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", 10_000)
+    rows, writer = ticks(3000), RecordingWriter(path, "AEB", {}, sync=False)
+    writer.write(rows[:2000])
+    fill_up(monkeypatch, 0)
+    with pytest.raises(OSError, match="No space left"):
+        writer.write(rows[2000:])
+    assert (writer.lost, writer.rows_written) == (1000, 2000)
+    with pytest.raises(OSError, match="No space left"):
+        writer.close({"status": "done"})
+    with pytest.raises(InputError, match="not in memory"):
+        writer.save()
+    assert read_recording(path).rows == 2000 and not read_recording(path).complete
 
 
 @pytest.mark.parametrize("column, value", [

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from app.cli import main
+from core.device import COBOT_FOLDER
 from core.files import InputError
-from experiments.simulate.cobot_scene import CobotRun, read_cobot_scene
+from experiments.simulate.cobot_scene import CobotRun, read_cobot_scene, simulate_cobot
 from experiments.simulate.scene import read_number_table, read_scene
 
 SCENE = """\
@@ -229,6 +230,16 @@ def test_a_free_caster_moves_as_the_free_body_under_a_force_file(tmp_path, capsy
     (tmp_path / "hand.csv").write_text("t_s,fx_N,fy_N,torque_N_m\n0,0,0,0\n1,30,0,0\n")
     columns, _, _ = simulated(tmp_path, capsys, FREE + 'file = "hand.csv"\n')
     assert columns["x_m"][-1] == pytest.approx(1.0 / 6.0, rel=1e-6), "a = t m/s2"
+
+
+def test_a_cobot_is_assumed_by_the_rule_of_devices(tmp_path):
+    text = FREE.replace("scooter", "own.toml").replace("1.0", "0.01")
+    (tmp_path / "scene.toml").write_text(f"{text}constant = [1.0, 0.0, 0.0]\n")
+    shipped = (COBOT_FOLDER / "scooter.toml").read_text()
+    for number, said in enumerate(("measured", "measured; one hub assumed", "")):
+        (tmp_path / "own.toml").write_text(shipped.replace('provenance = "assumed"', f'provenance = "{said}"'))
+        summary = simulate_cobot(read_cobot_scene(tmp_path / "scene.toml"), tmp_path / f"{number}.csv")
+        assert summary["assumed"] == (said != "measured")
 
 
 def test_a_unicycle_is_a_cobot_too_and_a_long_scene_is_the_same_in_chunks(tmp_path):

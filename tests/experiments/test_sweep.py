@@ -86,6 +86,29 @@ def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_i
     assert run_sweep(sweep, cut, resume=True)["already_done"] == len(sweep.jobs)
 
 
+def test_every_row_names_its_controller_as_the_protocol_does_or_by_its_numbers(whole):
+    rows = csv_rows(whole[1] / "sweep.csv")
+    assert list(rows[0])[-1] == "controller_name"
+    assert {(row["kind"], row["gap_m"]): row["controller_name"] for row in rows} == {
+        ("none", "0.0"): "None", ("sdof", "0.0"): "SDOF", ("sdof", "0.005"): "SDOF with gap",
+        ("proportional", "0.0"): "proportional, gap 0 mm, gain 500 N s/m",
+    }  # fmt: skip
+
+
+def test_a_sweep_that_an_earlier_version_began_goes_on_to_the_same_table(file, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+    sweep, out, old = load_sweep(file), whole[1], tmp_path / "old"
+    (old / "parts").mkdir(parents=True)
+    (old / "sweep.json").write_bytes((out / "sweep.json").read_bytes())
+    for job in sweep.jobs[2:5]:  # as they were without the name at the end
+        lines = [",".join(line.split(",")[:20]) + "\n" for line in job.run().rows.decode().splitlines()]
+        (old / "parts" / f"{job.number:06d}.csv").write_text("".join(lines))
+    (old / "parts" / "000001.csv").write_bytes(sweep.jobs[0].run().rows)
+    (old / "parts" / "000002.csv").write_bytes(b"")
+    assert run_sweep(sweep, old, resume=True)["already_done"] == 1
+    assert (old / "sweep.csv").read_bytes() == (out / "sweep.csv").read_bytes()
+
+
 def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     """Without control nothing but the device acts: another rule set must not change a single digit."""
     jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]

@@ -1,5 +1,6 @@
 """trials.csv: the promised columns, the same bytes for the same rows, nothing lost on the way back."""
 
+import csv
 import math
 import tempfile
 from dataclasses import replace
@@ -18,6 +19,7 @@ from experiments.analysis.trials_table import (
     COLUMNS,
     TrialRow,
     append_row,
+    is_same_row,
     read_table,
     table_bytes,
     trial_flags,
@@ -52,8 +54,8 @@ def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measu
 
 
 def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
-    later = COLUMNS[len(PROMISED) :]
-    assert later, "there is none to look at"
+    later = [name for name in COLUMNS[len(PROMISED) :] if name in MEASURES]
+    assert later and COLUMNS[len(PROMISED) :] == (*later, "controller_name")
     for name in later:
         row = replace(ROW, **{name: 0.5})
         assert table_bytes([ROW, row]).splitlines()[0].decode().split(",") == [*PROMISED, name]
@@ -61,6 +63,28 @@ def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
         assert read_table(tmp_path / f"{name}.csv") == [ROW, row]
         append_row(tmp_path / "grows.csv", ROW if name != later[-1] else row)
     assert read_table(tmp_path / "grows.csv")[-1] == row
+
+
+def test_a_row_grown_onto_a_table_without_names_leaves_a_whole_table_in_which_every_row_has_its_name(tmp_path):
+    path, names = tmp_path / "trials.csv", {2: "SDOF", 3: 'guide, with "care"'}
+    write_table(path, [ROW, replace(ROW, controller=3), replace(ROW, controller="K2")])
+    early = path.read_bytes()
+    assert early.splitlines()[0].decode().split(",") == PROMISED  # as a version before wrote it
+    assert [row.controller_name for row in read_table(path)] == [None, None, None]
+    known = append_row(path, replace(ROW, controller_name="SDOF"), early, names=names)
+    known = append_row(path, replace(ROW, controller=3, controller_name="guide"), known, names=names)
+    assert [row.controller_name for row in read_table(path)] == ["SDOF", 'guide, with "care"', "K2", "SDOF", "guide"]
+    with path.open(newline="") as lines:
+        assert {len(line) for line in csv.reader(lines)} == {len(PROMISED) + 1}
+    assert path.read_bytes() == known == table_bytes(read_table(path))
+
+
+def test_a_row_without_a_name_is_the_same_as_one_that_an_earlier_version_wrote_and_a_changed_name_is_not(tmp_path):
+    right = replace(ROW, controller_name="SDOF")
+    assert is_same_row(ROW, right) and is_same_row(right, right)
+    assert not is_same_row(replace(right, controller_name="Proportional"), right)
+    assert not is_same_row(replace(right, controller_name=""), right)
+    assert not is_same_row(replace(ROW, run=8), right)
 
 
 @given(st.tuples(*[st.none() | st.floats(allow_nan=False, allow_infinity=False)] * len(MEASURES)))

@@ -70,6 +70,27 @@ def test_full_deflection_to_the_right_and_away_is_the_full_force_to_the_right_an
     assert "not a force sensor" in hand.read().text
 
 
+@pytest.mark.parametrize("count", [0x7FFF, -0x8000, 351, 3000])
+def test_a_garbage_report_pushes_no_harder_than_full_deflection_and_is_said(bus, hand, count):
+    bus.push("01" + count.to_bytes(2, "little", signed=True).hex() * 3)
+    wait_until(lambda: hand.read().reports == 1)
+    reading, full = hand.read(), FORCE_FULL_N if count > 0 else -FORCE_FULL_N
+    assert reading[:2] == pytest.approx((full, -full))
+    assert f"reports beyond full deflection: 1, held at {FORCE_FULL_N:g} N" in reading.text
+    bus.push("01 5e01 a2fe 0000")
+    wait_until(lambda: hand.read().reports == 2)
+    assert "beyond full deflection: 1," in hand.read().text
+
+
+def test_full_deflection_from_a_zero_that_was_taken_is_no_garbage(bus, hand):
+    biased(bus, hand)
+    bus.push("01 6801 0000 0000")  # ten counts more than full scale
+    wait_until(lambda: hand.read().fx_N == pytest.approx(FORCE_FULL_N))
+    bus.push("01 a2fe 0000 0000")  # 360 counts the other way
+    wait_until(lambda: "beyond full deflection: 1," in hand.read().text)
+    assert hand.read().fx_N == -FORCE_FULL_N
+
+
 def test_only_the_newest_of_many_waiting_reports_counts(bus, hand):
     bus.push(*["01 0a00 0000 0000", "02 0100 0100 0100"] * 500, "01 5e01 0000 0000")
     wait_until(lambda: hand.read().reports == 1001)

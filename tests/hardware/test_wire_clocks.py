@@ -7,7 +7,7 @@ from simulated_bench import WRAP_US
 
 from core import tick_log
 from hardware.emulated_board.line_faults import read_fault
-from hardware.sensing.board_clock import FreshnessWatch
+from hardware.sensing.board_clock import ClockModel, FreshnessWatch
 from hardware.wire.messages import Sample, State
 
 
@@ -101,6 +101,25 @@ def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() 
     assert np.max(np.abs(rows[:, tick_log.LATENESS_US])) < 5000
     assert np.max(np.abs(np.diff(rows[:, tick_log.HOST_S]) - 1e-3)) < 2e-3
     assert np.max(np.abs(rows[:, [tick_log.TIP_VX, tick_log.TIP_VY]])) < 2.0
+
+
+def test_a_clock_says_whether_the_board_had_power_all_the_time() -> None:
+    """Whatever the two clocks show, however they drift apart, however long the way, the link or the board was."""
+    generator, decided = np.random.default_rng(5), {True: 0, False: 0}
+    for _ in range(500):
+        model, zero_s, drift = ClockModel(), generator.uniform(-1e5, 1e5), generator.uniform(-1e-4, 1e-4)
+        began_s = generator.choice([0.0, generator.uniform(0.0, 3e5)])  # by the board's clock, when it was first heard
+        heard_s = generator.choice([0.3, 3.0, 60.0])
+        times = began_s + np.sort(generator.uniform(0.0, heard_s, 50)) + 0.2
+        for true_s in times:
+            model.add(round(1e6 * true_s), zero_s + (1.0 + drift) * true_s + 5e-4 + generator.exponential(5e-3))
+        away_s, went_on = generator.choice([0.15, 1.0, 30.0, 1e3]), bool(generator.random() < 0.5)
+        now_s = times[-1] + away_s
+        says_s = now_s if went_on else generator.uniform(0.1, max(0.11, away_s - 0.02))
+        asked_s = zero_s + (1.0 + drift) * now_s - generator.choice([1e-3, 4e-3])
+        assert model.went_on(round(1e6 * says_s), asked_s) == went_on, (began_s, heard_s, away_s, says_s)
+        decided[went_on] += 1
+    assert min(decided.values()) > 200
 
 
 def test_currents_are_zero_in_doubt_before_anything_has_been_exchanged_again() -> None:

@@ -255,7 +255,9 @@ def once_back(bench: Bench, link: SerialDevice) -> None:
             bench.backlog += bench.tick()
 
 
-@pytest.mark.parametrize(("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False)])
+@pytest.mark.parametrize(
+    ("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False), ("uncounted-start@0+0.3", False)]
+)
 def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
     bench: Bench, link: SerialDevice, fault: str, keeps: bool
 ) -> None:
@@ -266,6 +268,35 @@ def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
     once_back(bench, link)
     assert link.zeroed == keeps
     assert link.sensing.force.zero == pytest.approx(record.force_counts if keeps else np.zeros(6))
+
+
+@pytest.mark.parametrize(("up_ms", "off_s"), [(0, 0.05), (0, 3.0), (400, 0.01), (1500, 0.3)])
+def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_resets_it(up_ms: int, off_s: float) -> None:
+    bench = Bench()
+    link = reached(bench)
+    link.home(TIP)
+    link.zero()
+    run(link, up_ms, (0.5,) * 4)
+    starts = link.sensing.hello.starts
+    bench.fault(f"uncounted-start@0.001+{off_s}")
+    while not link.problem:
+        link.exchange((0.5,) * 4)
+    until(link, lambda: not link.problem)
+    assert bench.board.starts == starts and not link.zeroed and not link.sensing.force.zero.any()
+    for _ in range(2):  # a link that is lost again makes nothing well
+        said = run(link, 20)
+        assert {s.fault for s in said} == {f"it was powered up again, though its number of starts is still {starts}"}
+        assert said[0].fault.code == "started-again" and not any(s.homed for s in said)
+        bench.fault("unplug@0+0.1")
+        once_back(bench, link)
+    link.reset()
+    assert not any(s.fault for s in run(link, 20))
+    link.home(TIP)
+    link.zero()
+    bench.fault("unplug@0+0.3")
+    once_back(bench, link)
+    assert link.zeroed and not any(s.fault for s in run(link, 20)), "this time it went on"
+    link.close()
 
 
 def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, link: SerialDevice) -> None:

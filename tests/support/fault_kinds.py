@@ -97,6 +97,7 @@ HARD = [
     Fault("loop killed", "", (), ("The control loop ended unexpectedly",), acts=die),
     Fault("Esc", "", ("end",), ("brakes off: Esc, participant's window", "Brakes off: Esc"), False,
           acts=lambda case: case.ring.switch_off("Esc, participant's window")),
+    Fault("uncounted start", "uncounted-start+0.1", (), (SILENT, "it was powered up again, though")),
 ]  # fmt: skip
 SOFT = [
     Fault("drop a fifth", "drop=0.2"),

@@ -51,6 +51,39 @@ def random_scene(seed: int) -> tuple[dict, dict]:
     return device, _scene(draw, device, tip)
 
 
+def harder_scene(seed: int) -> tuple[dict, dict]:
+    """That scene made harder: masses of four orders, hundreds of newtons, fast starts, brakes that stop it."""
+    device, scene = random_scene(seed)
+    draw = _Draw(seed * 7919 + 13)
+    kind = draw.one(("plain", "spread", "force", "fast", "stop", "stop"))
+    if kind == "spread":
+        for name in ("AE", "ED", "BC", "CD"):
+            factor, link = draw.log(1e-3, 30.0), device["mass"][name]
+            link |= {key: factor * link[key] for key in ("mass_kg", "inertia_kg_m2") if key in link}
+        device["mass"]["tip_kg"] *= draw.log(0.3, 50.0)
+    if kind in ("force", "spread"):
+        _scale_force(scene, draw.log(1.0, 30.0))
+    if kind in ("fast", "stop"):
+        speed, way = draw.log(0.2, 6.0), draw.flat(-math.pi, math.pi)
+        scene["velocity"] = [speed * math.cos(way), speed * math.sin(way)]
+    if kind == "stop":
+        period, strong = draw.one((0.02, 0.04, draw.log(0.01, 0.2))), 8.0 if scene["fidelity"] == "ideal" else 1.0
+
+        def command(joint):
+            if joint not in device["brakes"]:
+                return 0.0
+            return strong * draw.log(0.05, 1.0) if draw.chance(0.5) else 0.0
+
+        count = math.ceil(scene["duration"] / period)
+        scene["schedule"] = [[k * period, *map(command, JOINTS)] for k in range(count)]
+        _scale_force(scene, draw.log(0.3, 30.0))
+    return device, scene
+
+
+def _scale_force(scene: dict, factor: float) -> None:
+    scene["force"] = [[t, factor * fx, factor * fy] for t, fx, fy in scene["force"]]
+
+
 def _device(draw: _Draw) -> dict:
     kind = draw.one(("three", "four", "coaxial", "apart", "apart"))
     base_a, base_b, lengths, elbows = [0.0, 0.0], [0.0, 0.0], [0.3048] * 4, "out"

@@ -7,38 +7,47 @@ import numpy as np
 
 from core.control.controllers import Controller, Preset, decide, make_controller
 from core.control.guard import Around, Guard, make_around
-from core.control.velocity_field import LOCKED, new_memory
+from core.control.velocity_field import HOLDS, LOCKED, new_memory
 from core.device import Device
 from core.kernel import kernel
 from core.obstacles import ObstacleFile, nearest_obstacle
 from core.path import Path, line
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice, move, settle
+from core.workspace import tip_is_free
 from experiments.assumptions import DEFAULTS, Assumptions
-from experiments.trial.encoder_sensing import new_sensing, see, sensed_age
+from experiments.trial.encoder_sensing import new_sensing, see, sensed
 
 PATH: Path = line((-0.1, 0.4), (0.1, 0.4))
-TURN_TICKS = 100  # for so long a hand pushes one way
+TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
+#: N, largest pushes: the largest whole ones below half of what a full lock holds near the middle of each workspace; of
+#: pter below 40 %, for the guard promises nothing there for a hand of half.
+PUSHES_N = {"er-two-brake": 8.0, "three-brake": 11.0, "four-brake": 17.0, "pter": 16.0}
+
+#: Places of what `reach` finds: least and last distance (m), locks, ticks of which the guard is not sure, the first of
+#: them, the tick at which it entered, largest speed (m/s), distance at the first lock (m).
+LEAST, LAST, LOCKS, UNSURE, FIRST_UNSURE, ENTERED, FASTEST, FIRST_LOCK, FOUND = range(9)
 
 
 @kernel
 def reach(
-    controller, path, mechanisms, brakes, hand, states, scratches, sensing, memory, pushes, adversary, current, found
+    controller, path, mechanisms, brakes, hand, states, scratches, sensing, memory, forces, feigns, current, found
 ):  # fmt: skip
-    """Ticks of a hand that pushes with pushes (n, 2), N, for 0.1 s each; found (3,): least and last distance, locks.
+    """Ticks of a hand that pushes with forces (n, 2), N; found (FOUND,).
 
-    adversary: 1: a locked hand pulls away with 3 N until it is let go, then pushes again.
+    feigns: 1: a locked hand pulls away with 3 N until it is let go, then pushes again.
     """
     around, state, grip = controller.around[0], states[0], hand.grips[0]
-    found[0], found[1], found[2] = math.inf, 0.0, 0.0
-    for n in range(pushes.shape[0] * TURN_TICKS):
+    for i in range(FOUND):
+        found[i] = 0.0
+    found[LEAST] = found[FIRST_UNSURE] = found[ENTERED] = found[FIRST_LOCK] = math.inf
+    for n in range(forces.shape[0]):
         t = 1e-3 * n
-        push_x, push_y = pushes[n // TURN_TICKS, 0], pushes[n // TURN_TICKS, 1]
         near = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1])
         was_locked = memory[LOCKED]
-        if adversary != 0 and was_locked != 0.0:
-            push_x, push_y = 3.0 * near.n_x, 3.0 * near.n_y
-        grip.held[0], grip.held[1] = push_x, push_y
+        grip.held[0], grip.held[1] = forces[n, 0], forces[n, 1]
+        if feigns != 0 and was_locked != 0.0:
+            grip.held[0], grip.held[1] = 3.0 * near.n_x, 3.0 * near.n_y
         settle(mechanisms, brakes, hand, states, scratches, current, t, 2, 0)
         seen = state
         if sensing.sensors[0].on != 0:
@@ -50,10 +59,17 @@ def reach(
             seen.hand_force[1], seen.g, seen.mass, current,
         )  # fmt: skip
         if memory[LOCKED] > was_locked:
-            found[2] += 1.0
+            found[LOCKS] += 1.0
+            found[FIRST_LOCK] = min(found[FIRST_LOCK], near.distance) if found[LOCKS] == 1.0 else found[FIRST_LOCK]
+        if memory[HOLDS] == 0.0:
+            found[UNSURE] += 1.0
+            found[FIRST_UNSURE] = min(found[FIRST_UNSURE], float(n))
         move(mechanisms, brakes, hand, states, scratches, current, t, 1e-3, 2, 0)
-        found[1] = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1]).distance
-        found[0] = min(found[0], found[1])
+        found[LAST] = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1]).distance
+        found[LEAST] = min(found[LEAST], found[LAST])
+        found[FASTEST] = max(found[FASTEST], math.sqrt(state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]))
+        if found[LAST] < 0.0:
+            found[ENTERED] = min(found[ENTERED], float(n))
 
 
 class Reached(NamedTuple):
@@ -62,6 +78,11 @@ class Reached(NamedTuple):
     least: float  # distance from the obstacle, negative inside
     last: float  # at the end
     locks: int
+    unsure: int  # ticks
+    first_unsure: float  # tick; infinite: none
+    entered: float  # tick; infinite: it did not
+    fastest: float  # m/s
+    first_lock: float  # distance; infinite: none
 
 
 def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -> SimulatedDevice:
@@ -74,21 +95,27 @@ def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -
 
 def guarded(device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed: Assumptions = DEFAULTS) -> Controller:
     """No control beside the guard, which knows how old the assumed sensing is."""
-    around = make_around(Around(obstacles=(obstacle,), guard=guard), device.brakes, sensed_age(assumed))
+    around = make_around(Around(obstacles=(obstacle,), guard=guard), device, sensed(device, (0.0, 0.4), assumed))
     return make_controller(Preset("", "none"), device.force_normalised_N, around=around)
 
 
 def run_reach(
-    device: SimulatedDevice, controller: Controller, pushes: np.ndarray, adversary: bool = False,
+    device: SimulatedDevice, controller: Controller, forces: np.ndarray, feigns: bool = False,
     assumed: Assumptions = DEFAULTS,
 ) -> Reached:  # fmt: skip
-    """Push the device, 0.1 s for each of pushes (n, 2), N, with the assumed sensing."""
-    found, sensing = np.zeros(3), new_sensing(device.device, assumed)
+    """Push the device with forces (n, 2), N, one a tick, with the assumed sensing."""
+    found, sensing = np.zeros(FOUND), new_sensing(device.device, assumed)
     reach(
-        controller, PATH, *device.arguments(), sensing, new_memory(), np.ascontiguousarray(pushes, dtype=float),
-        int(adversary), np.zeros(4), found,
+        controller, PATH, *device.arguments(), sensing, new_memory(), np.ascontiguousarray(forces, dtype=float),
+        int(feigns), np.zeros(4), found,
     )  # fmt: skip
-    return Reached(float(found[0]), float(found[1]), int(found[2]))
+    least, last, locks, unsure, first_unsure, entered, fastest, first_lock = found.tolist()
+    return Reached(least, last, int(locks), int(unsure), first_unsure, entered, fastest, first_lock)
+
+
+def held_on(pushes: np.ndarray) -> np.ndarray:
+    """Each of pushes (n, 2), N, for 0.1 s, as one a tick."""
+    return np.repeat(pushes, TURN_TICKS, axis=0)
 
 
 class Task(NamedTuple):
@@ -96,23 +123,83 @@ class Task(NamedTuple):
 
     tip: tuple[float, float]
     obstacle: ObstacleFile
-    pushes: np.ndarray  # (n, 2) N
+    forces: np.ndarray  # (ticks, 2) N
 
 
 def random_task(rng: np.random.Generator, most_N: float, seconds: float = 1.5) -> Task:
     """An obstacle 2 to 8 cm away, and pushes of up to `most_N` within 75 degrees of the way to it."""
     tip = rng.uniform(-0.10, 0.10), rng.uniform(0.34, 0.45)
-    towards, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.02, 0.08)
-    c, s = math.cos(towards), math.sin(towards)
-    x, y = tip[0] + distance * c, tip[1] + distance * s
-    kind = rng.integers(3)
-    if kind == 0:
-        obstacle = ObstacleFile(half_plane_m=(x, y, -c, -s))
-    elif kind == 1:
-        obstacle = ObstacleFile(disc_m=(x + 0.03 * c, y + 0.03 * s, 0.03))
-    else:
-        corners = [(-0.04, 0.0), (0.04, 0.0), (0.0, 0.05)]  # to the left of the way, and along it
-        obstacle = ObstacleFile(polygon_m=tuple((x - s * a + c * b, y + c * a + s * b) for a, b in corners))
+    towards = rng.uniform(0.0, 2.0 * math.pi)
+    obstacle = obstacle_ahead(tip, towards, rng.uniform(0.02, 0.08), int(rng.integers(3)))
     angles = towards + rng.uniform(-1.3, 1.3, round(10 * seconds))
     sizes = rng.uniform(0.3 * most_N, most_N, len(angles))
-    return Task(tip, obstacle, np.column_stack([sizes * np.cos(angles), sizes * np.sin(angles)]))
+    return Task(tip, obstacle, held_on(np.column_stack([sizes * np.cos(angles), sizes * np.sin(angles)])))
+
+
+def obstacle_ahead(tip: tuple[float, float], towards: float, distance: float, kind: int) -> ObstacleFile:
+    """A half-plane, disc or polygon (kind 0, 1, 2) so far (m) from the tip in this direction."""
+    c, s = math.cos(towards), math.sin(towards)
+    x, y = tip[0] + distance * c, tip[1] + distance * s
+    if kind == 0:
+        return ObstacleFile(half_plane_m=(x, y, -c, -s))
+    if kind == 1:
+        return ObstacleFile(disc_m=(x + 0.03 * c, y + 0.03 * s, 0.03))
+    corners = [(-0.04, 0.0), (0.04, 0.0), (0.0, 0.05)]  # to the left of the way, and along it
+    return ObstacleFile(polygon_m=tuple((x - s * a + c * b, y + c * a + s * b) for a, b in corners))
+
+
+class Attack(NamedTuple):
+    """A hand of exactly the largest push, by numbers that a search can change; each in 0 .. 1."""
+
+    kind: int  # place in KINDS
+    obstacle: int  # 0, 1, 2 as in `obstacle_ahead`
+    numbers: np.ndarray  # (NUMBERS,)
+
+
+KINDS = ("straight", "run-up", "turning", "rocking", "pushes")
+NUMBERS = 12
+ATTACK_TICKS = 1500
+
+
+def random_attack(rng: np.random.Generator, kind: int) -> Attack:
+    """Any hand of this kind."""
+    return Attack(kind, int(rng.integers(3)), rng.random(NUMBERS))
+
+
+def changed_attack(rng: np.random.Generator, attack: Attack) -> Attack:
+    """One like it: some of its numbers a little different."""
+    step = rng.normal(0.0, 0.08, NUMBERS) * (rng.random(NUMBERS) < 0.4)
+    return attack._replace(numbers=np.clip(attack.numbers + step, 0.0, 1.0))
+
+
+def task_of(attack: Attack, device: Device, push: float) -> Task | None:
+    """What the attack does on a device; None: the tip cannot be where it begins."""
+    q = attack.numbers
+    tip = -0.25 + 0.5 * q[0], 0.25 + 0.27 * q[1]
+    if not tip_is_free(device.mechanism, *tip):
+        return None
+    towards = 2.0 * math.pi * q[2]
+    n = np.arange(ATTACK_TICKS)
+    angle, size = np.full(ATTACK_TICKS, towards + 1.2 * (q[4] - 0.5)), np.ones(ATTACK_TICKS)
+    until = n < 400 * q[5]
+    if KINDS[attack.kind] == "run-up":  # away, then in
+        angle = np.where(until, towards + math.pi + 1.2 * (q[6] - 0.5), angle)
+    elif KINDS[attack.kind] == "turning":
+        angle = np.where(until, towards + 6.0 * (q[6] - 0.5) + 0.06 * (q[7] - 0.5) * n, angle)
+    elif KINDS[attack.kind] == "rocking":  # in, then to and fro with a period of 2 to 120 ms
+        period = 2.0 + 118.0 * q[6]
+        to_and_fro = np.where((n % period) < (0.2 + 0.6 * q[7]) * period, 1.0, -0.1 - 0.9 * q[8])
+        size = np.where(until, 1.0, to_and_fro)
+    elif KINDS[attack.kind] == "pushes":  # another way every 0.25 s
+        angle = towards + 2.6 * (q[6 : 6 + 6] - 0.5)[n // (ATTACK_TICKS // 6)]
+    forces = push * size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return Task(tip, obstacle_ahead(tip, towards, 0.02 + 0.06 * q[3], attack.obstacle), forces)
+
+
+def attack_with(attack: Attack, device: Device, guard: Guard | None, assumed: Assumptions) -> Reached | None:
+    """What comes of it with a push of `PUSHES_N`; None: it cannot begin."""
+    task = task_of(attack, device, PUSHES_N[device.name])
+    if task is None:
+        return None
+    controller = guarded(device, task.obstacle, guard, assumed)
+    return run_reach(pushed_device(device, task.tip), controller, task.forces, assumed=assumed)

@@ -17,7 +17,7 @@ from hardware.wire.messages import Command, Fault, Hello, State, pack
 
 SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "firmware"
 COMPILER = shutil.which("cc")
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1")
+FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-O1")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc): the board in C cannot be built")
@@ -82,9 +82,9 @@ class RecordedBoard(Board):
         self._record(told, answer)
         return answer
 
-    def lose_power(self, now_us: int) -> None:
-        super().lose_power(now_us)
-        self._record(self._power(low=True, now_us=now_us))
+    def lose_power(self, now_us: int, noticed: bool = True) -> None:
+        super().lose_power(now_us, noticed)
+        self._record(self._power(low=noticed, now_us=now_us))
 
     def _power(self, low: bool, now_us: int) -> bytes:
         c = self.hello

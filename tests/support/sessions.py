@@ -1,6 +1,7 @@
 """Sessions for tests: real trials of a simulated operator on the shipped devices, and what a crash leaves of them."""
 
 import contextlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,16 @@ def closed_session(data: Path, trials: int, **how) -> Session:
     """The same, closed."""
     with session_of(data, trials, **how) as session:
         return session
+
+
+def without_checksums(data: Path) -> None:
+    """Make of a folder what a version wrote that had none: in session.json, study.json and the journal."""
+    for path in (*data.rglob("session.json"), *data.glob("study.json")):
+        about = json.loads(path.read_bytes())
+        del about["crc32"]
+        path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n")
+    for path in data.rglob("journal.jsonl"):
+        lines = [json.loads(line) for line in path.read_bytes().splitlines()]
+        plain = ({key: value for key, value in one.items() if key not in ("after", "crc32")} for one in lines)
+        path.write_text("".join(json.dumps(one) + "\n" for one in plain))
+        path.with_name("journal.end").unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from core.device_interface import DeviceError
 from core.faults import cause
 from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand, hello_of
-from hardware.emulated_board.line_faults import Line, LineFault, read_fault
+from hardware.emulated_board.line_faults import POWER, Line, LineFault, read_fault
 from hardware.emulated_board.plug import TcpPort
 from hardware.serial_device import SerialDevice
 from hardware.serial_port import Port
@@ -49,9 +49,9 @@ class Bench:
     def tick(self) -> bytes:
         """A millisecond; what arrives at the host's end."""
         self.ticks += 1
-        now_us = (self.board_began_us + 1000 * self.ticks) % WRAP_US
         acting = [fault for fault in self.faults if fault.acts(self.now_s)]
-        self._plug_and_power({fault.kind for fault in acting}, now_us)
+        self._plug_and_power({fault.kind for fault in acting})
+        now_us = (self.board_began_us + 1000 * self.ticks) % WRAP_US
         if (data := self.to_board.take(self.now_s)) and self.powered:
             self.send(self.board.receive(data, now_us))
         readings = self.device.sense(self.board.currents, acting)
@@ -63,19 +63,21 @@ class Bench:
             self.last_current = self.ticks
         return self.to_host.take(self.now_s)
 
-    def _plug_and_power(self, kinds: set[str], now_us: int) -> None:
+    def _plug_and_power(self, kinds: set[str]) -> None:
         began, ended = kinds - self._acting, self._acting - kinds
         self._acting = kinds
         if "unplug" in began:
             self.plugged = False
             self.to_host.clear()
             self.to_board.clear()
-        if "brown-out" in began:
+        if off := began.intersection(POWER):
             self.powered = False
-            self.board.lose_power(now_us)
+            self.board.lose_power(0, noticed="brown-out" in off)
             self.device.sensors.power_up()
         self.plugged |= "unplug" in ended
-        self.powered |= "brown-out" in ended
+        if ended.intersection(POWER):
+            self.powered = True
+            self.board_began_us = -1000 * self.ticks
 
     def send(self, data: bytes) -> None:
         for frame in data.split(b"\0")[:-1]:

@@ -56,6 +56,7 @@ class SimulatedLoop:
         ring, arguments, row = self._ring, self._trial.arguments(), np.zeros((1, tick_log.WIDTH))
         for _ in range(PIECE):
             if ring.control.stop == HAND_BACK:
+                arguments.hand.grips["force_max"][0] = self._force_max
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return

@@ -36,6 +36,11 @@ class Reading:
         return True
 
 
+def way_of(rows: np.ndarray) -> np.ndarray:
+    """Where the handle was (n, 2), m, at every one of some ticks at which it moved along the path."""
+    return rows[rows[:, tick_log.PHASE] == tick_log.MOVE][:, (tick_log.TIP_X, tick_log.TIP_Y)]
+
+
 class ForceView(Plane):
     """One device on one path. A subclass adds what else it shows of `instant`, and what its labels keep off."""
 
@@ -51,6 +56,7 @@ class ForceView(Plane):
         self.labels = labels
         self._ticks: np.ndarray | None = None  # since the last words (n, WIDTH), n > 0; none between trials
         self._worded = False  # words have been made of these
+        self._went = False  # the movement of the running trial has begun
 
     # what to show
 
@@ -65,21 +71,48 @@ class ForceView(Plane):
             self._rest(self.instant.device, tip)
 
     def _rest(self, device: Device, tip: Point) -> None:
-        self.phase = -1
+        self.begin()
         self._show(device, tip, None)
         self.word()
 
+    def begin(self) -> None:
+        """Another trial: the next ticks are its first. The trail stays to be looked at until its movement begins."""
+        self.phase, self._went = -1, False
+
     def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
-        """Ticks (n, WIDTH) of the running trial, n > 0: the newest is drawn; taken: as in `show_handle`."""
+        """The next ticks (n, WIDTH) of the running trial, n > 0: all are on its way, and the newest is drawn.
+
+        taken: as in `show_handle`.
+        """
         if self.instant is None:
             return
-        tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
+        way = way_of(rows)
+        if len(way) and not self._went:
+            self._went = True
+            self.clear_trail()
+        self.extend_trail(way)
+        before = None if self._worded else self._ticks
+        self._show_newest(rows, rows.copy() if before is None else np.concatenate((before, rows)), taken)
+
+    def show_until(self, ticks: np.ndarray, near: int) -> None:
+        """As if these ticks (n, WIDTH) of a trial, its first among them, had just been added; n > 0.
+
+        Words are made of those from `near` on.
+        """
+        way = way_of(ticks)
+        self.begin()
+        self._went = len(way) > 0
+        self.show_way(way)
+        self._show_newest(ticks, ticks[near:])
+
+    def _show_newest(self, rows: np.ndarray, words_of: np.ndarray, taken: bool | None = None) -> None:
+        """The last of some ticks; words_of: those that words are to be made of."""
+        if self.instant is None:
+            return
         if (phase := int(rows[-1, tick_log.PHASE])) != self.phase:
             self.phase, self.began_s = phase, float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
-        if phase == tick_log.MOVE:
-            self.extend_trail(tip)
-        before = None if self._worded else self._ticks
-        self._show(self.instant.device, tip, rows.copy() if before is None else np.concatenate((before, rows)), taken)
+        tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
+        self._show(self.instant.device, tip, words_of, taken)
 
     def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         self._ticks, self._worded = ticks, False

@@ -43,9 +43,22 @@ class PassView(ForceView):
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.inset.show_trial(device, path, tip)
-        self.inset.setVisible(LINKAGE in self.shown)
         self.set_extent(extent_of_paths([path], MARGIN_M))
         super().show_trial(device, path, tip)
+        self._show_inset()
+
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
+        super().show_handle(tip, taken, force_N)
+        self._show_inset()
+
+    def _show_inset(self) -> None:
+        """The linkage in its corner; away while the handle would lie under it."""
+        corner = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.handle_px,)))
+        under = self.tip is not None and corner.contains(self.to_screen(self.tip))
+        shown = LINKAGE in self.shown and self.instant is not None and not under
+        if shown == self.inset.isHidden():
+            self.inset.setVisible(shown)
+            self.repaint_still()
 
     def rest(self, tip: Point) -> None:
         super().rest(tip)
@@ -59,7 +72,7 @@ class PassView(ForceView):
 
     def show_layer(self, layer: str, shown: bool) -> None:
         super().show_layer(layer, shown)
-        self.inset.setVisible(LINKAGE in self.shown and self.instant is not None)
+        self._show_inset()
 
     def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
         super().add(rows, taken)
@@ -76,8 +89,8 @@ class PassView(ForceView):
         super().resizeEvent(event)
 
     def solid(self, now: Instant) -> np.ndarray:
-        """The linkage in its corner too."""
-        corner = [] if self.inset.isHidden() else [points_in(QRectF(self.inset.geometry()))]
+        """The linkage's corner too: it may come back at any time."""
+        corner = [points_in(QRectF(self.inset.geometry()))] if LINKAGE in self.shown else []
         return np.concatenate([super().solid(now), *corner])
 
     @property

@@ -31,10 +31,12 @@ from core.obstacles import ObstacleFile
 from core.path import PathFile, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
-TRAIL_MOST = 4000  # points; a longer trail is thinned out
 HOLD_PX = 6.0  # width of the sweep of the hold
 LEAST_HANDLE_PX = 4.0  # radius
-TRAIL_STEP_PX = 3.0  # a trail grows by pieces so long; what is missing lies under the handle
+#: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
+#: which is less than a pixel of a screen at 200 %, too.
+THIN_PX = 0.3
+AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -89,7 +91,8 @@ class Plane(QWidget):
         self.pointer: Point | None = None
         self.force_N = 0.0
         self.taken: bool | None = None
-        self.trail: list[Point] = []
+        self._trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
+        self._trail_end = np.empty((0, 2))  # m: up to where it is painted; nowhere, or (1, 2)
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
         self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
@@ -136,29 +139,33 @@ class Plane(QWidget):
         self.pointer = place
         self.update()
 
-    def extend_trail(self, tip: Point) -> None:
-        """The trail goes on to here (m)."""
-        if self.trail and self._scale * math.dist(tip, self.trail[-1]) < TRAIL_STEP_PX:
+    @property
+    def trail(self) -> np.ndarray:
+        """Every place (n, 2), m, on the way so far."""
+        self._trail = [np.concatenate([np.empty((0, 2)), *self._trail])]
+        return self._trail[0]
+
+    def extend_trail(self, tips: np.ndarray) -> None:
+        """The trail goes on over all of these (n, 2), m."""
+        if not len(tips):
             return
-        if self.trail and self.trail_shown and self._still:
-            self._paint_way(self._background, [self.trail[-1], tip], theme.TRACE)
-        self.trail.append(tip)
-        if len(self.trail) > TRAIL_MOST:
-            self.trail = self.trail[::2]
+        self._trail.append(tips)
+        if self.trail_shown and self._still:
+            self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), theme.TRACE)
 
     def show_way(self, tips: np.ndarray) -> None:
         """The whole trail so far at once: tips (n, 2), m."""
-        self.trail = [(x, y) for x, y in tips[:: len(tips) // TRAIL_MOST + 1].tolist()]
+        self._trail = [tips]
         self.repaint_still()
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
-        self._beside = (tips[:: len(tips) // TRAIL_MOST + 1], colour) if len(tips) else None
+        self._beside = (tips, colour) if len(tips) else None
         self.repaint_still()
 
     def clear_trail(self) -> None:
         """Begin the trail anew."""
-        self.trail.clear()
+        self._trail.clear()
         self.repaint_still()
 
     def show_trail(self, shown: bool) -> None:
@@ -285,9 +292,10 @@ class Plane(QWidget):
             self._paint_path(painter)
         painter.end()
         if self._beside is not None:
-            self._paint_way(self._background, *self._beside)
-        if self.trail_shown and len(self.trail) > 1:
-            self._paint_way(self._background, self.trail, theme.TRACE)
+            self._paint_way(*self._beside)
+        self._trail_end = np.empty((0, 2))
+        if self.trail_shown:
+            self._trail_end = self._paint_way(self.trail, theme.TRACE)
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named."""
@@ -337,13 +345,42 @@ class Plane(QWidget):
         box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
         painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
 
-    def _paint_way(self, pixmap: QPixmap, points: Sequence[Sequence[float]] | np.ndarray, colour: str) -> None:
-        """Add a piece of a way to the background: a long trail costs no more than a short one."""
-        painter = QPainter(pixmap)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(pen(colour, self.sizes.trail))
-        painter.drawPolyline(QPolygonF([self.to_screen(point) for point in points]))
-        painter.end()
+    def _paint_way(self, places: np.ndarray, colour: str) -> np.ndarray:
+        """Add a piece of a way, places (n, 2) in m, to the background: a long trail costs no more than a short one.
+
+        Where the next piece goes on: its last place that is painted, (1, 2); (0, 2) of none.
+        """
+        points = self.pixels(places)
+        squares = np.floor(points / THIN_PX)
+        seen = np.ones(len(points), dtype=bool)
+        seen[1:] = (squares[1:] != squares[:-1]).any(axis=1)
+        if np.count_nonzero(seen) > 1:
+            painter = QPainter(self._background)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(pen(colour, self.sizes.trail))
+            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points[seen].tolist()]))
+            painter.end()
+        return places[seen][-1:]
+
+    @property
+    def handle_seen(self) -> bool:
+        """Whether the middle of the handle lies in the picture; no handle at all is not out of sight."""
+        return self.tip is None or QRectF(self.rect()).contains(self.to_screen(self.tip))
+
+    def _paint_way_out(self, painter: QPainter, handle: QPointF) -> None:
+        """At the edge, an arrow to the handle, which is out of sight."""
+        room = QRectF(self.rect()).adjusted(6.0, 6.0, -6.0, -6.0)
+        at = QPointF(
+            min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom())
+        )  # fmt: skip
+        painter.save()
+        painter.translate(at)
+        painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(shade(theme.HANDLE))
+        half = 0.5 * AWAY_PX
+        painter.drawPolygon(QPolygonF([QPointF(0.0, 0.0), QPointF(-AWAY_PX, half), QPointF(-AWAY_PX, -half)]))
+        painter.restore()
 
     def _paint_hand(self, painter: QPainter) -> None:
         """Handle, pointer and, once it is taken, the spring between them; until then where it can be taken."""
@@ -362,6 +399,8 @@ class Plane(QWidget):
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(shade(theme.HANDLE))
             painter.drawEllipse(handle, self.handle_px, self.handle_px)
+            if not self.handle_seen:
+                self._paint_way_out(painter, handle)
         if pointer:
             painter.setPen(pen(theme.POINTER, 2.0))
             painter.setBrush(Qt.BrushStyle.NoBrush)

@@ -1,0 +1,385 @@
+"""Can the tip be stopped in front of an obstacle, whatever the hand does from now on?
+
+A bound by energy, for every history of a hand force of at most P (`push`), with all brakes locked from now on.
+
+On a way of length s the hand puts in at most P s. Brake i takes D_i(theta_i) of it, where theta_i is the angle through
+which its joint has turned to and fro: nothing but its drag for the first turn through its play, then its yield, which
+has risen with its lag, Eqs. (1) and (4). In an angle theta the yield closes the share exp(-theta / l) of what it lacks,
+with l = a(omega) omega at the highest rate on the way: slower joints need less angle for it. So the kinetic energy is
+
+    E(s) <= E_0 + P s - sum_i D_i(theta_i),
+
+D_i convex. The tip gets no further than s where that is negative for all ways of length s. A way is a mixture of
+directions u, theta_i = sum of ds |g_i . u|, and the worst mixture is a convex problem in four unknowns. Every set of
+slopes c_i bounds it from below (its dual): sum D_i >= sum_i c_i theta_i - K_i(c_i), K_i the conjugate of D_i, so that
+
+    (E_0 + sum_i K_i(c_i)) / min over u of (sum_i c_i |g_i . u| - P) / max(u . n, ..)
+
+is as far as the tip can get in the direction n (u . n = 1: as long as any way can be). The least over u is taken where
+u is at right angles to a row g_k, for between them the expression is concave. The slopes are found by the method of
+Frank and Wolfe; where it finds none that prove it, the tip counts as one that cannot be stopped.
+
+E_0 holds whatever the mass matrix becomes on the way. The rows are those of the tip's place and of places on and in the
+circle that it cannot leave; `MARGIN` is for those between (law: `tests/core/test_stopping.py`).
+"""
+
+import math
+
+import numpy as np
+
+from core.brake import inverse, time_constant, torque_gain
+from core.dynamics import combined, motion
+from core.kernel import kernel
+from core.mechanism import Brakes, Mechanism
+from core.simulator.state import MECHANISM, new_record, pack_brakes, pack_mechanism
+
+#: Places round the tip that are looked at, on the circle that it cannot leave; half as many on half the radius, where
+#: that is more than `NEAR_M`.
+ROUND, NEAR_M = 12, 0.045
+TRIES, NEARER = 10, 0.08  # places in turn on a ray, each so much of the radius nearer, until the linkage reaches one
+ROWS = 4 * (1 + ROUND + ROUND // 2)  # directions at right angles to a row
+TICK_S = 1e-3  # of control
+RATES = 64  # places in the table of lags, up to omega_0; beyond it the lag is constant
+#: By which share the levers are counted smaller, and the rates larger, for those between the places that are looked at:
+#: so much, so much more a metre beyond `NEAR_M`, at most so much.
+MARGIN, MARGIN_PER_M, MARGIN_MOST = 0.01, 1.0, 0.15
+#: Of an elbow's |sin|, as a share of the hard stop's: places so far beyond the stops are looked at, too.
+BEYOND = 0.8
+ROUNDS = 24  # of the search for slopes
+GUESSES = 5  # of a radius that the tip cannot leave
+LEAST_RADIUS_M, MOST_RADIUS_M = 1e-3, 0.4
+REFINED = 3  # times the bound of the energy on the way is made better
+SLOWEST = 0.25  # least progress u . n of a direction that is counted: smaller ones count as this much
+RISE = 0.3  # share of the play over which the slope of D_i rises to the yield: so D_i is smooth, and no larger
+TINY = 1e-12
+
+STOPPING = np.dtype(
+    [
+        ("mechanism", MECHANISM),
+        ("present", "f8", (4,)),
+        ("full", "f8", (4,)),  # N m, yields at full current, less what a ripple takes
+        ("drag", "f8", (4,)),  # N m, inside the play, and without current
+        ("width", "f8", (4,)),  # rad, of the play
+        ("ripple", "f8", (4,)),  # N m
+        ("per_rate", "f8", (4,)),  # s/rad: places in the table of lags
+        ("angle", "f8", (4, RATES + 1)),  # rad: l at the highest rate, so far
+        ("fast", "f8", (4,)),  # s, the lag from omega_0 on
+        ("push", "f8"),  # N
+        ("round", "i8"),  # `ROUND` and `TRIES`; loops of a count that the compiler knows take it a minute and more
+        ("tries", "i8"),
+        ("rising", "f8", (4,)),  # share of the missing yield that a tick brings at least, at any rate
+        ("falling", "f8", (4,)),  # share of the yield above the drag that a tick takes at most
+        # what is supposed of the brakes
+        ("held", "f8", (4,)),  # N m, what each holds at least already
+        ("play", "f8", (4,)),  # rad, through which its joint may turn against its drag alone
+        # work space
+        ("g", "f8", (4, 2)),  # 1/m, of one place
+        ("rows", "i8"),
+        ("lever", "f8", (4, ROWS)),  # 1/m, |g_i . u|
+        ("left", "f8", (ROWS,)),  # N, what each direction costs the hand for progress
+        ("u", "f8", (ROWS, 2)),
+        ("per_way", "f8", (ROWS,)),  # 1 / u . n
+        ("swift", "f8", (4,)),  # rad2/s2/J, the largest g_i . M^-1 g_i: a joint's rate^2 is at most this times 2 E
+        ("lag", "f8", (4,)),  # rad, l
+        ("free", "f8", (4,)),  # rad, the angle through which nothing but the drag is sure
+        ("edge", "f8", (4,)),  # N m, the yield soon after it
+        ("turned", "f8", (4,)),  # rad, theta
+        ("slope", "f8", (4,)),  # N m, c
+    ]
+)
+
+
+def make_stopping(mechanism: Mechanism, brakes: Brakes, push: float) -> np.ndarray:
+    """What the kernels here read of a device and of the largest push (N); one record."""
+    record = new_record(STOPPING, push=push, present=brakes.present, round=ROUND, tries=TRIES, lag=TINY)
+    record["mechanism"][0] = pack_mechanism(mechanism)[0]
+    learn_brakes(record[0], pack_brakes(brakes, backlash=True)[0])
+    suppose(record[0], record["drag"][0], 0.0)
+    return record
+
+
+@kernel
+def learn_brakes(stopping, brakes):
+    """Fill what is known of the brakes: yields, drag, play, lags."""
+    for i in range(4):
+        if brakes.present[i] == 0.0:
+            continue
+        most = brakes.current_max[i]
+        full, drag = torque_gain(brakes, i, most), brakes.k[i, 1]
+        stopping.ripple[i] = min(brakes.ripple, full - drag)
+        stopping.full[i], stopping.drag[i] = full - stopping.ripple[i], drag
+        stopping.width[i] = brakes.play[i]
+        stopping.fast[i] = max(brakes.rise[i, 0], 0.0)
+        stopping.per_rate[i] = RATES / brakes.omega_0[i] if brakes.omega_0[i] > 0.0 else math.inf
+        largest, slowest, quickest = 0.0, stopping.fast[i], max(brakes.fall[i, 0], 0.0)
+        for n in range(RATES + 1):
+            rate = brakes.omega_0[i] * n / RATES
+            lag = time_constant(brakes, i, most, rate, True)
+            largest, slowest = max(largest, lag * rate), max(slowest, lag)
+            quickest = min(
+                quickest, time_constant(brakes, i, 0.0, rate, False), time_constant(brakes, i, most, rate, False)
+            )
+            stopping.angle[i, n] = largest
+        stopping.rising[i] = 1.0 - math.exp(-TICK_S * inverse(slowest))
+        stopping.falling[i] = 1.0 - math.exp(-TICK_S * inverse(quickest))
+
+
+@kernel
+def suppose(stopping, held, turns):
+    """Each brake holds at least held (4,), N m, and its joint turns back inside its play at most so many times.
+
+    The lags stay as they are: those of a look at more energy are good for less.
+    """
+    for i in range(4):
+        stopping.held[i] = held[i]
+        stopping.play[i] = (1.0 + turns) * stopping.width[i]
+        if stopping.present[i] != 0.0:
+            set_edge(stopping, i)
+
+
+@kernel
+def look_around(stopping, x, y, radius):
+    """Take levers and masses at the tip's place (m) and, where the radius is not 0, at places within it."""
+    stopping.rows = 0
+    for i in range(4):
+        stopping.swift[i] = 0.0
+    certain = 1.0 - min(MARGIN + MARGIN_PER_M * max(radius - NEAR_M, 0.0), MARGIN_MOST)
+    look_at(stopping, x, y, certain)
+    if radius > 0.0:
+        for k in range(stopping.round):
+            look_along(stopping, x, y, radius, 2.0 * math.pi * k / ROUND, certain)
+        if radius > NEAR_M:
+            for k in range(stopping.round // 2):
+                look_along(stopping, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ROUND, certain)
+
+
+@kernel
+def look_along(stopping, x, y, radius, angle, certain):
+    """Add the rows of a place so far (m) in this direction; where the linkage ends before it, of one near its end."""
+    for n in range(stopping.tries):
+        r = radius * (1.0 - NEARER * n)
+        if look_at(stopping, x + r * math.cos(angle), y + r * math.sin(angle), certain):
+            break
+
+
+@kernel
+def look_at(stopping, x, y, certain):
+    """Add the rows of one place, levers times this share, rates over it; whether the linkage reaches there."""
+    mechanism, g = stopping.mechanism, stopping.g
+    one, two, least = mechanism.arm_1, mechanism.arm_2, BEYOND * mechanism.margin
+    q = motion(mechanism, x, y, 0.0, 0.0)
+    p, r = q.arm_1, q.arm_2
+    if not (abs(p.s) >= least * one.length_1 * one.length_2 and abs(r.s) >= least * two.length_1 * two.length_2):
+        return False
+    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
+    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
+    for i in range(4):
+        if mechanism.coupled >> i & 1 != 0:
+            g[i, 0], g[i, 1], _, _ = combined(mechanism, i, q)
+    xx, xy, yy = q.mass_xx, q.mass_xy, q.mass_yy
+    determinant = xx * yy - xy * xy
+    for k in range(4):
+        if stopping.present[k] == 0.0:
+            continue
+        a, b, n = g[k, 0], g[k, 1], stopping.rows
+        swift = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (determinant * certain * certain)
+        stopping.swift[k] = max(stopping.swift[k], swift)
+        length = math.sqrt(a * a + b * b)
+        stopping.u[n, 0], stopping.u[n, 1] = -b / length, a / length
+        for i in range(4):
+            stopping.lever[i, n] = certain * stopping.present[i] * abs(g[i, 1] * a - g[i, 0] * b) / length
+        stopping.rows = n + 1
+    return True
+
+
+@kernel
+def look_towards(stopping, n_x, n_y):
+    """Count as progress what leads along n (unit vector); (0, 0): any way."""
+    for k in range(stopping.rows):
+        along = abs(stopping.u[k, 0] * n_x + stopping.u[k, 1] * n_y)
+        stopping.per_way[k] = 1.0 if n_x == 0.0 and n_y == 0.0 else 1.0 / max(along, SLOWEST)
+
+
+@kernel
+def slope_and_work(stopping, i, theta):
+    """Slope c (N m) and value D (J) of what brake i takes at least while its joint turns through theta (rad)."""
+    drag, full, lag, free = stopping.drag[i], stopping.full[i], stopping.lag[i], stopping.free[i]
+    if theta <= free:
+        return drag, drag * theta
+    risen, edge = free * (1.0 + RISE), stopping.edge[i]
+    if theta < risen:
+        past = theta - free
+        steep = (edge - drag) / (risen - free)
+        return drag + steep * past, drag * theta + 0.5 * steep * past * past
+    lacks = full + stopping.ripple[i] - stopping.held[i]
+    at_risen = drag * risen + 0.5 * (edge - drag) * (risen - free)
+    remaining = lacks * math.exp(-theta / lag)
+    return full - remaining, at_risen + full * (theta - risen) - lag * (full - edge - remaining)
+
+
+@kernel
+def set_lags(stopping, energy):
+    """The angle of each brake's lag, at the highest rate that this kinetic energy (J) allows, and what follows."""
+    for i in range(4):
+        if stopping.present[i] == 0.0:
+            continue
+        rate = math.sqrt(2.0 * energy * stopping.swift[i])
+        place = rate * stopping.per_rate[i]
+        if place < RATES:
+            lag = stopping.angle[i, int(place) + 1]
+        else:
+            lag = max(stopping.angle[i, RATES], stopping.fast[i] * rate)
+        stopping.lag[i] = max(lag, TINY)
+        set_edge(stopping, i)
+
+
+@kernel
+def set_edge(stopping, i):
+    """The angle through which nothing but the drag of brake i is sure, and its yield soon after it."""
+    drag, full, lag, free = stopping.drag[i], stopping.full[i], stopping.lag[i], stopping.play[i]
+    lacks, least = full + stopping.ripple[i] - stopping.held[i], full - drag
+    if least <= 0.0:
+        free = math.inf
+    elif lacks > least:  # a ripple can take all that has risen
+        free = max(free, lag * math.log(lacks / least))
+    stopping.free[i] = free
+    stopping.edge[i] = max(full - lacks * math.exp(-free * (1.0 + RISE) / lag), drag)
+
+
+@kernel
+def set_highest_lags(stopping, energy, radius):
+    """The lags at the largest kinetic energy (J) on any way of at most `radius` (m).
+
+    What the lags at one bound of that energy let through is another bound of it: each is as good as the one before.
+    """
+    most = energy + stopping.push * radius
+    set_lags(stopping, most)
+    for _ in range(REFINED):
+        found = energy + gained(stopping, radius)
+        if not found < 0.95 * most:
+            break
+        most = found
+        set_lags(stopping, most)
+
+
+@kernel
+def gained(stopping, radius):
+    """The most energy (J) that a hand can put in beyond what the brakes take on a way of at most `radius` (m).
+
+    An upper bound, by the method of `furthest`.
+    """
+    begin_search(stopping, stopping.drag)
+    best, lost = math.inf, 0.0
+    for n in range(ROUNDS // 2):
+        weakest, least = weakest_direction(stopping)
+        best = min(best, lost - radius * min(least, 0.0))
+        _, lost = join(stopping, weakest, radius if least < 0.0 else 0.0, 2.0 / (n + 2.0))
+    return best
+
+
+@kernel
+def begin_search(stopping, slopes):
+    """No way yet; slopes (4,), N m."""
+    for i in range(4):
+        stopping.turned[i], stopping.slope[i] = 0.0, slopes[i]
+
+
+@kernel
+def weakest_direction(stopping):
+    """The row whose direction costs the hand least with the slopes as they are, and what it costs (N) for progress."""
+    lever, left, push = stopping.lever, stopping.left, stopping.push
+    a, e, b, c = stopping.slope[0], stopping.slope[1], stopping.slope[2], stopping.slope[3]
+    for k in range(stopping.rows):
+        held = a * lever[0, k] + e * lever[1, k] + b * lever[2, k] + c * lever[3, k]
+        left[k] = (held - push) * stopping.per_way[k]
+    weakest, least = 0, math.inf
+    for k in range(stopping.rows):
+        if left[k] < least:
+            weakest, least = k, left[k]
+    return weakest, least
+
+
+@kernel
+def join(stopping, row, length, share):
+    """A way of this length (m) in a row's direction joins the mixture with this share; the slopes are those there.
+
+    Returns sum of D_i and sum of K_i (J).
+    """
+    turned, slope = stopping.turned, stopping.slope
+    taken = lost = 0.0
+    for i in range(4):
+        turned[i] += share * (length * stopping.lever[i, row] - turned[i])
+        if stopping.present[i] != 0.0:
+            slope[i], work = slope_and_work(stopping, i, turned[i])
+            taken += work
+            lost += slope[i] * turned[i] - work
+    return taken, lost
+
+
+@kernel
+def furthest(stopping, energy, way):
+    """How far (m) any hand can bring the tip, in what `look_towards` counts, from this kinetic energy (J).
+
+    An upper bound, made better until it is less than `way`. Frank and Wolfe: of the mixture of directions of a way so
+    long the slopes; the direction that is weakest by them joins it.
+    """
+    begin_search(stopping, stopping.full)
+    weakest, least = weakest_direction(stopping)
+    if least <= 0.0:
+        return math.inf  # more than a full lock holds
+    best, length = math.inf, 0.0
+    for n in range(ROUNDS):
+        share = 2.0 / (n + 2.0)
+        further = way * stopping.per_way[weakest]
+        length += share * (further - length)
+        taken, lost = join(stopping, weakest, further, share)
+        weakest, least = weakest_direction(stopping)
+        if least > 0.0:
+            best = min(best, (energy + lost) / least)
+        if best < way or (n > 4 and taken - stopping.push * length <= energy):
+            break  # the second: this mixture comes so far, for all that the bound knows
+    return best
+
+
+@kernel
+def lost_at_most(stopping):
+    """Sum of K_i (J) for slopes that are the full yields: what play and lag take from the brakes at most."""
+    lost = 0.0
+    for i in range(4):
+        if stopping.present[i] != 0.0:
+            lost += (stopping.full[i] - stopping.drag[i]) * stopping.play[i]
+            lost += (stopping.full[i] + stopping.ripple[i] - stopping.held[i]) * stopping.lag[i]
+    return lost
+
+
+@kernel
+def leash(stopping, x, y, energy):
+    """A radius (m) within which the tip certainly stays from this kinetic energy (J) on; infinite: none was found.
+
+    What lies within it is looked at: levers, lags. Tried from a rough guess on.
+    """
+    look_around(stopping, x, y, 0.0)
+    look_towards(stopping, 0.0, 0.0)
+    begin_search(stopping, stopping.full)
+    _, least = weakest_direction(stopping)
+    if least <= 0.0:
+        return math.inf
+    lost = 0.0
+    for _ in range(2):
+        set_lags(stopping, energy + 0.25 * lost)
+        lost = lost_at_most(stopping)
+    radius = max((energy + lost) / least, LEAST_RADIUS_M)
+    for _ in range(GUESSES):
+        if radius > MOST_RADIUS_M:
+            break
+        look_around(stopping, x, y, radius)
+        look_towards(stopping, 0.0, 0.0)
+        set_lags(stopping, energy)
+        reach = furthest(stopping, energy, radius)
+        if reach < radius:  # else it is not sure even if the hand brings no speed
+            set_highest_lags(stopping, energy, radius)
+            reach = furthest(stopping, energy, radius)
+            if reach < radius:
+                return radius
+        radius = min(max(1.15 * reach, 1.2 * radius), 1.7 * radius)
+    return math.inf

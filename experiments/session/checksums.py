@@ -1,0 +1,224 @@
+"""Checksums of what a session stores beside its recordings: of the JSON files as a whole, and of each journal line.
+
+session.json, study.json and journal.end carry `crc32`: the CRC-32 (as in zip; 8 lower-case hex digits) of everything
+else in them, as JSON with sorted keys, without spaces, in ASCII. Another indentation changes nothing, another meaning
+does. A file without `crc32` is of an earlier version: it is read, and `phd verify` says that nothing guards it.
+
+A line of journal.jsonl ends in `"after"` and `"crc32"`. `crc32` is the checksum of the line itself up to these digits;
+`after` that of all lines from the last whole one before it (from the first line, where none is whole) to the line above
+it, joined by line feeds: 00000000 for the first line of the file. So each line can be judged alone, and a line that is
+missing, doubled or out of place breaks the chain. A line that a crash cut off, or that an earlier version wrote, has no
+`crc32` and is in the chain all the same.
+
+journal.end has the number of lines and the last checksum at the time when the session was last left in order: from then
+on the journal may be longer, never shorter.
+
+All this finds accidents: a bit that a disk or a copy lost, a line deleted or a number typed over by mistake. It is no
+proof against a person who changes a file on purpose, for that person can compute the checksums again.
+"""
+
+import contextlib
+import json
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from core.files import InputError
+from experiments.recording.atomic_files import reading_stored, replace_file
+
+CHECKSUM, AFTER = "crc32", "after"
+END = "journal.end"
+NOT_GUARDED = "no checksum, written by an earlier version"
+
+_DIGITS = r"[0-9a-f]{8}"
+_WHOLE_END = re.compile(rf', "{AFTER}": "({_DIGITS})", "{CHECKSUM}": "({_DIGITS})"\}}$'.encode())
+_ANY_END = re.compile(rf'"{CHECKSUM}": "{_DIGITS}"\}}'.encode())
+_TAIL = len('12345678"}')
+
+
+def _digits(data: bytes) -> str:
+    return f"{zlib.crc32(data):08x}"
+
+
+# ----------------------------------------------------------------------------------------------- a JSON file as a whole
+
+
+def sealed(about: Mapping[str, Any]) -> bytes:
+    """The text of a JSON file with its checksum in it."""
+    plain = json.loads(json.dumps(about))
+    return json.dumps(plain | {CHECKSUM: _of_meaning(plain)}, indent=1, sort_keys=True).encode() + b"\n"
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """What a JSON file says; under `CHECKSUM` its checksum, unless an earlier version wrote it.
+
+    InputError: it cannot be read, is no JSON object, or does not match its checksum.
+    """
+    with reading_stored(path):
+        about = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(about, dict):
+            raise InputError(f"{path}: is damaged (it holds no JSON object)")
+        meant = {key: value for key, value in about.items() if key != CHECKSUM}
+        if CHECKSUM in about and about[CHECKSUM] != _of_meaning(meant):
+            raise InputError(f"{path}: does not match its checksum, it was changed")
+    return about
+
+
+def _of_meaning(plain: Mapping[str, Any]) -> str:
+    return _digits(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode())
+
+
+# ----------------------------------------------------------------------------------------------- the lines of a journal
+
+
+class Lines(NamedTuple):
+    """What is read of a journal; lines are counted from 1."""
+
+    believed: dict[int, dict[str, Any]]  # line -> what it says
+    faults: list[str]  # which lines cannot be believed, or are missing
+    notes: list[str]  # what is no fault: lines without a checksum, or that a crash cut off
+    whole: list[str]  # checksums of the whole lines
+    length: int  # lines of any kind
+
+
+def next_line(about: Mapping[str, Any], journal: bytes) -> bytes:
+    """The line, with its end, that is to follow all that the journal holds."""
+    texts = journal.splitlines()
+    start = next((i for i in reversed(range(len(texts))) if _is_whole(texts[i])), 0)
+    line = json.dumps({**about, AFTER: _digits(b"\n".join(texts[start:])), CHECKSUM: "00000000"}).encode()
+    return line[:-_TAIL] + _digits(line[:-_TAIL]).encode() + b'"}\n'
+
+
+def read_lines(journal: bytes) -> Lines:
+    """Every line of a journal that can be believed, and what is wrong with the others."""
+    texts = journal.splitlines()
+    wholes = [i for i, text in enumerate(texts) if _is_whole(text)]
+    read = Lines({}, [], [], [texts[i][-_TAIL:-2].decode() for i in wholes], len(texts))
+    unguarded: list[int] = []
+    before = None  # the last whole line
+    for i in [*wholes, None]:
+        between = range(0 if before is None else before + 1, len(texts) if i is None else i)
+        linked = i is not None and _link(texts[i]) == _digits(b"\n".join(texts[before or 0 : i]))
+        named = len(read.faults)
+        for j in between:
+            unfinished = j == len(texts) - 1 and not journal.endswith((b"\n", b"\r"))
+            changed = before is not None and not linked and i is not None
+            if _take_unguarded(read, j, texts[j], changed, linked or unfinished or not wholes):
+                unguarded.append(j)
+        if i is None:
+            break
+        if not linked and len(read.faults) == named:
+            read.faults.append(_break_of_chain(texts, i, before))
+        if linked or texts[i] not in texts[:i]:
+            _believe(read, i, texts[i])
+        before = i
+    if unguarded:
+        read.notes.append(f"{_lines(unguarded)}: {NOT_GUARDED}")
+    return read
+
+
+def _is_whole(text: bytes) -> bool:
+    """Whether a line matches its own checksum."""
+    found = _WHOLE_END.search(text)
+    return found is not None and found[2].decode() == _digits(text[:-_TAIL])
+
+
+def _link(text: bytes) -> str:
+    """What a whole line says of those before it."""
+    found = _WHOLE_END.search(text)
+    return found[1].decode() if found else ""
+
+
+def _take_unguarded(read: Lines, i: int, text: bytes, changed: bool, may_be_cut: bool) -> bool:
+    """Take in a line that matches no checksum of its own; whether it is one of an earlier version.
+
+    changed: since the next whole line was written. may_be_cut: a crash may have left it so.
+    """
+    about = None if changed or _ANY_END.search(text) else _json_object(text)
+    if about is not None and AFTER not in about and CHECKSUM not in about:
+        read.believed[i + 1] = about
+        return True
+    if about is None and may_be_cut and not text.endswith(b"}") and not _ANY_END.search(text):
+        read.notes.append(f"line {i + 1}: was not finished, a crash cut it off")
+    elif changed or about is not None or _ANY_END.search(text):
+        read.faults.append(f"line {i + 1}: does not match its checksum, it was changed")
+    else:
+        read.faults.append(f"line {i + 1}: cannot be read")
+    return False
+
+
+def _believe(read: Lines, i: int, text: bytes) -> None:
+    """Take in a whole line."""
+    about = _json_object(text)
+    if about is None:
+        read.faults.append(f"line {i + 1}: cannot be read")
+    else:
+        read.believed[i + 1] = {key: value for key, value in about.items() if key not in (AFTER, CHECKSUM)}
+
+
+def _break_of_chain(texts: Sequence[bytes], i: int, before: int | None) -> str:
+    """What is wrong where a whole line does not follow the one before it."""
+    if texts[i] in texts[:i]:
+        return f"line {i + 1}: stands there twice, in line {texts.index(texts[i]) + 1} already"
+    if before is None and i:
+        return f"{_lines(range(i))}: changed since, or lines are missing, by the checksum in line {i + 1}"
+    return f"line {i + 1}: the lines before it are missing, or it is out of place"
+
+
+def _json_object(text: bytes) -> dict[str, Any] | None:
+    with contextlib.suppress(ValueError, RecursionError):
+        about = json.loads(text)
+        return about if isinstance(about, dict) else None
+    return None
+
+
+def _lines(places: Sequence[int]) -> str:
+    """ "line 3", "lines 1 to 20", "20 lines from line 1 on"."""
+    first, last = places[0] + 1, places[-1] + 1
+    if first == last:
+        return f"line {first}"
+    return f"lines {first} to {last}" if last - first < len(places) else f"{len(places)} lines from line {first} on"
+
+
+# --------------------------------------------------------------------------------------------------- a journal's end
+
+
+class NotedEnd(NamedTuple):
+    """How far a journal went when its session was last left in order."""
+
+    lines: int
+    last: str  # checksum of the last whole line
+
+
+def noted_end(session: Path) -> NotedEnd | None:
+    """What was noted of a session, to be read before its journal; None: nothing. InputError: it is damaged."""
+    path = session / END
+    if not path.exists():
+        return None
+    about = read_sealed(path)
+    with reading_stored(path):
+        return NotedEnd(int(about["lines"]), str(about["last"]))
+
+
+def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
+    """How a journal falls short of the end that was noted of it; "": it does not."""
+    if end is None or end.last in read.whole:
+        return ""
+    if read.length < end.lines:
+        return f"its last lines are missing, {read.length} of {end.lines} are there"
+    return "" if read.faults else f"lacks the line that was its last one, line {end.lines}"  # named, if it is damaged
+
+
+def note_end(session: Path, read: Lines, sync: bool = True) -> None:
+    """Note how far the journal of a session goes. The caller holds the lock.
+
+    A journal that falls short of an earlier note keeps that, and so its fault. Where the disk does not take it, the
+    earlier note stays: it guards less, and nothing wrong.
+    """
+    with contextlib.suppress(InputError, OSError):
+        end = noted_end(session)
+        new = NotedEnd(read.length, read.whole[-1]) if read.whole else end
+        if new is not None and new != end and not fault_of_end(end, read):
+            replace_file(session / END, sealed(new._asdict()), sync)

@@ -1,0 +1,129 @@
+"""What a session in progress knows of its folder without looking there: a folder that goes does not take it along.
+
+A folder can be deleted, unmounted or unplugged while its session is open. What was written there is then compared with
+what is known here, and the session can go on in another folder (`Session.move_to`).
+"""
+
+import contextlib
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from core.files import InputError
+from experiments.analysis.trials_table import TrialRow, table_bytes
+from experiments.plan import counted
+from experiments.recording.atomic_files import PARTIAL_FILES, reason_of, refusing, write_new_file
+from experiments.session import files
+from experiments.session import journal as events
+from experiments.session.blind import KEY
+from experiments.session.checksums import END
+
+
+class InMemory:
+    """Its small files, the lines of its journal, the runs that it has begun."""
+
+    def __init__(self, session: Path, rows: Sequence[TrialRow]) -> None:
+        """session: its folder, which is in order. rows: of its table. InputError if it cannot be read."""
+        self._files = {name: (session / name).read_bytes() for name in (files.STORED, KEY) if (session / name).exists()}
+        self._lines = list(events.read_events(session))
+        #: folder -> run numbers that are used up, whatever becomes of the files
+        self.runs = {files.TRIALS: {line.about["run"] for line in self._lines if line.event is events.BEGUN}}
+        self.runs[files.PRACTICE] = {line.about["run"] for line in self._lines if line.event is events.PRACTICE_BEGUN}
+        self._missed = self._not_there(session, rows)  # recordings that were not there when it was taken up
+
+    def has_happened(self, event: events.Event, about: dict[str, Any]) -> None:
+        """A line of the journal. about: its fields, and `time` if it is of another time than now."""
+        fields = dict(about)
+        self._lines.append(events.Entry(event, fields.pop("time", "") or events.now(), fields))
+
+    def lacking(self, session: Path, rows: Sequence[TrialRow]) -> str:
+        """What of the files is not there any more, one sentence without its full stop; "": nothing.
+
+        rows: those that the session knows of. Looks at the disk.
+        """
+        if not session.is_dir():
+            return f"{next(path for path in (*reversed(session.parents), session) if not path.is_dir())} is gone"
+        for name, content in self._files.items():
+            try:
+                if (session / name).read_bytes() != content:
+                    return f"{session / name} is another session's now, or was changed"
+            except FileNotFoundError:
+                return f"{session / name} is gone"
+            except OSError as error:
+                return f"{session / name} cannot be read ({reason_of(error)})"
+        expected = [session / events.NAME, session / files.TRIALS, *([session / files.TABLE] if rows else [])]
+        gone = [path for path in expected if not path.exists()]
+        if missing := self._not_there(session, rows) - self._missed:
+            gone.append(session / min(missing))
+        if not gone:
+            return ""
+        return f"{gone[0]} is gone{_with_recordings(len(missing))}"
+
+    def put_into(self, target: Path, old: Path, rows: Sequence[TrialRow], sync: bool) -> int:
+        """Bring the session into an empty folder: recordings and journal as they stand in the old one where that can
+        be read, else, and everything else, from here. How many recordings of the rows stay behind.
+
+        InputError or OSError: the new folder does not take it.
+        """
+        for name, content in self._files.items():
+            write_new_file(target / name, content, sync)
+        if self.is_ours(old):
+            for path in sorted(old.rglob("*")):
+                place = target / path.relative_to(old)
+                ours = path.name not in (files.LOCK, files.TABLE, END) and not path.match(PARTIAL_FILES)
+                if ours and path.is_file() and not place.exists():
+                    self._copy(path, place, sync)
+        if not (target / events.NAME).exists():
+            for event, time, about in self._lines:
+                events.write_event(target, event, sync, time=time, **about)
+        if rows:
+            write_new_file(target / files.TABLE, table_bytes(rows), sync)
+        events.write_event(target, events.MOVED, sync, **{"from": str(old)})
+        self.has_happened(events.MOVED, {"from": str(old)})
+        behind = self._not_there(target, rows)
+        new = len(behind - self._missed)
+        self._missed |= behind
+        return new
+
+    def is_ours(self, session: Path) -> bool:
+        """Whether a folder holds this session, as far as it can be read."""
+        with contextlib.suppress(OSError):
+            return (session / files.STORED).read_bytes() == self._files[files.STORED]
+        return False
+
+    def _copy(self, path: Path, place: Path, sync: bool) -> None:
+        try:
+            content = path.read_bytes()
+        except OSError:  # it stays behind, and is named as missing
+            return
+        with refusing(place, "cannot be written"):
+            place.parent.mkdir(parents=True, exist_ok=True)
+        write_new_file(place, content, sync)
+
+    def _not_there(self, session: Path, rows: Sequence[TrialRow]) -> set[str]:
+        """Recordings that the rows name and the folder does not have, as a stream or as Parquet."""
+        there: set[str] = set()
+        with contextlib.suppress(OSError):
+            there = {Path(name).stem for name in os.listdir(session / files.TRIALS) if not name.startswith(".")}
+        return {row.recording for row in rows if row.recording and Path(row.recording).stem not in there}
+
+
+def _with_recordings(number: int) -> str:
+    return f", with the {counted(number, 'recording')} in it" if number else ""
+
+
+def discard(session: Path) -> None:
+    """Remove a folder that was begun for a session and did not take it."""
+    shutil.rmtree(session, ignore_errors=True)
+    files.remove_empty(session)
+
+
+def refuse_place(data_dir: Path, participant: str) -> Path:
+    """Where a session would stand in another data folder. InputError if that cannot take it."""
+    folder = files.session_folder(data_dir, participant)
+    files.refuse_study(data_dir)
+    if os.path.lexists(folder):
+        raise InputError(f"{folder}: exists already, and nothing is overwritten; choose another data folder")
+    return folder

@@ -1,0 +1,316 @@
+"""What the program says where something is closed, forbidden, absurd or takes long: one sentence, never a traceback."""
+
+import contextlib
+import io
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from protocols import PAPER, PEOPLE, changed, short
+from refusals import refusal
+from waiting import wait_until
+
+from app.cli import main
+from app.progress import Progress
+from app.verbs.common import as_text
+from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
+from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
+from experiments.study.study import MOST_OPERATORS, run_study
+
+ROOT = Path(__file__).resolve().parents[2]
+posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
+LONG = 70_000
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
+
+
+def phd(*arguments: str, shell: str = "", **options) -> subprocess.CompletedProcess:
+    """The command in a process of its own; shell: what a shell does with its streams, as ">&-"."""
+    command = [sys.executable, "-m", "app.cli", *arguments]
+    if shell:
+        command = ["/bin/sh", "-c", f'exec "$@" {shell}', "sh", *command]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200, **options)
+
+
+# ------------------------------------------------------------------------------------------------------ closed streams
+
+
+@posix
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("arguments", [("run", "--print-plan"), ("--help",), ("study", "--bogus")])
+def test_a_stream_that_is_closed_ends_no_verb_in_a_traceback(arguments, closed, tmp_path):
+    done = phd(*arguments, shell=closed, cwd=tmp_path)
+    assert done.returncode == (2 if "--bogus" in arguments else 0)
+    assert "Traceback" not in done.stderr and "Exception" not in done.stderr
+    assert done.stdout == "" or ">&-" not in closed.replace("2>&-", "")
+
+
+@posix
+def test_with_a_closed_stdout_nothing_that_is_printed_gets_into_a_file_that_is_written(tmp_path):
+    scene = (ROOT / "docs/examples/scooter.toml").read_text()
+    (tmp_path / "scene.toml").write_text(re.sub(r"duration_s = \S+", "duration_s = 0.5", scene))
+    files = {}
+    for name, shell in (("open", ">out"), ("closed", ">&- <&-")):
+        done = phd("simulate", "scene.toml", "--out", f"{name}.csv", shell=shell, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        files[name] = (tmp_path / f"{name}.csv").read_bytes()
+    assert files["open"] == files["closed"]
+
+
+# ---------------------------------------------------------------------------------------------------------- interrupted
+
+
+class Interrupting:
+    """Progress that presses Ctrl-C after so many calls."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+
+    def __call__(self, share: float) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+def test_an_interrupted_study_says_how_it_goes_on_and_goes_on(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        run_study(out, 1, short(paths=1), PEOPLE, Interrupting(2))
+    monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(interrupted.value))
+    assert main(["study", "--out", str(out)]) == 130
+    assert capsys.readouterr().err == f"phd: {out}: interrupted; go on with the same command and --resume\n"
+    monkeypatch.undo()
+    assert main(["study", "--out", str(out), "--resume"]) == 0
+    assert "trials run now" in capsys.readouterr().out
+
+
+@posix
+def test_an_interrupted_sweep_says_how_it_goes_on(tmp_path):
+    text = 'name = "long"\noperators = 1000\ndevices = ["three-brake"]\n[[controller]]\nkind = "none"\n'
+    (tmp_path / "sweep.toml").write_text(text)
+    command = [sys.executable, "-m", "app.cli", "study", "--sweep", "sweep.toml", "--out", "out"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler), start_new_session=True,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: any((tmp_path / "out" / "parts").glob("*.csv")), 200)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=100)
+    finally:
+        process.kill()
+    assert "phd: out: interrupted; go on with the same command and --resume" in said.splitlines()
+    assert process.returncode == -signal.SIGINT and "Traceback" not in said
+
+
+def test_what_cannot_go_on_does_not_say_that_it_can(monkeypatch, capsys):
+    monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(KeyboardInterrupt()))
+    assert main(["study", "--out", "nowhere"]) == 130
+    assert capsys.readouterr().err == "phd: interrupted\n"
+
+
+# ------------------------------------------------------------------------------------------------------------- progress
+
+
+@contextlib.contextmanager
+def no_terminal():
+    """What is said on stderr, which is no terminal, with little time between two lines."""
+    with contextlib.redirect_stderr(io.StringIO()) as said, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Progress, "LINE_S", 0.01)
+        yield said
+
+
+def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_after_the_end():
+    with no_terminal() as said:
+        with contextlib.closing(Progress("study")) as progress:
+            progress(0.25)
+            wait_until(lambda: said.getvalue().count("\n") >= 3)
+            progress(0.5)
+            wait_until(lambda: "study: 50 %" in said.getvalue())
+        assert not [thread for thread in threading.enumerate() if thread.name == "lines of progress"]
+    lines = said.getvalue()
+    assert set(lines.splitlines()) == {"study: 25 %", "study: 50 %"} and lines.endswith("\n")
+
+
+def test_a_bar_that_was_closed_writes_lines_again_when_the_next_work_begins():
+    with no_terminal() as said:
+        progress = Progress("compiling kernels")
+        for number in (1, 2):
+            progress(0.1, f"{number} of 9")
+            wait_until(lambda number=number: f"compiling kernels: {number} of 9\n" in said.getvalue())
+            progress.close()
+
+
+def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(monkeypatch):
+    told = threading.Event()
+
+    def gone(*_, **__):
+        told.set()
+        raise BrokenPipeError
+
+    with no_terminal() as said, contextlib.closing(Progress("study")) as progress:
+        monkeypatch.setattr(said, "write", gone)
+        progress(0.5)
+        assert told.wait(200)
+
+
+def test_a_line_comes_every_ten_seconds():
+    assert Progress.LINE_S == 10.0
+
+
+# ------------------------------------------------------------------------------------------------------------ too large
+
+
+@pytest.mark.parametrize("many", ["100000000", "1001", "9" * 40])
+def test_more_operators_than_a_study_may_have_are_refused_and_nothing_is_written(tmp_path, capsys, many):
+    said = refusal(capsys, "study", "--operators", many, "--out", tmp_path / "out")
+    assert f"--operators: at most {MOST_OPERATORS}" in said and not list(tmp_path.iterdir())
+
+
+def test_a_study_that_the_disk_has_no_room_for_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("experiments.study.study.shutil.disk_usage", lambda path: usage._replace(free=40_000_000))
+    with pytest.raises(InputError, match=r"10 operators record about 0\.5 GB, and 0\.0 GB are free there"):
+        run_study(tmp_path / "not" / "yet" / "there", 10, PAPER, PEOPLE)
+    assert not list(tmp_path.iterdir())
+
+
+# ------------------------------------------------------------------------------------------------------------- pictures
+
+
+def with_picture(folder: Path, name: str) -> Path:
+    text = changed(PAPER.text) + f'\n[[instruction]]\ntext = "read"\npicture = "{name}"\n'
+    (folder / "mine.toml").write_text(text)
+    return folder / "mine.toml"
+
+
+def test_pictures_that_are_png_or_jpeg_are_taken_up_to_ten_megabytes(tmp_path):
+    assert MOST_PICTURE_BYTES == 10_000_000
+    for content in (PNG, b"\xff\xd8\xff\xe0" + bytes(100), PNG + bytes(MOST_PICTURE_BYTES - len(PNG))):
+        (tmp_path / "a.png").write_bytes(content)
+        assert load_protocol(with_picture(tmp_path, "a.png")).pages[0].picture == content
+    (tmp_path / "link.png").symlink_to(tmp_path / "a.png")
+    assert load_protocol(with_picture(tmp_path, "link.png")).pages[0].picture == content
+
+
+@posix
+@pytest.mark.parametrize(
+    ("what", "why"),
+    [
+        ("/dev/zero", "is no regular file"), ("pipe", "is no regular file"), (".", "is no regular file"),
+        ("link-to-zero", "is no regular file"), ("text.png", "is neither PNG nor JPEG"),
+        ("empty.png", "is neither PNG nor JPEG"), ("sparse.png", "is larger than 10 MB"), ("none.png", "no such file"),
+        ("loop", "symbolic links"), ("a\\u0000b", "the path is not valid"), ("x" * 300, "too long"),
+    ],
+)  # fmt: skip
+def test_what_is_no_picture_is_refused_in_one_sentence_without_reading_it(tmp_path, capsys, what, why):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link-to-zero").symlink_to("/dev/zero")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "text.png").write_text("password")
+    (tmp_path / "empty.png").touch()
+    with (tmp_path / "sparse.png").open("wb") as sparse:
+        sparse.write(PNG)
+        sparse.truncate(10**12)
+    said = refusal(capsys, "run", with_picture(tmp_path, what), "--print-plan")
+    assert "mine.toml: instruction: picture: " in said and why.lower() in said.lower()
+
+
+# ------------------------------------------------------------------------------------------------- what is repeated
+
+
+#: What can be as long as somebody likes on a command line.
+ENDLESS = {
+    "scene": ("simulate", "x" * LONG, "--out", "o.csv"),
+    "verb": ("x" * LONG,),
+    "option": ("--" + "x" * LONG,),
+    "protocol with blanks": ("study", "a b " * 20_000, "--out", "o"),
+    "number": ("study", "--operators", "9" * 100_000, "--out", "o"),
+    "deep folder": ("verify", "y/" * 20_000),
+    "participant": ("run", "--participant", "z " * 50_000),
+    "folder": ("export", "e" * 120_000, "--csv", "o"),
+    "many words": ("study", *["w"] * 20_000, "--out", "o"),
+    "many devices": ("study", "--device", *["six"] * 9000, "--out", "o"),
+}
+
+
+@pytest.mark.parametrize("arguments", ENDLESS.values(), ids=ENDLESS)
+def test_a_refusal_of_something_endless_is_short(capsys, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    said = refusal(capsys, *arguments)
+    assert len(said) <= MOST_SAID + 100 and not list(tmp_path.iterdir())
+
+
+def test_a_file_full_of_something_endless_is_refused_shortly(capsys, tmp_path):
+    paper = PAPER.text
+    for text in (
+        f'{"k" * LONG} = 1\n{paper}', f'"{"k " * LONG}" = 1\n{paper}', changed(paper, rules=f'"{"r " * LONG}"'),
+        changed(paper, seed=f'"{"5" * LONG}"'), changed(paper, name=f'"{";" * LONG}"'), "[" * LONG,
+        changed(paper, devices=str(["three-brake"] * 70).replace("'", '"')), changed(paper, blocks="9" * 4000),
+    ):  # fmt: skip
+        (tmp_path / "mine.toml").write_text(text)
+        said = refusal(capsys, "run", tmp_path / "mine.toml", "--print-plan")
+        assert len(said) <= MOST_SAID + 100 and "mine.toml" in said, said[:300]
+
+
+def test_what_is_cut_keeps_its_beginning_and_its_end_and_what_is_short_stays_as_it_is():
+    name = "n" * 5000
+    said = cut(f"file.toml: name must be plain text, not '{name}.': take another")
+    assert said.startswith("file.toml: name must be plain text, not 'nnn") and said.endswith("n.': take another")
+    assert len(said) < 60 + MOST_REPEATED and cut(said) == said
+    plain = "a.toml: the operator's words " + "and those of others " * 20 + "aren't the session's"
+    assert cut(plain) == plain and str(InputError(plain)) == plain
+    assert len(str(InputError("word " * 20_000))) <= MOST_SAID
+    for most in (MOST_REPEATED, MOST_REPEATED - 2):
+        assert cut("x" * most) == "x" * most
+
+
+# ------------------------------------------------------------------------------------------------------------ summaries
+
+
+def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
+    summary = {
+        "done_controller_1": 1.0,
+        "done_controller_2": 0.9583333,
+        "share_done": 0.0,
+        "already_done": 3,
+        "wall_s": 1.0,
+    }
+    lines = dict(re.split(r"\s{2,}", line) for line in as_text(summary).splitlines())
+    assert lines == {
+        "done controller 1": "100 %", "done controller 2": "95.83 %", "share done": "0 %", "already done": "3",
+        "wall (s)": "1",
+    }  # fmt: skip
+
+
+# -------------------------------------------------------------------------------------------- a tree of somebody else's
+
+
+#: Root without its privileges may write no more than anybody else.
+AS_ANYBODY = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+
+
+@posix
+@pytest.mark.parametrize("why", ["is a directory", "permission denied"])
+def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_path, why):
+    command = [sys.executable, "-S", str(tmp_path / "tree/app/set_up.py"), "study", "--help"]
+    (tmp_path / "tree/app").mkdir(parents=True)
+    for name in ("app/set_up.py", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path / "tree" / name)
+    if why == "is a directory":
+        (tmp_path / "tree/.venv.lock").mkdir()
+    elif os.geteuid() == 0:
+        if shutil.which("setpriv") is None:
+            pytest.skip("root may write everywhere")
+        command = [*AS_ANYBODY, *command]
+    (tmp_path / "tree").chmod(0o555)
+    done = subprocess.run(command, capture_output=True, text=True, cwd="/")
+    (tmp_path / "tree").chmod(0o755)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith(f"phd: {tmp_path}/tree/.venv.lock: {why}, and this tree is not set up yet")

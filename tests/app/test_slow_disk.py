@@ -1,0 +1,165 @@
+"""A disk that is slow, or does not answer: the Disk check measures it as a session does; every wait is announced."""
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from disks import full
+from sessions import new_session, run
+from simulated_loop import LocalWindow, local_window
+from waiting import wait_until
+
+from app import doctor
+from app.ipc import messages as m
+from app.ipc.messages import BAD, CAUTION, GOOD, WAITING, Setup
+from app.session_server import preflight
+from app.session_server.preflight import SYNCS_TO_END, SYNCS_TO_START, DiskWatch, check_disk
+from app.session_server.session_progress import SessionProgress
+from app.session_server.storage import Storage
+from experiments.inputs import OPERATOR
+
+
+class Clock:
+    """Time in which nothing passes but what a disk takes to bring a write to itself."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, sync_s: float) -> None:
+        self.now, self.sync_s = 100.0, sync_s
+        patch.setattr(preflight.time, "perf_counter", lambda: self.now)
+        patch.setattr(os, "fsync", self.fsync)
+
+    def fsync(self, _handle: int) -> None:
+        self.now += self.sync_s
+
+
+@pytest.mark.parametrize(
+    ("sync_s", "state", "says"),
+    [
+        (0.003, GOOD, ""), (0.3, CAUTION, "waits about 0.9 s for its start and 2.4 s after its end"),
+        (1.0, CAUTION, "waits about 3.0 s for its start and 8.0 s after its end"),
+        (5.0, BAD, "waits about 15 s for its start and 40 s after its end"),
+    ],
+)  # fmt: skip
+def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_said(
+    tmp_path: Path, sync_s: float, state: str, says: str
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(preflight, "LOW", 0)
+        patch.setattr(preflight, "TOO_LOW", 0)
+        Clock(patch, sync_s)
+        found = check_disk(tmp_path)
+    assert found.state == state and says in found.advice and ("local disk" in found.advice) == (state != GOOD)
+    assert doctor.check_disk is check_disk  # one rule
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = new_session(tmp_path / "data")
+    session._sync = True
+    storage = Storage(session.data_dir, SimpleNamespace(run=None), lambda *_, **__: None)
+    storage.take(SessionProgress(session))
+    syncs: list[int] = []
+    monkeypatch.setattr(os, "fsync", syncs.append)
+    trial, writer = session.begin(session.next_planned())
+    assert len(syncs) == SYNCS_TO_START
+    run(trial, writer, piece=10**6)
+    syncs.clear()
+    keep = partial(session.finish, trial, writer)
+    storage.keep(SimpleNamespace(
+        name="Run 1", trial=trial, recorder=SimpleNamespace(writer=writer), keep=lambda _: keep(), again="never"
+    ))  # fmt: skip
+    assert len(syncs) == SYNCS_TO_END and not storage.undone
+    session.close()
+
+
+@pytest.fixture
+def held() -> Iterator[threading.Event]:
+    """Until it is set no write reaches the disk."""
+    free, sync = threading.Event(), os.fsync
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(preflight.os, "fsync", lambda handle: (free.wait(60.0), sync(handle)))
+        yield free
+        free.set()
+
+
+def test_a_disk_that_does_not_answer_holds_up_nothing_but_the_start_and_says_how_long(
+    tmp_path, held, monkeypatch
+) -> None:
+    now = [time.perf_counter()]
+    monkeypatch.setattr(preflight.time, "perf_counter", lambda: now[0])
+    disk = DiskWatch(tmp_path)
+    assert disk.check.state == WAITING and not disk.known
+    now[0] += 3.0
+    assert disk.check.state == WAITING and "have taken 3 s so far" in disk.check.advice and disk.known and disk.slow
+    now[0] += 30.0
+    assert disk.check.state == BAD and "Waiting for the disk" in disk.check.advice
+    held.set()
+    wait_until(lambda: not disk._thread.is_alive())
+    disk.watch()
+    assert disk.check.text.startswith(disk.check.text.split(",")[0]) and "free" in disk.check.text
+
+
+def test_a_disk_that_is_slow_but_usable_does_not_block_the_start_while_it_is_measured_again(
+    tmp_path, held, monkeypatch
+) -> None:
+    now = [time.perf_counter()]
+    monkeypatch.setattr(preflight.time, "perf_counter", lambda: now[0])
+    disk = DiskWatch(tmp_path)
+    disk._check, disk.sync_s = m.Check("Disk", CAUTION, "1.0 s a write", "It is slow."), 1.0
+    now[0] += 5.0
+    assert disk.check.state == CAUTION and disk.slow
+    now[0] += 5.0
+    assert disk.check.state == WAITING
+
+
+def test_a_data_folder_that_is_gone_is_red_and_not_the_room_of_what_is_above_it(tmp_path: Path) -> None:
+    disk = DiskWatch(tmp_path / "data")
+    wait_until(lambda: disk.known)
+    assert disk.check.state == BAD and "is gone" in disk.check.advice
+
+
+@pytest.fixture
+def slow(tmp_path: Path) -> Iterator[LocalWindow]:
+    """A session on a disk that takes 0.4 s a write, by its own measurement."""
+    with local_window(Setup(tmp_path / "data", sync=False, hand=OPERATOR)) as window:
+        window.until_stage(m.NO_SESSION)
+        window.client.state._disk.sync_s = 0.4
+        window.client.state._disk.watch = lambda: None
+        yield window
+
+
+def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(slow: LocalWindow) -> None:
+    state, said = slow.client.state, []
+
+    def show() -> None:
+        now = state.snapshot()
+        assert next(check for check in now.checks if check.name == "Recording").state == WAITING
+        assert "Waiting for the disk" in now.why_not or now.stage not in (m.READY, m.NO_SESSION)
+        said.append(now.notice)
+
+    state.show = show
+    slow.open()
+    slow.start()
+    slow.until(lambda s: s.stage == m.READY)
+    slow.client.send(m.Note("slow"))
+    assert said == [
+        "Waiting for the disk: the session is opened.", "Waiting for the disk: the trial is opened.",
+        "Waiting for the disk: run 1 is brought to it.", "Waiting for the disk: it is written.",
+    ]  # fmt: skip
+    slow.look()
+    assert not slow.snapshot.why_not and "Waiting" not in slow.snapshot.notice
+    state._disk.sync_s = 0.001
+    slow.client.send(m.Note("quick"))
+    assert len(said) == 4
+
+
+def test_a_wait_that_ends_in_a_refusal_is_past_too(slow: LocalWindow, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow.open()
+    monkeypatch.setattr("experiments.session.journal.write_event", full)
+    slow.client.send(m.Note("never"))
+    slow.look()
+    assert "No space left" in slow.snapshot.notice and "Waiting" not in slow.snapshot.why_not

@@ -1,0 +1,113 @@
+"""The trail is the movement: what is painted of it beside every tick of the recording, frames dropped at random."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from drawn_ways import Pieces, frames, way_of
+from fake_client import GREEN, PLAN, PRACTICE, before, movement, opened, ready, running
+from screens import Screens
+
+from app.ipc import messages as m
+from app.window.page import RUN, TRY
+from app.window.painting.plane import Plane
+from core import tick_log
+
+SEEDS = range(5)
+WITHIN_PX = 1.0
+Said = dict[int, list[object]]  # after so many ticks of all: what the server says
+
+
+def whole(segment: int, generator: np.random.Generator) -> np.ndarray:
+    """A trial from approach to end: a hand that trembles, swings out to 11 mm, and is fast at the end."""
+    moved = movement(segment, "AEB", float(generator.uniform(0.4, 1.2)), 2.0)
+    t = np.arange(len(moved)) / len(moved)
+    moved[:, tick_log.TIP_X] += 0.011 * np.sin(2.0 * np.pi * 3.0 * t) * t + 0.0004 * np.sin(2.0 * np.pi * 60.0 * t)
+    moved[:, tick_log.TIP_Y] += 0.011 * np.cos(2.0 * np.pi * 5.0 * t) * t**2
+    parts = [np.repeat(moved[:1], n, axis=0) for n in (150, 60)] + [moved, np.repeat(moved[-1:], 120, axis=0)]
+    rows = np.concatenate(parts)
+    phases = tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.END
+    rows[:, tick_log.PHASE] = np.repeat(phases, [len(part) for part in parts])
+    rows[:, tick_log.T] = 1e-3 * np.arange(len(rows))
+    return rows
+
+
+def play(
+    screens: Screens, views: Sequence[Plane], rows: np.ndarray, said: Said, generator: np.random.Generator
+) -> None:
+    """Ticks and messages as they come, painted at some of the frames."""
+    for first, until in frames(rows, generator):
+        due = [message for tick in sorted(said) if tick <= until for message in said.pop(tick)]
+        screens.client.rows, screens.client.taken = rows[first:until], True
+        screens.hear(*due)
+        if generator.random() < 0.7:
+            for view in views:
+                view.grab()
+    assert not said
+    for view in views:
+        view.grab()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_frames_are_dropped(
+    screens: Screens, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    generator, pieces = np.random.default_rng(seed), Pieces(monkeypatch)
+    screens.hear(opened(), ready(0))
+    screens.main.show_page(RUN)
+    screens.participant.resize(1280, 720)
+    screens.participant.show()
+    views = screens.run.workspace.view, screens.participant.view
+    trials = [whole(PLAN[over].segment, generator) for over in range(3)]
+    for begun in ((0,), (1, 2)):  # one alone; one after the other without a pause
+        rows, said, at = np.concatenate([trials[one] for one in begun]), Said(), 0
+        for one in begun:
+            said[at + int(generator.integers(0, 40))] = [running(one)]
+            at += len(trials[one])
+            said[at] = [ready(one + 1)]
+        play(screens, views, rows, said, generator)
+        for view in views:
+            newest = trials[begun[-1]]
+            assert np.array_equal(view.trail, way_of(newest)), "a tick of the movement is missing, or one too many"
+            assert pieces.furthest_px(view, newest) < WITHIN_PX
+    screens.participant.hide()
+
+
+def tried(begun: int) -> m.Snapshot:
+    """This pass of Try is running."""
+    values = {"gap_m": 0.0, "gain_N_s_m": 10_000.0}
+    settings = m.SandboxSettings("three-brake", 1, 2, values, "settled", 0.05, 2000.0, 1.0, 0.75, "ideal")
+    state, planned = m.SandboxState(settings, settings, (), False, 11.5), PRACTICE._replace(segment=1, repetition=begun)
+    return m.Snapshot(m.RUNNING, checks=GREEN, running=planned, practice=True, tip=(0.1, 0.4), sandbox=state)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(
+    screens: Screens, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    generator, pieces = np.random.default_rng(seed), Pieces(monkeypatch)
+    screens.hear(opened(""), before())
+    screens.main.show_page(TRY)
+    canvas = screens.main.pages[TRY].canvas  # type: ignore[attr-defined]
+    passes = [whole(1, generator) for _ in range(4)]
+    for begun in ((0,), (1, 2, 3)):  # pass follows pass: there is no word of an end between two of them
+        rows, said, at = np.concatenate([passes[one] for one in begun]), Said(), 0
+        for one in begun:
+            said[at + int(generator.integers(0, 40))] = [tried(one + 1)]
+            at += len(passes[one])
+        play(screens, [canvas], rows, said, generator)
+        assert np.array_equal(canvas.trail, way_of(passes[begun[-1]]))
+        assert pieces.furthest_px(canvas, passes[begun[-1]]) < WITHIN_PX
+
+
+def test_a_trail_stays_within_a_pixel_when_the_window_grows(screens: Screens, monkeypatch: pytest.MonkeyPatch) -> None:
+    pieces, rows, generator = Pieces(monkeypatch), whole(1, np.random.default_rng(1)), np.random.default_rng(2)
+    screens.hear(opened(""), before())
+    screens.main.show_page(TRY)
+    canvas = screens.main.pages[TRY].canvas  # type: ignore[attr-defined]
+    play(screens, [canvas], rows, {0: [tried(1)]}, generator)
+    few = sum(map(len, pieces[canvas]))
+    canvas.resize(3 * canvas.size())
+    canvas.grab()
+    assert pieces.furthest_px(canvas, rows) < WITHIN_PX
+    assert few < sum(map(len, pieces[canvas])) < len(way_of(rows)), "thinned by pixels"

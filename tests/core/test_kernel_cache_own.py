@@ -1,0 +1,297 @@
+"""What lies in the kernel cache is run: nothing is read that is not this user's own and as it was kept."""
+
+import os
+import pickle
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from disks import flip_a_bit
+from test_kernel_cache import small_tree
+
+from core import kernel_cache
+from core.kernel_cache import HANDED_DOWN, Place, keep, make_own, read_kept, remove_unsound
+
+CALL = (
+    "import sys\nfrom core import kernel_cache\n"
+    "kernel_cache.tellers.append(lambda said: print(said, file=sys.stderr))\n"
+    "kernel_cache.watchers.append(lambda number, of, name: print('compiles', name))\n"
+    "from core.caller import outer\nprint(outer(1.0))\n"
+)
+COMPILED, FROM_DISK = "compiles outer\ncompiles inner\ncompiles \n11.0\n", "11.0\n"
+
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="owners, modes, pipes and limits of size are POSIX'")
+
+
+class Planted:
+    """What leaves a mark where it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple:
+        return os.mkdir, (str(self.mark),)
+
+
+@pytest.fixture(autouse=True)
+def untold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel_cache, "problems", kernel_cache.Counter())
+    monkeypatch.delenv(HANDED_DOWN, raising=False)
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(kernel_cache, "source_hash", lambda: "0123456789abcdef")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(kernel_cache.tempfile, "tempdir", str(tmp_path / "temporary"))
+    return tmp_path / "cache" / "phd" / "kernels"
+
+
+def place() -> Place:
+    """As a new process finds it."""
+    return kernel_cache.cache_place.__wrapped__()
+
+
+def run(tree: Path, code: str = CALL, **more: str) -> tuple[str, str]:
+    """What a new process prints on stdout and stderr; it must end well."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tree / "cache"), "PYTHONDONTWRITEBYTECODE": "1", **more}
+    environment.pop("NUMBA_DISABLE_JIT", None)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tree, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, done.stderr
+
+
+# ------------------------------------------------------------------------------------------------------------- folders
+
+
+@posix
+def test_the_cache_is_a_folder_of_this_user_alone_whatever_it_was_and_whatever_is_above_it(home: Path) -> None:
+    home.mkdir(parents=True)
+    for folder in (home.parent.parent, home.parent, home):
+        folder.chmod(0o777)
+    found = place()
+    assert found.folder is not None and found.folder.parent == home and not found.wrong
+    assert [folder.stat().st_mode & 0o777 for folder in (found.folder, home, home.parent)] == [0o700] * 3
+    keep(found.folder / "core" / "one.kernel", b"code")
+    assert (found.folder / "core").stat().st_mode & 0o777 == 0o700
+    assert (found.folder / "core" / "one.kernel").stat().st_mode & 0o777 == 0o600
+
+
+@posix
+@pytest.mark.parametrize("level", [0, 1, 2], ids=["phd", "kernels", "the sources' own"])
+@pytest.mark.parametrize("what", ["another user's", "link", "dangling link", "file", "pipe"])
+def test_what_is_not_this_users_own_folder_is_not_used_and_said(
+    what: str, level: int, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planted = [home.parent, home, home / kernel_cache.source_hash()][level]
+    planted.parent.mkdir(parents=True)
+    (tmp_path / "elsewhere").mkdir()
+    if what == "another user's":
+        planted.mkdir()
+        own, mine = os.fstat, planted.stat().st_ino
+
+        def fstat(opened: int) -> os.stat_result:
+            about = own(opened)
+            if about.st_ino != mine:
+                return about
+            return os.stat_result((*about[:4], about.st_uid + 1, *about[5:]))
+
+        monkeypatch.setattr(kernel_cache.os, "fstat", fstat)
+    elif "link" in what:
+        planted.symlink_to(tmp_path / ("elsewhere" if what == "link" else "nowhere"))
+    elif what == "file":
+        planted.touch()
+    else:
+        os.mkfifo(planted)
+    said: list[str] = []
+    monkeypatch.setattr(kernel_cache, "tellers", [said.append])
+    found = place()
+    assert (
+        found.wrong
+        and str(planted) in found.wrong
+        and said == [f"compiled kernels are not kept, this command compiles them for itself: {found.wrong}"]
+    )
+    private = found.folder
+    assert private is not None and private.parent == tmp_path / "temporary" and private.stat().st_mode & 0o777 == 0o700
+    assert not list((tmp_path / "elsewhere").iterdir())
+    assert place() == Place(private, found.wrong, True) and len(said) == 1  # a process that this one starts
+    kernel_cache._remove(private, os.getpid())
+    assert not private.exists()
+
+
+@posix
+def test_no_folder_that_was_handed_down_is_trusted_that_is_not_this_users_own(home: Path, tmp_path: Path) -> None:
+    home.parent.parent.touch()  # no folder can be there
+    for lie in ("", "relative", str(tmp_path / "gone"), "/dev/null"):
+        os.environ[HANDED_DOWN] = lie
+        found = place()
+        assert found.folder is not None and not found.handed_down and found.folder.parent == tmp_path / "temporary"
+        kernel_cache._remove(found.folder, os.getpid())
+    (tmp_path / "link").symlink_to(tmp_path / "temporary")
+    os.environ[HANDED_DOWN] = str(tmp_path / "link")
+    found = place()
+    assert not found.handed_down and found.folder is not None and found.folder.parent == tmp_path / "temporary"
+
+
+@posix
+def test_where_nothing_can_be_written_kernels_are_not_kept_and_all_goes_on(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.parent.parent.touch()
+    monkeypatch.setattr(kernel_cache.tempfile, "tempdir", "/dev/null")
+    assert place().folder is None and kernel_cache.problems["folder"] == 1
+    for home_less in ({"XDG_CACHE_HOME": "relative/place"}, {"XDG_CACHE_HOME": "", "HOME": "relative"}):
+        for name, value in home_less.items():
+            monkeypatch.setenv(name, value)
+        assert place() == Place(None, "this user has no folder for caches")
+
+
+# --------------------------------------------------------------------------------------------------------------- files
+
+
+@pytest.fixture
+def kept(home: Path) -> Iterator[Path]:
+    folder = place().folder
+    assert folder is not None
+    file = folder / "core" / "one.kernel"
+    keep(file, random.Random(1).randbytes(5000))
+    assert read_kept(file) == random.Random(1).randbytes(5000) and not kernel_cache.problems
+    yield file
+
+
+def test_no_file_is_read_that_is_not_as_it_was_kept(kept: Path) -> None:
+    sound, chance = kept.read_bytes(), random.Random(2)
+    pieces = [sound[: chance.randrange(len(sound))] for _ in range(80)]
+    flipped = []
+    for bit in [*range(8 * 60), *(chance.randrange(8 * len(sound)) for _ in range(200))]:
+        kept.write_bytes(sound)
+        flip_a_bit(kept, bit // 8, bit % 8)
+        flipped.append(kept.read_bytes())
+    others = [b"", sound + b"\0", sound * 2, b"\0" * len(sound), pickle.dumps(1), sound[:13] + pickle.dumps(1)]
+    for wrong in (*pieces, *flipped, *others):
+        kept.write_bytes(wrong)
+        assert read_kept(kept) is None
+    assert kernel_cache.problems["file"] == len(pieces) + len(flipped) + len(others)
+    keep(kept, b"again")
+    assert read_kept(kept) == b"again"
+
+
+def test_where_files_have_no_owners_the_checksum_decides_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows, whose folder for caches is private by its place."""
+    monkeypatch.setattr(kernel_cache, "_USERS", False)
+    monkeypatch.delattr(kernel_cache.os, "fchmod", raising=False)
+    monkeypatch.delattr(kernel_cache.os, "geteuid", raising=False)
+    folder = place().folder
+    assert folder is not None and folder.parent == home
+    keep(folder / "core" / "one.kernel", b"code")
+    assert read_kept(folder / "core" / "one.kernel") == b"code"
+    flip_a_bit(folder / "core" / "one.kernel")
+    assert read_kept(folder / "core" / "one.kernel") is None
+
+
+@posix
+def test_no_file_is_read_that_others_may_have_made(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    beside = kept.with_name("two.kernel")
+    for mode, is_read in ((0o600, True), (0o644, True), (0o620, False), (0o602, False), (0o666, False)):
+        kept.chmod(mode)
+        assert (read_kept(kept) is not None) == is_read
+    kept.chmod(0o600)
+    beside.write_bytes(kept.read_bytes())  # sound, but another kernel's
+    assert read_kept(beside) is None
+    for make in (lambda: beside.symlink_to(kept), lambda: os.mkfifo(beside), beside.mkdir):
+        beside.unlink()
+        make()
+        assert read_kept(beside) is None
+    monkeypatch.setattr(kernel_cache.os, "geteuid", lambda: os.getuid() + 1)
+    assert read_kept(kept) is None and make_own(kept.parent) != ""
+
+
+def test_what_is_unsound_is_named_and_removed(kept: Path) -> None:
+    folder = kept.parents[1]
+    keep(kept.with_name("two.kernel"), b"two")
+    assert remove_unsound(folder) == {}
+    flip_a_bit(kept)
+    assert remove_unsound(folder) == {"core/one.kernel": "it is damaged"}
+    assert remove_unsound(folder) == {} and [file.name for file in kept.parent.iterdir()] == ["two.kernel"]
+
+
+@posix
+def test_a_disk_that_takes_no_more_keeps_nothing_half_and_is_told_once(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resource = pytest.importorskip("resource")
+    said: list[str] = []
+    monkeypatch.setattr(kernel_cache, "tellers", [said.append])
+    limit, after = kept.with_name("two.kernel"), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, after[1]))
+    try:
+        for _ in range(3):
+            keep(limit, bytes(5000))
+        no_room = kernel_cache.why_no_room(kept.parent)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, after)
+    assert said == [f"compiled kernels cannot be kept, each command compiles them again: {kept.parent}: File too large"]
+    assert kernel_cache.problems["room"] == 3 and no_room == f"{kept.parent}: File too large"
+    assert [file.name for file in kept.parent.iterdir()] == ["one.kernel"]
+    assert kernel_cache.why_no_room(kept.parent) == ""
+
+
+# ------------------------------------------------------------------------------------------------- with real kernels
+
+
+def test_damaged_kernels_are_compiled_again_and_what_was_planted_is_never_unpickled(tmp_path: Path) -> None:
+    tree = small_tree(tmp_path / "tree")
+    assert run(tree) == (COMPILED, "")
+    files = sorted((tree / "cache").rglob("*.kernel"))
+    assert len(files) == 3  # an entry and two parts
+    for damage in ("planted", "by chance"):
+        for file, spoiled in zip(files, (b"", files[1].read_bytes()[:-1], b"flipped"), strict=True):
+            if damage == "planted":
+                file.write_bytes(pickle.dumps(Planted(tmp_path / "mark")))
+            elif spoiled == b"flipped":
+                flip_a_bit(file)
+            else:
+                file.write_bytes(spoiled)
+        answer, said = run(tree)
+        assert answer == COMPILED and not (tmp_path / "mark").exists()
+        assert said.count("\n") == 1 and "compiled again" in said and str(tree / "cache") in said
+
+
+def test_without_a_cache_of_its_own_a_process_finds_nothing_that_was_planted_in_the_temporary_folder(
+    tmp_path: Path,
+) -> None:
+    tree, temporary = small_tree(tmp_path / "tree"), tmp_path / "temporary"
+    temporary.mkdir()
+    (tree / "cache").touch()  # nothing can be kept there
+    more = {"TMPDIR": str(temporary)}
+    for _ in range(2):
+        answer, said = run(tree, **more)
+        assert answer == COMPILED and said.count("\n") == 1 and "this command compiles them for itself" in said
+        for file in temporary.rglob("*.*"):  # a place that can be known before
+            if file.is_file():
+                file.write_bytes(pickle.dumps(Planted(tmp_path / "mark")))
+        assert not (tmp_path / "mark").exists() and not list(temporary.iterdir())
+
+
+def test_processes_that_a_process_starts_share_its_private_folder(tmp_path: Path) -> None:
+    tree = small_tree(tmp_path / "tree")
+    (tree / "cache").touch()
+    code = (
+        CALL + f"sys.stdout.flush()\nimport subprocess\nsubprocess.run([sys.executable, '-c', {CALL!r}], check=True)\n"
+    )
+    answer, said = run(tree, code)
+    assert answer == COMPILED + FROM_DISK and said.count("\n") == 1
+
+
+@posix
+def test_a_full_cache_disk_is_one_sentence_and_the_program_runs_on(tmp_path: Path) -> None:
+    tree = small_tree(tmp_path / "tree")
+    limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))\n" + CALL
+    answer, said = run(tree, limited)
+    assert answer == COMPILED and said.count("\n") == 1 and "cannot be kept" in said and "File too large" in said
+    assert not [file for file in (tree / "cache").rglob("*") if file.is_file()]

@@ -1,0 +1,174 @@
+"""The bound behind the guard of obstacles: what it says of brakes, rows and ways, against simulator and sampling."""
+
+import math
+
+import numpy as np
+import pytest
+
+from core.control.stopping import (
+    MARGIN,
+    SLOWEST,
+    furthest,
+    leash,
+    look_around,
+    look_towards,
+    make_stopping,
+    set_highest_lags,
+    set_lags,
+    slope_and_work,
+    suppose,
+)
+from core.device import Device, load_device
+from core.simulator.state import new_state, pack_mechanism
+from core.simulator.stick_slip_mode import look
+from core.workspace import brake_rows, free_tips, tip_is_free
+from tests.support.reaches import PUSHES_N, pushed_device
+
+NAMES = list(PUSHES_N)
+
+
+def energy_of(simulated) -> float:
+    """Kinetic energy (J) of a simulated device."""
+    (xx, xy, yy), (vx, vy) = simulated.state["mass"][0], simulated.state["tip"][0, 2:]
+    return float(0.5 * (xx * vx * vx + 2.0 * xy * vx * vy + yy * vy * vy))
+
+
+def random_place(rng: np.random.Generator, device: Device) -> tuple[float, float]:
+    """A tip (m) well inside the workspace."""
+    while True:
+        tip = rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.5)
+        if tip_is_free(device.mechanism, *tip):
+            return tip
+
+
+def pushed_about(rng: np.random.Generator, simulated, push: float, ticks: int):
+    """A hand of random pushes up to `push` (N) against a full lock: per tick the tip, the energy, what joints turned by
+    and which of them turned back.
+    """
+    force = push * np.array([1.0, 0.0])
+    for n in range(ticks):
+        if n % 20 == 0:
+            angle, size = rng.uniform(0.0, 2.0 * math.pi), push * rng.choice([0.3, 1.0, 1.0])
+            force = size * np.array([math.cos(angle), math.sin(angle)])
+        simulated.hand.grips["held"][0] = force
+        before = simulated.state["rate"][0, :4].copy()
+        simulated.move(simulated.brakes["current_max"][0], 1e-3 * n, 1e-3)
+        after = simulated.state["rate"][0, :4]
+        yield simulated.tip, energy_of(simulated), 0.5e-3 * (np.abs(before) + np.abs(after)), before * after < 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_does(name: str) -> None:
+    device, push = load_device(name), PUSHES_N[name]
+    rng, stopping = np.random.default_rng(1), make_stopping(device.mechanism, device.brakes, push)[0]
+    for _ in range(8):
+        simulated = pushed_device(device, random_place(rng, device))
+        turned, back, highest = np.zeros(4), np.zeros(4), 0.0
+        for tip, energy, angles, turns in pushed_about(rng, simulated, push, 400):
+            turned, back, highest = turned + angles, back + turns, max(highest, energy)
+            look_around(stopping, *tip, 0.0)
+        look_around(stopping, *simulated.tip, 0.08)
+        suppose(stopping, stopping.drag, float(back.max()))
+        set_lags(stopping, 1.02 * highest + 1e-9)
+        for i in np.flatnonzero(device.brakes.present):
+            _, work = slope_and_work(stopping, i, 0.98 * turned[i])
+            assert simulated.state["heat"][0, i] >= work - 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name: str) -> None:
+    device, push = load_device(name), PUSHES_N[name]
+    rng, stopping = np.random.default_rng(2), make_stopping(device.mechanism, device.brakes, push)[0]
+    checked = 0
+    for _ in range(12):
+        start, heading = random_place(rng, device), rng.uniform(0.0, 2.0 * math.pi)
+        simulated = pushed_device(device, start)
+        speed = rng.uniform(0.0, 0.3)
+        simulated.state["tip"][0, 2:] = speed * math.cos(heading), speed * math.sin(heading)
+        simulated.settle(np.zeros(4), 0.0)
+        suppose(stopping, stopping.drag, 0.0)
+        radius = leash(stopping, *start, energy_of(simulated) + 1e-6)
+        if not math.isfinite(radius):
+            continue
+        checked += 1
+        towards = rng.uniform(0.0, 2.0 * math.pi)
+        n = np.array([math.cos(towards), math.sin(towards)])
+        look_towards(stopping, *n)
+        on = furthest(stopping, energy_of(simulated) + 1e-6, 0.3 * radius)
+        back = np.zeros(4)
+        for tip, _, _, turns in pushed_about(rng, simulated, push, 300):
+            back += turns
+            if back.any() and device.brakes.play.any():
+                break  # each turn inside the play has a play of its own
+            assert math.dist(tip, start) <= radius
+            assert (np.array(tip) - start) @ n <= on
+    assert checked > 5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints_faster(name: str) -> None:
+    device, push = load_device(name), PUSHES_N[name]
+    mechanism, present = pack_mechanism(device.mechanism)[0], device.brakes.present > 0.0
+    stopping, tips = make_stopping(device.mechanism, device.brakes, push)[0], free_tips(device.mechanism)
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        x, y = tips[rng.integers(len(tips))]
+        radius, heading = rng.choice([0.005, 0.03, 0.06, 0.1, 0.2]), rng.uniform(0.0, 2.0 * math.pi)
+        slopes = np.where(present, stopping.full * rng.choice([0.5, 1.0], 4), 0.0)
+        look_around(stopping, x, y, radius)
+        n = np.array([math.cos(heading), math.sin(heading)])
+        look_towards(stopping, *n)
+        left = slopes @ stopping.lever[:, : stopping.rows] - push
+        found = {"held": left.min(), "for progress": (left * stopping.per_way[: stopping.rows]).min()}
+        r, angles = radius * np.sqrt(rng.random(1500)), rng.uniform(0.0, 2.0 * math.pi, 1500)
+        near = np.column_stack((x + r * np.cos(angles), y + r * np.sin(angles)))
+        near = near[tip_is_free(device.mechanism, *near.T)]
+        if not len(near):
+            continue
+        rows = brake_rows(device.mechanism, *near.T)[present]
+        across = np.stack((-rows[:, 1], rows[:, 0]), axis=1) / np.hypot(rows[:, 0], rows[:, 1])[:, None]
+        levers = np.abs(np.einsum("kan,ian->kin", across, rows))
+        left = np.einsum("kin,i->kn", levers, slopes[present]) - push
+        along = np.maximum(np.abs(np.einsum("kan,a->kn", across, n)), SLOWEST)
+        where = f"({x:.3f}, {y:.3f}) radius {radius}"
+        assert found["held"] <= left.min() + 1e-9, where
+        if found["held"] > 0.0:
+            assert found["for progress"] <= (left / along).min() + 1e-9, where
+        for place in near[:60]:
+            state = new_state(*place)
+            look(mechanism, state[0])
+            (xx, xy, yy), g = state["mass"][0], state["g"][0, :4]
+            swift = np.einsum("ia,ab,ib->i", g, np.linalg.inv([[xx, xy], [xy, yy]]), g)
+            assert (swift[present] <= stopping.swift[present]).all(), where
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_work_of_a_brake_is_convex_and_its_slope_lies_between_drag_and_full_yield(name: str) -> None:
+    device = load_device(name)
+    stopping = make_stopping(device.mechanism, device.brakes._replace(ripple=0.5), PUSHES_N[name])[0]
+    look_around(stopping, 0.0, 0.4, 0.05)
+    for held in (0.0, 0.6, 1.0):
+        for turns in (0.0, 2.0):
+            suppose(stopping, stopping.drag + held * (stopping.full - stopping.drag), turns)
+            set_lags(stopping, 0.1)
+            theta = np.linspace(0.0, 0.5, 4001)
+            slope, work = np.array([slope_and_work(stopping, 0, angle) for angle in theta]).T
+            assert (np.diff(slope) >= -1e-12).all()
+            assert slope[0] >= stopping.drag[0] - 1e-12
+            assert slope[-1] <= stopping.full[0] + 1e-12
+            middle = 0.5 * (slope[1:] + slope[:-1]) * np.diff(theta)
+            smooth = np.diff(slope) < 0.05  # without play it jumps at 0
+            assert np.diff(work)[smooth] == pytest.approx(middle[smooth], abs=5e-6)
+            assert work[0] == 0.0
+
+
+def test_a_rougher_look_is_never_taken_for_a_proof() -> None:
+    """A push of more than a full lock holds, with the margin for what lies between, and a device at rest."""
+    device = load_device("er-two-brake")  # holds 16.4 N everywhere
+    for push, sure in ((0.7 * (1.0 - MARGIN) * 16.4, True), (16.41, False)):
+        stopping = make_stopping(device.mechanism, device.brakes, push)[0]
+        assert math.isfinite(leash(stopping, 0.0, 0.4, 1e-6)) == sure
+    look_around(stopping, 0.0, 0.4, 0.02)
+    look_towards(stopping, 0.0, 0.0)
+    set_highest_lags(stopping, 0.0, 0.02)
+    assert furthest(stopping, 0.0, 0.02) == math.inf

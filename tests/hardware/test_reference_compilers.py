@@ -1,0 +1,148 @@
+"""The board in C is the same board on every processor: an int of 16 bits, a compiler for C++, warnings as errors.
+
+What a machine has no compiler for is skipped; the width of an int is looked at with the C compiler of any machine.
+"""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from reference_board import COMPILER, FLAGS, SOURCES, needs_compiler
+
+SUPPORT = Path(__file__).resolve().parents[1] / "support"
+HEADERS = sorted(SOURCES.glob("phd_*.h"))
+PARTS = sorted(SOURCES.glob("phd_*.c"))  # try_board.c is for this host alone
+AVR = ("avr-gcc", "-mmcu=atmega2560")
+#: compiler and what it is told of its processor
+PROCESSORS = {
+    "this machine": ("cc",),
+    "Cortex-M0": ("arm-none-eabi-gcc", "-mcpu=cortex-m0", "-mthumb"),
+    "Cortex-M4": ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"),
+    "AVR": AVR,
+}
+CPP = {
+    "this machine": ("g++",),
+    "Cortex-M4": ("arm-none-eabi-g++", "-mcpu=cortex-m4", "-mthumb"),
+    "AVR": ("avr-g++", "-mmcu=atmega2560"),
+}
+#: every function of the board, from C++
+CALLER = """
+#include "phd_board.h"
+static phd_board board;
+static void set(void *, const uint16_t *) {}
+static void send(void *, const uint8_t *, size_t) {}
+int main()
+{
+    phd_capability made_of = phd_capability();
+    phd_hardware hardware = {set, send, 0};
+    phd_readings readings = phd_readings();
+    uint8_t byte = 0;
+    phd_board_power_up(&board, &made_of, &hardware, 1, false, 0);
+    phd_board_receive(&board, &byte, 1, 1);
+    phd_board_tick(&board, &readings, PHD_TICK_US);
+    return board.state + (int)phd_crc32(&byte, 0) + phd_states[PHD_ON_HELLO][PHD_BOOT] - PHD_IGNORED;
+}
+"""
+
+
+def found(*programs: str) -> None:
+    """Skip where one of them is not on this machine."""
+    if missing := [program for program in programs if shutil.which(program) is None]:
+        pytest.skip(f"no {', '.join(missing)} on this machine")
+
+
+def numbers() -> list[str]:
+    """The names of all numbers in the headers."""
+    text = "\n".join(re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.S) for header in HEADERS)
+    in_enums = ",".join(re.findall(r"\benum\s*\w*\s*\{(.*?)\}", text, re.S))
+    return re.findall(r"PHD_\w+(?=\s*(?:=|,|$))", in_enums) + re.findall(r"^#define (PHD_\w+) +\S", text, re.M)
+
+
+@needs_compiler
+def test_no_number_of_the_board_needs_an_int_of_more_than_16_bits(tmp_path: Path) -> None:
+    lines = [f'printf("{name} %lld %d\\n", (long long)({name}), _Generic(({name}), int: 1, default: 0));'
+             for name in numbers()]  # fmt: skip
+    source = ['#include "phd_board.h"', "#include <stdio.h>", "int main(void) {", *lines, "}"]
+    (tmp_path / "say.c").write_text("\n".join(source))
+    subprocess.run([COMPILER, "-std=c11", f"-I{SOURCES}", tmp_path / "say.c", "-o", tmp_path / "say"], check=True)
+    said = subprocess.run([tmp_path / "say"], capture_output=True, text=True, check=True).stdout.split()
+    known = {
+        name: (int(value), kind == "1") for name, value, kind in zip(said[::3], said[1::3], said[2::3], strict=True)
+    }
+    assert {"PHD_WATCHDOG_US", "PHD_LATE_US", "PHD_MAX_PAYLOAD", "PHD_BYE"} <= set(known) and len(known) > 60
+    assert known["PHD_WATCHDOG_US"][0] == 50_000 and known["PHD_SILENCE_US"][0] == 1_000_000
+    assert not [name for name, (value, is_int) in known.items() if is_int and not -(2**15) <= value < 2**15]
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_no_compiler_warns(processor: str, tmp_path: Path) -> None:
+    compiler = PROCESSORS[processor]
+    found(compiler[0])
+    for part in PARTS:
+        done = subprocess.run(
+            [*compiler, *FLAGS, "-c", part, "-o", tmp_path / f"{part.stem}.o"], capture_output=True, text=True
+        )
+        assert done.returncode == 0 and not done.stderr, done.stderr
+
+
+@needs_compiler
+def test_a_number_that_is_wrong_for_a_processor_does_not_compile(tmp_path: Path) -> None:
+    for file in (*HEADERS, SOURCES / "phd_board.c"):
+        shutil.copy(file, tmp_path)
+    header = tmp_path / "phd_board.h"
+    right = header.read_text()
+    for typed, wrong in (
+        ("(UINT32_C(1000) * PHD_WATCHDOG_MS)", "(1000 * PHD_WATCHDOG_MS)"),
+        ("UINT32_C(100000)", "UINT32_C(34464)"),
+        ("UINT32_C(1000000)\n", "(int32_t)1000000\n"),
+    ):
+        assert typed in right
+        header.write_text(right.replace(typed, wrong))
+        done = subprocess.run(
+            [COMPILER, *FLAGS, "-c", tmp_path / "phd_board.c", "-o", tmp_path / "board.o"],
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode != 0 and "phd_assert_" in done.stderr
+
+
+@needs_compiler
+@pytest.mark.parametrize("header", HEADERS, ids=lambda header: header.name)
+def test_a_compiler_for_cpp_is_told_that_the_functions_are_c(header: Path) -> None:
+    """By the preprocessor alone, which every C compiler has."""
+    done = subprocess.run(
+        [COMPILER, "-E", "-P", "-undef", "-nostdinc", "-D__cplusplus=201103L", "-"],
+        input="".join(line + "\n" for line in header.read_text().splitlines() if not line.startswith("#include <")
+                      and not line.startswith('#include "')),
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert re.fullmatch(r'extern "C" \{\n.*\n\}\n?', done.stdout.strip(), re.S), done.stdout
+
+
+@pytest.mark.parametrize("processor", CPP)
+def test_a_program_in_cpp_is_linked_with_the_board_in_c(processor: str, tmp_path: Path) -> None:
+    compiler, *options = CPP[processor]
+    found(compiler, compiler.replace("++", "cc"))
+    (tmp_path / "caller.cpp").write_text(CALLER)
+    files = []
+    for file in (*PARTS, tmp_path / "caller.cpp"):
+        files.append(tmp_path / f"{file.stem}.o")
+        language = (compiler, "-std=c++11") if file.suffix == ".cpp" else (compiler.replace("++", "cc"), "-std=c99")
+        flags = [flag for flag in FLAGS if not flag.startswith("-std")]
+        subprocess.run([*language, *options, *flags, f"-I{SOURCES}", "-c", file, "-o", files[-1]], check=True)
+    if processor != "Cortex-M4":  # which needs a start-up of its own
+        subprocess.run([compiler, *options, *files, "-o", tmp_path / "caller"], check=True)
+    if processor == "this machine":
+        assert subprocess.run([tmp_path / "caller"]).returncode == 0
+
+
+def test_where_an_int_has_16_bits_the_board_stops_after_50_ms_without_a_command(tmp_path: Path) -> None:
+    found(AVR[0], "simavr")
+    program = tmp_path / "small_board.elf"
+    subprocess.run([*AVR, *FLAGS, f"-I{SOURCES}", SUPPORT / "small_board.c", *PARTS, "-o", program], check=True)
+    run = ["simavr", "-m", "atmega2560", "-f", "16000000", program]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=120)
+    said = re.findall(r"(start|watchdog|silence|late) ([\d ]+)", done.stdout + done.stderr)
+    assert said == [("start", "100"), ("watchdog", "50 0"), ("silence", "1000"), ("late", "52")]  # its way took 1 ms
