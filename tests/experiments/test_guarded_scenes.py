@@ -58,7 +58,7 @@ BAD_SCENES = {
         MR + WALL + "[guard]\npush_N = 500.0\n",
         r"guard: push_N \(500\) must be less than the \d+\.\d N that three-brake holds at initial_tip_m",
     ),
-    "no push given": (MR + WALL + "[guard]\npush_N = 0.0\n", "guard.push_N must be greater than 0"),
+    "no push given": (MR + WALL + "[guard]\npush_N = 0.0\n", "guard.push_N must be at least 1e-06, not 0.0"),
     "start in an obstacle": (
         MR + "[[obstacle]]\ndisc_m = [0.0, 0.36, 0.01]\n" + GUARD,
         r"initial_tip_m: \(0, 0.36\) m is in an obstacle, there is nothing to guard",
