@@ -181,6 +181,7 @@ def _draw_paths(axes: Axes, workspace: Workspace, releases: list[Release]) -> No
 
 PUSHES_N = {2.0: BLUE, 10.0: GREEN, 18.0: ORANGE}  # the least is not 0: without a push a play is never turned through
 SPEEDS_M_S = np.linspace(0.0, 0.6, 13)
+STARTING_M_S = 1e-6  # in place of 0: a handle at rest has no direction
 SIMULATED_M_S = (0.0, 0.2, 0.4, 0.6)
 ANGLES = np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False)
 MOST_M = 0.15
@@ -194,7 +195,7 @@ def bounds(device: Device, tip: tuple[float, float], push: float, play: bool) ->
     around = make_around(Around(guard=Guard(push_N=push)), device)[0]
     found = [
         max(stopping_distance(around, seen_at(device, tip, (v * math.cos(a), v * math.sin(a)))) for a in ANGLES)
-        for v in SPEEDS_M_S
+        for v in np.maximum(SPEEDS_M_S, STARTING_M_S)
     ]
     return np.array(found)
 
@@ -231,7 +232,7 @@ def draw_stopping(device: Device) -> Figure:
     tip = (float(workspace.home[0]), float(workspace.home[1]))
     held = least_held(device.mechanism, device.brakes, np.array([tip]))
     text = (
-        f"{parameters_of(device)} Handle at ({100.0 * tip[0]:.0f}, {100.0 * tip[1]:.0f}) cm, where a full lock holds "
+        f"{parameters_of(device)} Handle at ({round(100.0 * tip[0])}, {round(100.0 * tip[1])}) cm, where a full lock holds "
         f"{held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for a hand "
         "that does whatever it wants with no more than that push, brakes off until now, in the worst direction of its "
         "motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed straight "
