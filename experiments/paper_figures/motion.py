@@ -233,10 +233,10 @@ def draw_stopping(device: Device) -> Figure:
     held = least_held(device.mechanism, device.brakes, np.array([tip]))
     text = (
         f"{parameters_of(device)} Handle at ({round(100.0 * tip[0])}, {round(100.0 * tip[1])}) cm, where a full lock "
-        f"holds {held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for a "
-        "hand that does whatever it wants with no more than that push, brakes off until now, in the worst direction of "
-        "its motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed straight "
-        "on, in its worst direction, with the play."
+        f"holds {held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for "
+        "a hand that does whatever it wants with no more than that push, brakes off until now, in the worst direction "
+        "of its motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed "
+        "straight on, in its worst direction, with the play."
     )
     figure, [axes] = sheet(text, (8.0, 3.9), (0.65, 0.25, 0.5, 0.95), 1, 2, (0.6, 0.0), sharey=True)
     for panel, play, words in ((axes[0], True, "With the play of the brakes"), (axes[1], False, "Without play")):
