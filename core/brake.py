@@ -5,7 +5,7 @@ Currents in A, torques in N m, rates in rad/s (Eq. (4) itself is in rpm). Joint 
 
 import math
 
-from core.kernel import kernel
+from core.kernel import inlined, kernel
 
 RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
 
@@ -46,64 +46,42 @@ def current_for_torque(brakes, i, torque):
 def time_constant(brakes, i, current, rate, rising):
     """Time constant a, Eq. (4), in s, at a commanded current (A) and a joint rate (rad/s).
 
-    omega_L = log2 of the speed in rpm (our reading: the test grid of 0.5 .. 64 rpm). At omega_0 and above it is a_avg;
-    below the floor it is held at its value there (omega -> 0 would diverge).
+    At omega_0 and above it is a_avg; below the floor it is held at its value there (omega -> 0 would diverge).
     """
-    table = brakes.rise if rising else brakes.fall
     speed = abs(rate)
     if speed >= brakes.omega_0[i]:
-        return table[i, 0]
-    w = math.log2(max(speed, brakes.floor[i]) * RPM_PER_RAD_S)
-    return (
-        table[i, 6]
-        + table[i, 2] * w
-        + table[i, 4] * w * w
-        + current * (table[i, 1] + table[i, 3] * w + table[i, 5] * w * w)
-    )
+        return brakes.rise[i, 0] if rising else brakes.fall[i, 0]
+    b0, b1, b2 = below_omega_0(brakes, i, current, rising)
+    w = octaves(max(speed, brakes.floor[i]))
+    return b0 + (b1 + b2 * w) * w
 
 
-@kernel
-def begin_lag(brakes, i, current, gain, torque_yield, rate, acceleration, step, lag):
-    """Freeze the lag of Eq. (1) for brake i over the next `step` seconds; fills lag[i] for `lagged_yield`.
-
-    The torque follows K (`gain`) with the time constant a: exact for constant current and speed. Otherwise a is taken
-    at the middle of the step with the speed predicted from `rate` and `acceleration`; where the predicted speed crosses
-    omega_0 or the floor, the step is split there, each part with its own constant (second order across them).
-    Differs from the paper: the lag acts on the yield magnitude, not on the signed torque, which would drive with the
-    motion after each reversal. (With `Brakes.signed` the simulator runs the paper's words: see `turn_torques`.)
-
-    lag[i] = (K, y at the start, 1/a first part, time of the split, 1/a second part).
-    """
-    rising = gain > torque_yield
-    start, end = abs(rate), abs(rate + acceleration * step)
-    split = step
-    for edge in (brakes.omega_0[i], brakes.floor[i]):
-        if (start - edge) * (end - edge) < 0.0:
-            split = min(split, step * (edge - start) / (end - start))
-    lag[i, 0] = gain
-    lag[i, 1] = torque_yield
-    lag[i, 3] = split
-    if split == step:
-        lag[i, 2] = lag[i, 4] = inverse(time_constant(brakes, i, current, 0.5 * (start + end), rising))
-        return
-    share = 0.5 * split / step
-    lag[i, 2] = inverse(time_constant(brakes, i, current, start + (end - start) * share, rising))
-    lag[i, 4] = inverse(time_constant(brakes, i, current, start + (end - start) * (share + 0.5), rising))
+@inlined
+def below_omega_0(brakes, i, current, rising):
+    """Eq. (4) below omega_0 at a commanded current (A): a = b_0 + b_1 omega_L + b_2 omega_L^2, s."""
+    a = brakes.rise[i] if rising else brakes.fall[i]
+    return a[6] + current * a[1], a[2] + current * a[3], a[4] + current * a[5]
 
 
-@kernel
+@inlined
+def octaves(speed):
+    """omega_L of Eq. (4) at a joint's speed (rad/s): log2 of rpm (our reading: the test grid of 0.5 .. 64 rpm)."""
+    return math.log2(speed * RPM_PER_RAD_S)
+
+
+@inlined
 def inverse(seconds):
     """1/a; infinite for a brake without lag, a <= 0."""
     return 1.0 / seconds if seconds > 0.0 else math.inf
 
 
 @kernel
-def lagged_yield(lag, i, elapsed):
-    """Yield torque (N m) `elapsed` seconds after `begin_lag`, Eq. (1): y = K + (y_0 - K) exp(-t / a). a = 0: y = K."""
+def lagged_yield(gain, torque_yield, elapsed, constant):
+    """Yield torque (N m) `elapsed` seconds on, Eq. (1) with one time constant (s): y = K + (y_0 - K) exp(-t / a).
+
+    Differs from the paper: the lag acts on the yield magnitude, not on the signed torque, which would drive with the
+    motion after each reversal. (With `Brakes.signed` the simulator runs the paper's words: see `turn_torques`.)
+    """
     if elapsed <= 0.0:
-        return lag[i, 1]
-    if elapsed <= lag[i, 3]:
-        exponent = elapsed * lag[i, 2]
-    else:
-        exponent = lag[i, 3] * lag[i, 2] + (elapsed - lag[i, 3]) * lag[i, 4]
-    return lag[i, 0] + (lag[i, 1] - lag[i, 0]) * math.exp(-exponent)
+        return torque_yield
+    return gain + (torque_yield - gain) * math.exp(-elapsed * inverse(constant))

@@ -20,7 +20,8 @@ from core.simulator.event_location import (
     locate,
 )
 from core.simulator.hand import hand_force
-from core.simulator.runge_kutta import age_yields, begin, joint_acceleration, rk4
+from core.simulator.lag import age_yields, begin, pace_ends, yield_error
+from core.simulator.runge_kutta import rk4
 from core.simulator.stepping import advance_stepping, stiffer_than
 from core.simulator.stick_slip import STILL, largest_excess, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import (
@@ -41,12 +42,12 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     state.steps += 1
     state.settled = 0
-    elapsed, longest = 0.0, h
+    elapsed, longest, turn = 0.0, h, h
     arm_mass = hand.grips[0].mass
     crowd, since = 0, 0.0  # events of late, and from when on they are counted
     while elapsed < h:
         rest = h - elapsed
-        step = min(rest, longest)
+        step = min(rest, longest, turn)
         if step > limits.FALLBACK_S and stiffer_than(state, hand, step):
             longest = max(limits.FALLBACK_S, 0.5 * step)
             continue
@@ -64,9 +65,9 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
-            begin(brakes, state, currents, rest, lagged)
-            step = still_until(mechanism, brakes, hand, state, now, rest, lagged)
-            age_yields(brakes, state, step, lagged)
+            begin(brakes, state, currents, lagged)
+            step = still_until(mechanism, brakes, hand, state, now, rest)
+            age_yields(state, step)
             elapsed = h if step == rest else elapsed + step
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
             state.hand_force[0], state.hand_force[1] = fx, fy
@@ -79,24 +80,29 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
                 settle_edges(brakes, state)
                 finish(mechanism, state, fx, fy, arm_mass)
             continue
-        begin(brakes, state, currents, step, lagged)
-        if not rk4(mechanism, brakes, hand, state, scratch, now, step, lagged):
+        begin(brakes, state, currents, lagged)
+        if not rk4(mechanism, brakes, hand, state, scratch, now, step):
             state.shortened += 1
             longest = 0.5 * step
             if longest < limits.SHORTEST:
                 crowd = limits.MAX_EVENTS + 1
             continue
         error = scratch.error
-        if lagged != 0:
+        if state.lagging != 0:
             error = max(error, yield_error(brakes, state, scratch, step) * (limits.STEP_ERROR / limits.YIELD_ERROR))
         if not error <= state.tolerance * limits.STEP_ERROR and step > limits.FINEST:
             state.refined += 1
             longest = step * max(0.2, 0.9 * (state.tolerance * limits.STEP_ERROR / error) ** (1.0 / 3.0))
             continue
         scratch.seen = 0
-        kind, guess = first_event(mechanism, brakes, state, scratch, step, lagged)
+        kind, guess = first_event(mechanism, brakes, state, scratch, step)
+        if state.lagging != 0:
+            ends = pace_ends(brakes, state, scratch, step)
+            if ends < (guess if kind != NONE else step):
+                turn = ends
+                continue
         if kind != NONE:
-            kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess, lagged)
+            kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess)
         heat = scratch.heat
         gives_energy = min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -limits.GIVEN  # a joint reversed unseen
         if gives_energy and step > limits.FINEST and brakes.signed == 0.0:
@@ -105,8 +111,9 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             continue
         if longest < h and 16.0 * error < state.tolerance * limits.STEP_ERROR:
             longest *= 2.0
-        accept(mechanism, brakes, state, scratch, step, lagged)
+        accept(mechanism, brakes, state, scratch, step)
         elapsed = h if step == rest else elapsed + step
+        turn = h
         if kind != NONE:
             state.events += 1
             crowd += 1
@@ -115,35 +122,15 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, arm_mass)
-    if lagged != 0 and hand.grips[0].spring == 0:  # a spring's target moves: the next step looks at the costs anew
+    if (
+        state.lagging != 0 and hand.grips[0].spring == 0
+    ):  # a spring's target moves: the next step looks at the costs anew
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
 
 
 @kernel
-def yield_error(brakes, state, scratch, step):
-    """How far the yields at the end of the tried step may be off, because each lag's time constant was frozen (N m).
-
-    Estimated from how much the joint's rate changed beside its size, and how far it ended from the prediction that
-    the frozen constant was chosen by.
-    """
-    largest = 0.0
-    for i in range(4):
-        changed = abs(scratch.torque_yield[1, i] - state.torque_yield[i])
-        if changed <= state.tolerance * limits.YIELD_ERROR or state.sign[i] == 0.0 or brakes.present[i] == 0.0:
-            continue
-        start, end = state.rate[i], scratch.rate[i]
-        if min(abs(start), abs(end)) >= brakes.omega_0[i] and start * end > 0.0:
-            continue
-        predicted = start + joint_acceleration(state, i) * step
-        middle = 0.5 * (abs(start) + abs(end)) + brakes.floor[i]
-        spread, missed = (end - start) / middle, (end - predicted) / middle
-        largest = max(largest, changed * (0.5 * abs(missed) + spread * spread / 12.0))
-    return largest
-
-
-@kernel
-def accept(mechanism, brakes, state, scratch, step, lagged):
+def accept(mechanism, brakes, state, scratch, step):
     """Take the tried step: the new state: motion, ledger, backlash, yields."""
     for i in range(4):
         state.tip[i] = scratch.tip[i]
@@ -166,9 +153,9 @@ def accept(mechanism, brakes, state, scratch, step, lagged):
         state.hand_force[i] = scratch.hand_force[i]
     state.carry[0] = state.carry[1] = 0.0
     state.line_torque = scratch.line_torque
-    if lagged != 0:
+    if state.lagging != 0:
         for i in range(4):
-            state.torque_yield[i] = scratch.torque_yield[1, i]
+            state.torque_yield[i] = scratch.torque_yield[i]
     state.work_hand += scratch.work
 
 
@@ -248,41 +235,41 @@ def from_rest(mechanism, state, fx, fy, arm_mass):
 
 
 @kernel
-def excess_at(mechanism, brakes, hand, state, t, elapsed, lagged):
+def excess_at(mechanism, brakes, hand, state, t, elapsed):
     """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step (N)."""
-    age_yields(brakes, state, elapsed, lagged)
+    age_yields(state, elapsed)
     set_costs(brakes, state)
     fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
     return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, fx, fy)
 
 
 @kernel
-def none_falls(brakes, state):
+def none_falls(state):
     """True where every lag brings its brake up, or leaves it as it is."""
     for i in range(4):
-        if brakes.present[i] > 0.0 and state.lag[i, 0] < state.lag[i, 1]:
+        if state.lack[i] > 0.0:
             return False
     return True
 
 
 @kernel
-def still_until(mechanism, brakes, hand, state, t, step, lagged):
+def still_until(mechanism, brakes, hand, state, t, step):
     """How long the resting tip stays at rest: `step`, or the first time at which the hand pushes it loose.
 
     Seen at the middle and the end of the step, then bisected to rounding. Under a steady hand it stays for sure where
     no brake falls.
     """
     hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step
-    if not hand_changes and (lagged == 0 or none_falls(brakes, state)):
+    if not hand_changes and (state.lagging == 0 or none_falls(state)):
         return step
     low, high = 0.0, 0.5 * step
-    if excess_at(mechanism, brakes, hand, state, t, high, lagged) <= limits.REST_ROUNDING:
+    if excess_at(mechanism, brakes, hand, state, t, high) <= limits.REST_ROUNDING:
         low, high = high, step
-        if excess_at(mechanism, brakes, hand, state, t, step, lagged) <= limits.REST_ROUNDING:
+        if excess_at(mechanism, brakes, hand, state, t, step) <= limits.REST_ROUNDING:
             return step
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if excess_at(mechanism, brakes, hand, state, t, middle, lagged) > limits.REST_ROUNDING:
+        if excess_at(mechanism, brakes, hand, state, t, middle) > limits.REST_ROUNDING:
             high = middle
         else:
             low = middle

@@ -14,64 +14,13 @@ import math
 
 from core.kernel import kernel
 from core.mechanism import PLACES
-from core.simulator.runge_kutta import joint_acceleration, rk4, slip_torques
+from core.simulator.hermite import hermite_zero, parabola_zero
+from core.simulator.lag import joint_acceleration
+from core.simulator.runge_kutta import rk4, slip_torques
 from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING, SLID_S
 from core.simulator.stick_slip import same_line
 from core.simulator.stick_slip_mode import look
 from core.stops import stop_gap
-
-
-@kernel
-def hermite_zero(v0, d0, v1, d1, h):
-    """First time in (0, h] at which the cubic through (v0, slope d0) and (v1, slope d1) falls below zero; -1: never.
-
-    v0 >= 0 up to rounding. Found by the sign at the end or at the interior minimum, then by bracketed Newton steps.
-    """
-    a = 2.0 * (v0 - v1) + h * (d0 + d1)
-    b = 3.0 * (v1 - v0) - h * (2.0 * d0 + d1)
-    c = h * d0
-    low, high = 0.0, 1.0
-    if v1 >= -ROUNDING:
-        square = b * b - 3.0 * a * c
-        if square <= 0.0:
-            return -1.0
-        root = math.sqrt(square)
-        high = (root - b) / (3.0 * a) if b <= 0.0 and a != 0.0 else -c / (b + root)  # where the cubic is convex
-        if not (0.0 < high < 1.0) or ((a * high + b) * high + c) * high + v0 >= -ROUNDING:
-            return -1.0
-    s = 0.5 * (low + high)
-    if v0 > 0.0 and v1 < 0.0:
-        s = v0 / (v0 - v1)
-    for _ in range(12):
-        value = ((a * s + b) * s + c) * s + v0
-        if value > 0.0 or (value == 0.0 and s < 0.5 * high):
-            low = s
-        else:
-            high = s
-        slope = (3.0 * a * s + 2.0 * b) * s + c
-        step = value / slope if slope != 0.0 else 2.0
-        if abs(step) < 1e-12:
-            break
-        s = s - step
-        if not (low < s < high):
-            s = 0.5 * (low + high)
-    return s * h
-
-
-@kernel
-def parabola_zero(v0, vm, v1, h):
-    """First time in (0, h] at which the parabola through v0, vm (middle), v1 falls below zero; -1: never. v0 >= 0."""
-    a = 2.0 * (v0 + v1 - 2.0 * vm)
-    b = v1 - v0 - a
-    if not (math.isfinite(a) and math.isfinite(b)):
-        return -1.0  # a stop holds without end
-    if v1 >= -ROUNDING:
-        if a <= 0.0 or b >= 0.0 or -b >= 2.0 * a or v0 - 0.25 * b * b / a >= -ROUNDING:
-            return -1.0
-    root = math.sqrt(max(b * b - 4.0 * a * v0, 0.0))
-    s = 2.0 * v0 / (root - b) if root - b > 0.0 else 0.5
-    return min(max(s, 0.0), 1.0) * h
-
 
 NONE = -1
 SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
@@ -104,7 +53,7 @@ def path_sense(state):
 
 
 @kernel
-def held_limits(brakes, mechanism, state, at, yields, lagged):
+def held_limits(brakes, mechanism, state, at, yields):
     """What the held joint's line can hold against + and - motion with brakes that yield at `yields` (4,), N m."""
     j = state.held
     plus, minus = 0.0, 0.0
@@ -113,7 +62,7 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
         if state.active[i] == 0 or not same_line(i, j, mechanism.lines):
             continue
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
-        if lagged != 0 and i < 4 and brakes.present[i] > 0.0:
+        if state.lagging != 0 and i < 4 and brakes.present[i] > 0.0:
             held = yields[i]
             whole = brakes.play[i] == 0.0 or brakes.signed != 0.0
             if state.contact[i] <= 0.0 and (whole or state.edge[i] > 0.0):
@@ -131,21 +80,21 @@ def held_limits(brakes, mechanism, state, at, yields, lagged):
 
 
 @kernel
-def event_value(brakes, mechanism, state, scratch, kind, lagged):
+def event_value(brakes, mechanism, state, scratch, kind):
     """Value of one kind of event at the end of the tried step."""
     turned = scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
-    return value_at(brakes, mechanism, state, scratch, scratch, scratch.torque_yield[1], turned, kind, lagged)
+    return value_at(brakes, mechanism, state, scratch, scratch, scratch.torque_yield, turned, kind)
 
 
 @kernel
-def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind, lagged):
+def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind):
     """Value of one kind of event in the state or after the tried step, `at`, for its yields; turned since, rad."""
     if kind < SPEED:
         return state.sign[kind] * at.rate[kind]
     if kind == SPEED:
         return path_sense(state) * path_speed(state, at)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, at, yields, lagged)
+        plus, minus = held_limits(brakes, mechanism, state, at, yields)
         return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
     if kind < STOP:
         i = kind - PLAY
@@ -169,7 +118,7 @@ def event_slope(state, scratch, kind):
 
 
 @kernel
-def first_event(mechanism, brakes, state, scratch, step, lagged):
+def first_event(mechanism, brakes, state, scratch, step):
     """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
 
     Kinds whose bit is in scratch.seen are passed over.
@@ -204,8 +153,8 @@ def first_event(mechanism, brakes, state, scratch, step, lagged):
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
-        plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield, lagged)
-        plus1, minus1 = held_limits(brakes, mechanism, state, scratch, scratch.torque_yield[1], lagged)
+        plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield)
+        plus1, minus1 = held_limits(brakes, mechanism, state, scratch, scratch.torque_yield)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
         torque0, torque1, middle = state.line_torque, scratch.line_torque, scratch.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
@@ -244,20 +193,20 @@ def first_stop(mechanism, state, scratch, step, seen):
 
 
 @kernel
-def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
+def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
     """Shrink the tried step to the first event: (kind, its time). It is left there, the event's value at rounding.
 
     Bracketed Newton or secant steps on re-integrated steps, where one that is nearly there is slid to the event; where
     another event comes before, that one is taken.
     """
     for _ in range(STOP + 5):
-        guess = locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged)
+        guess = locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess)
         if guess == 0.0:
             break
         # a graze came close to zero and turned back
-        grazed = event_value(brakes, mechanism, state, scratch, kind, lagged) > GRAZING
+        grazed = event_value(brakes, mechanism, state, scratch, kind) > GRAZING
         scratch.seen |= 1 << kind
-        other, when = first_event(mechanism, brakes, state, scratch, guess, lagged)
+        other, when = first_event(mechanism, brakes, state, scratch, guess)
         if other == NONE:
             if grazed:
                 kind = NONE
@@ -267,9 +216,9 @@ def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged
 
 
 @kernel
-def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, lagged):
+def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    low, at_low = 0.0, value_at(brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind, lagged)
+    low, at_low = 0.0, value_at(brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind)
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
@@ -277,25 +226,25 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, la
         risen = False
         for _ in range(MAX_LOCATE):
             s *= 0.5
-            if rk4(mechanism, brakes, hand, state, scratch, t, s, lagged):
-                value = event_value(brakes, mechanism, state, scratch, kind, lagged)
+            if rk4(mechanism, brakes, hand, state, scratch, t, s):
+                value = event_value(brakes, mechanism, state, scratch, kind)
                 if value > ROUNDING:
                     risen = True
                     break
                 high = s
         if not risen:
-            rk4(mechanism, brakes, hand, state, scratch, t, 0.0, lagged)
+            rk4(mechanism, brakes, hand, state, scratch, t, 0.0)
             return 0.0
         low, at_low = s, value
         guess = 0.5 * (low + high)
     s = guess if low < guess < high else 0.5 * (low + high)
     last, at_last = low, at_low
     for _ in range(MAX_LOCATE):
-        if not rk4(mechanism, brakes, hand, state, scratch, t, s, lagged):
+        if not rk4(mechanism, brakes, hand, state, scratch, t, s):
             high = s
             s = 0.5 * (low + high)
             continue
-        value = event_value(brakes, mechanism, state, scratch, kind, lagged)
+        value = event_value(brakes, mechanism, state, scratch, kind)
         if abs(value) <= LOCATED:
             break
         if value > 0.0:
@@ -308,7 +257,7 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess, la
         if slope == 0.0:
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope
-        if lagged == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
+        if state.lagging == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
             slide(mechanism, brakes, state, scratch, ahead - s)
             return ahead
         last, at_last = s, value
@@ -324,7 +273,7 @@ def slide(mechanism, brakes, state, scratch, ds):
     """
     tip, a = scratch.tip, scratch.acceleration
     scratch.work += ds * (scratch.hand_force[0] * tip[2] + scratch.hand_force[1] * tip[3])
-    torques = slip_torques(brakes, state, state.torque_yield, 0)
+    torques = slip_torques(state)
     for i in range(4):
         scratch.heat[i] -= ds * torques[i] * scratch.rate[i]
     for k in range(2):

@@ -19,8 +19,9 @@ from core.dynamics import motion
 from core.kernel import kernel
 from core.mechanism import PLACES
 from core.simulator.hand import hand_force
+from core.simulator.lag import age_yields, begin
 from core.simulator.load_sharing import leave_stops_their_share, reach_of
-from core.simulator.runge_kutta import age_yields, begin, keep_on_line
+from core.simulator.runge_kutta import keep_on_line
 from core.simulator.solver_numbers import HELD_ROUNDING, PARALLEL_ROWS
 from core.simulator.stepping import drift_in_backlash, stop_on_the_way
 from core.simulator.stick_slip import FREE, STILL, holding_torque, same_line, solve_mass
@@ -160,7 +161,7 @@ def resolve_in_band(mechanism, brakes, hand, state, t):
 def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
     tip, arm_mass = state.tip, hand.grips[0].mass
-    begin(brakes, state, currents, h, lagged)
+    begin(brakes, state, currents, lagged)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
@@ -168,14 +169,14 @@ def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lag
     ax, ay = evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy)
     book_stage(state, scratch, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
-    age_yields(brakes, state, half, lagged)
+    age_yields(state, half)
     bx, by = evaluate(mechanism, brakes, hand, state, t + half, x + half * vx, y + half * vy, ux, uy)
     book_stage(state, scratch, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
     cx, cy = evaluate(mechanism, brakes, hand, state, t + half, x + half * ux, y + half * uy, wx, wy)
     book_stage(state, scratch, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
-    age_yields(brakes, state, h, lagged)
+    age_yields(state, h)
     dx, dy = evaluate(mechanism, brakes, hand, state, t + h, x + h * wx, y + h * wy, zx, zy)
     book_stage(state, scratch, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)

@@ -9,16 +9,16 @@ import math
 
 import numpy as np
 
-from core.brake import begin_lag, lagged_yield, torque_gain
 from core.dynamics import combined, motion
 from core.kernel import inlined, kernel
 from core.linkage import coupled_angle
 from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import grip_force, prescribed_force
+from core.simulator.lag import begin_stages, end_stages, follow, lagging_torques
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
-from core.simulator.stick_slip_mode import distal_row, on_circle, store
+from core.simulator.stick_slip_mode import distal_row, on_circle, slip_torque, store
 
 STEP_SCRATCH = np.dtype(
     [
@@ -30,7 +30,12 @@ STEP_SCRATCH = np.dtype(
         ("heat", "f8", (4,)),  # J
         ("work", "f8"),  # J, by the hand
         ("error", "f8"),  # m/s2, how far the step's last stage was from its end: its error estimate over its length
-        ("torque_yield", "f8", (2, 4)),  # N m, at the middle and end of the step (only where there is a lag)
+        # only where there is a lag
+        ("torque_yield", "f8", (4,)),  # N m, at the end of the step
+        ("steady", "f8", (4,)),  # N m, torque of a slipping brake whose yield has come to K
+        ("swing", "f8", (4,)),  # N m, so much more while all of the yield's lack is left
+        ("left", "f8", (2, 4)),  # share of the lack in the middle of the step, and at its end
+        ("per_lag", "f8", (3, 4)),  # 1/s, 1/a in the later stages
         ("seen", "i8"),  # bits of the kinds of events that need not be looked for any more
         # work space of the stops
         ("theta", "f8", (4,)),
@@ -40,74 +45,10 @@ STEP_SCRATCH = np.dtype(
 )
 
 
-@kernel
-def begin(brakes, state, currents, step, lagged):
-    """Freeze each brake's lag for the coming step (only where the scene has one)."""
-    if lagged == 0:
-        return
-    signed = brakes.signed != 0.0
-    for i in range(4):
-        if brakes.present[i] > 0.0:
-            rate, acceleration = 0.0, 0.0
-            if state.sign[i] != 0.0:
-                rate = state.rate[i]
-                acceleration = joint_acceleration(state, i)
-            gain = torque_gain(brakes, i, currents[i])
-            if signed and brakes.play[i] > 0.0 and state.edge[i] == 0.0:
-                gain = brakes.k[i, 1]  # inside the backlash; the torque follows with its lag
-            gain += state.ripple[i]
-            begin_lag(brakes, i, currents[i], gain, state.torque_yield[i], rate, acceleration, step, state.lag)
-
-
-@kernel
-def age_yields(brakes, state, elapsed, lagged):
-    """Let the yields follow their lag to `elapsed` seconds into the step."""
-    if lagged != 0:
-        for i in range(4):
-            if brakes.present[i] > 0.0:
-                state.torque_yield[i] = lagged_yield(state.lag, i, elapsed)
-
-
 @inlined
-def joint_acceleration(at, i):
-    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
-    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
-
-
-@kernel
-def lagged_yields(brakes, lag, step, middle, end):
-    """Yields (4,), N m, in the middle and at the end of a step: one exponential where the time constant is one."""
-    for i in range(4):
-        if brakes.present[i] > 0.0:
-            middle[i] = lagged_yield(lag, i, 0.5 * step)
-            if 0.0 < step <= lag[i, 3] and lag[i, 1] != lag[i, 0]:
-                gone = (middle[i] - lag[i, 0]) / (lag[i, 1] - lag[i, 0])
-                end[i] = lag[i, 0] + (middle[i] - lag[i, 0]) * gone
-            else:
-                end[i] = lagged_yield(lag, i, step)
-
-
-@inlined
-def slip_torques(brakes, state, yields, lagged):
-    """Torques of the slipping brakes A, E, B, C while they yield at `yields` (4,), N m; 0 for the others."""
-    a = e = b = c = 0.0
-    for i in range(4):
-        sign = state.sign[i]
-        if sign == 0.0 or state.active[i] == 0:
-            continue
-        held = state.cost_plus[i] if sign > 0.0 else state.cost_minus[i]
-        if lagged != 0 and (brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0 or brakes.signed != 0.0):
-            held = yields[i]
-        torque = -sign * held
-        if i == 0:
-            a = torque
-        elif i == 1:
-            e = torque
-        elif i == 2:
-            b = torque
-        else:
-            c = torque
-    return a, e, b, c
+def slip_torques(state):
+    """Torques of the slipping brakes A, E, B, C, N m, at the start of a step; 0 for the others."""
+    return slip_torque(state, 0), slip_torque(state, 1), slip_torque(state, 2), slip_torque(state, 3)
 
 
 @inlined
@@ -134,6 +75,8 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
     sx, sy = grip_force(grip, x, y, vx, vy)
     fx, fy, arm_mass = px + sx, py + sy, grip.mass
     p, r = q.arm_1, q.arm_2
+    if mechanism.coupled != 0:
+        slip = torques_on_joints(mechanism, slip)
     rx = fx - q.bias_x + slip[0] * p.base_x + slip[1] * p.elbow_x + slip[2] * r.base_x + slip[3] * r.elbow_x
     ry = fy - q.bias_y + slip[0] * p.base_y + slip[1] * p.elbow_y + slip[2] * r.base_y + slip[3] * r.elbow_y
     mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
@@ -149,7 +92,7 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
 
 
 @kernel
-def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
+def rk4(mechanism, brakes, hand, state, scratch, t, dt):
     """One RK4 step of dt seconds from `state` into `scratch`; False where a stage left the region where the arms close.
 
     The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
@@ -157,26 +100,34 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     """
     grip = hand.grips[0]
     held = state.held
-    first = slip_torques(brakes, state, state.torque_yield, lagged)
-    middle, last = first, first
-    if lagged != 0:
-        lagged_yields(brakes, state.lag, dt, scratch.torque_yield[0], scratch.torque_yield[1])
-        middle = slip_torques(brakes, state, scratch.torque_yield[0], lagged)
-        last = slip_torques(brakes, state, scratch.torque_yield[1], lagged)
-    on_joints, at_end = middle, last
-    if mechanism.coupled != 0:
-        on_joints, at_end = torques_on_joints(mechanism, middle), torques_on_joints(mechanism, last)
+    first = slip_torques(state)
+    torques2 = torques3 = torques4 = last = first
+    if state.lagging != 0:
+        begin_stages(brakes, state, scratch, dt)
+        torques2 = lagging_torques(scratch, 0)
     half = 0.5 * dt
     px, py = prescribed_force(hand, t + half)
     qx, qy = prescribed_force(hand, t + dt)
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     ax1, ay1 = state.acceleration[0], state.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
-    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, on_joints, px, py, x2, y2, vx2, vy2)
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, px, py, x2, y2, vx2, vy2)
+    rates2 = rates_of(mechanism, q2)
+    if state.lagging != 0:
+        follow(state, scratch, rates2, half, 0)
+        torques3 = lagging_torques(scratch, 0)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
-    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, on_joints, px, py, x3, y3, vx3, vy3)
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, px, py, x3, y3, vx3, vy3)
+    rates3 = rates_of(mechanism, q3)
+    if state.lagging != 0:
+        follow(state, scratch, rates3, dt, 1)
+        torques4 = lagging_torques(scratch, 1)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
-    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, at_end, qx, qy, x4, y4, vx4, vy4)
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, qx, qy, x4, y4, vx4, vy4)
+    rates4 = rates_of(mechanism, q4)
+    if state.lagging != 0:
+        end_stages(state, scratch, rates4, dt)
+        last = lagging_torques(scratch, 1)
     sixth = dt / 6.0
     scratch.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
     scratch.tip[1] = y + sixth * (vy + 2.0 * (vy2 + vy3) + vy4)
@@ -189,21 +140,15 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
         + hx4 * vx4
         + hy4 * vy4
     )
-    rate = state.rate
-    turned, heat = scratch.turned, scratch.heat
-    p2, p3, p4, r2, r3, r4 = q2.arm_1, q3.arm_1, q4.arm_1, q2.arm_2, q3.arm_2, q4.arm_2
-    a, e = (p2.base_rate, p3.base_rate, p4.base_rate), (p2.elbow_rate, p3.elbow_rate, p4.elbow_rate)
-    b, c = (r2.base_rate, r3.base_rate, r4.base_rate), (r2.elbow_rate, r3.elbow_rate, r4.elbow_rate)
-    if mechanism.coupled != 0:
-        e, c = coupled_rates(mechanism, 1, a, b, e), coupled_rates(mechanism, 3, a, b, c)
-    turned[0], heat[0] = booked(sixth, first[0], middle[0], last[0], rate[0], a)
-    turned[1], heat[1] = booked(sixth, first[1], middle[1], last[1], rate[1], e)
-    turned[2], heat[2] = booked(sixth, first[2], middle[2], last[2], rate[2], b)
-    turned[3], heat[3] = booked(sixth, first[3], middle[3], last[3], rate[3], c)
+    for i in range(4):
+        w1, w2, w3, w4 = state.rate[i], rates2[i], rates3[i], rates4[i]
+        scratch.turned[i] = sixth * (w1 + 2.0 * (w2 + w3) + w4)
+        taken = first[i] * w1 + 2.0 * (torques2[i] * w2 + torques3[i] * w3) + torques4[i] * w4
+        scratch.heat[i] = -sixth * taken
     scratch.middle_torque = 0.5 * (torque2 + torque3)
     put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
     tip = scratch.tip
-    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, at_end, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
     scratch.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
     scratch.acceleration[0], scratch.acceleration[1] = ax, ay
     scratch.hand_force[0], scratch.hand_force[1] = hx, hy
@@ -212,8 +157,8 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt, lagged):
     store(mechanism, scratch, end)
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     limit = REACH * mechanism.margin
-    least_1 = min(min(abs(p2.s), abs(p3.s)), min(abs(p4.s), abs(end.arm_1.s)))
-    least_2 = min(min(abs(r2.s), abs(r3.s)), min(abs(r4.s), abs(end.arm_2.s)))
+    least_1 = min(min(abs(q2.arm_1.s), abs(q3.arm_1.s)), min(abs(q4.arm_1.s), abs(end.arm_1.s)))
+    least_2 = min(min(abs(q2.arm_2.s), abs(q3.arm_2.s)), min(abs(q4.arm_2.s), abs(end.arm_2.s)))
     if held >= 0:
         scratch.rate[held] = 0.0
     area_1, area_2 = m1.length_1 * m1.length_2, m2.length_1 * m2.length_2
@@ -234,20 +179,14 @@ def torques_on_joints(mechanism, torques):
 
 
 @inlined
-def coupled_rates(mechanism, i, a, b, own):
-    """Rates of brake i in three stages, from those of the base joints where it is coupled, else its joint's own."""
-    if mechanism.coupled >> i & 1 == 0:
-        return own
-    x, y = mechanism.combination[i, 0], mechanism.combination[i, 1]
-    return x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2]
-
-
-@inlined
-def booked(sixth, first, middle, last, w1, later):
-    """Angle that a joint turned (rad) and its heat (J) over the step, from torques and rates of the four stages."""
-    w2, w3, w4 = later
-    turned = sixth * (w1 + 2.0 * (w2 + w3) + w4)
-    return turned, -sixth * (first * w1 + 2.0 * middle * (w2 + w3) + last * w4)
+def rates_of(mechanism, q):
+    """Rates of the brakes A, E, B, C in a `Motion` (rad/s)."""
+    a, e, b, c = q.arm_1.base_rate, q.arm_1.elbow_rate, q.arm_2.base_rate, q.arm_2.elbow_rate
+    coupled, combination = mechanism.coupled, mechanism.combination
+    if coupled != 0:
+        e = combination[1, 0] * a + combination[1, 1] * b if coupled & 2 != 0 else e
+        c = combination[3, 0] * a + combination[3, 1] * b if coupled & 8 != 0 else c
+    return a, e, b, c
 
 
 @kernel

@@ -12,16 +12,22 @@ MAX_EVENTS, FALLBACK_S = 24, 1e-3
 SHORTEST = 1e-8
 #: m/s2; a step whose last stage differs from its end by more is cut (an embedded third-order estimate, so the step
 #: itself is far better). Larger: errors near singular positions grow. Smaller: quiet steps are cut without need.
-STEP_ERROR = 1e-3
+STEP_ERROR = 1e-4
 #: Sine of an elbow below which a step's energy is checked, too: the rates of the joints are there far more sensitive
 #: than the tip's motion. Larger: quiet steps pay for the check. Smaller: the ledger drifts near singular positions.
 NEAR_SINGULAR = 0.1
 #: Share of the energy that changed hands in a step (above `LEAST_ENERGY`, J) that its ledger may leave unexplained.
 #: Larger: energy appears or vanishes near singular positions. Smaller: rounding cuts steps.
 ENERGY_ERROR, LEAST_ENERGY = 1e-4, 1e-6
-#: N m; a step over which the frozen time constant of a brake may misjudge its yield by more is cut. Larger: long steps
-#: lose accuracy where brakes lag and joints reverse. Smaller: quiet steps are cut without need.
-YIELD_ERROR = 5e-3
+#: N m; a step that may misjudge the course of a lagging yield by more is cut. Larger: long steps lose accuracy where
+#: brakes lag and joints reverse. Smaller: quiet steps are cut without need.
+YIELD_ERROR = 1e-7
+#: Relative; a yield this near to K is K: rounding would keep it from ever arriving. Larger: a yield jumps. Smaller: a
+#: brake at rest goes on costing what one costs whose yield changes.
+ARRIVED = 2e-15
+#: Relative; a joint's rate this near to an edge of Eq. (4) is there. Larger: where a brake's constant jumps at omega_0
+#: the order drowns. Smaller: a step is cut a second time, to the rest of the way.
+PACE_ROUNDING = 1e-7
 #: J; a step in which a brake would give more than this is cut: its joint reversed unseen. Smaller: rounding cuts steps.
 GIVEN = 1e-15
 #: s; no step is cut below this for its error. Larger: errors remain near singular positions. Smaller: they cost more.

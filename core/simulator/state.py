@@ -54,7 +54,15 @@ STATE = np.dtype(
         ("cost_plus", "f8", (PLACES,)),  # N m, what a joint holds against + motion now
         ("cost_minus", "f8", (PLACES,)),  # N m, against - motion
         ("active", "i8", (PLACES,)),  # 1: the joint carries a brake or touches a stop
-        ("lag", "f8", (4, 5)),
+        # the brakes' lag over a step
+        ("lagging", "i8"),  # 1: some yield is on its way; else nothing else of the lag is filled
+        ("gain", "f8", (4,)),  # N m, K: what the yield goes to
+        ("lack", "f8", (4,)),  # N m, y - K at the start
+        ("pace", "i8", (4,)),  # the branch of Eq. (4) for the joint's rate
+        ("per_lag", "f8", (4,)),  # 1/s, 1/a at the start
+        ("octaves", "f8", (4,)),  # omega_L at the start
+        ("per_rate", "f8", (4,)),  # s/rad, 1 / rate at the start; 0: the constant does not change with it
+        ("lag", "f8", (3, 4)),  # s, coefficients of a below omega_0
         ("theta", "f8", (4,)),  # rad
         ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
     ]
@@ -62,7 +70,22 @@ STATE = np.dtype(
 
 #: Fields that are filled before they are read, in every step or after every rest. All others are what a device takes
 #: from trial to trial.
-_FILLED_FIRST = ("ripple", "sense", "cost_plus", "cost_minus", "active", "lag", "theta")
+_FILLED_FIRST = (
+    "ripple",
+    "sense",
+    "cost_plus",
+    "cost_minus",
+    "active",
+    "lagging",
+    "gain",
+    "lack",
+    "pace",
+    "per_lag",
+    "octaves",
+    "per_rate",
+    "lag",
+    "theta",
+)
 CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
 
 ARM = np.dtype([(name, "f8") for name in Arm._fields])

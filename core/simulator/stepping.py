@@ -8,13 +8,13 @@ finite. It serves by itself, and as what `event` falls back to.
 
 import math
 
-from core.brake import lagged_yield
 from core.dynamics import motion
 from core.kernel import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
-from core.simulator.runge_kutta import begin, keep_on_line, kinetic
+from core.simulator.lag import age_yields, begin
+from core.simulator.runge_kutta import keep_on_line, kinetic
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
 from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
 from core.stops import stop_gap
@@ -43,8 +43,8 @@ def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, la
     elapsed, step, halvings = 0.0, h, 0
     while elapsed < h:
         step = min(step, h - elapsed)
-        begin(brakes, state, currents, step, lagged)
-        speed = implicit_velocity(mechanism, brakes, hand, state, scratch, t + elapsed, step, lagged)
+        begin(brakes, state, currents, lagged)
+        speed = implicit_velocity(mechanism, brakes, hand, state, scratch, t + elapsed, step)
         singular = near_singular(mechanism, state)
         if halvings < limits.MOST_HALVINGS and (
             speed * step > limits.LONGEST_WAY
@@ -54,7 +54,7 @@ def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, la
             halvings += 1
             continue
         before = balance(state) if singular else 0.0
-        take(mechanism, brakes, hand, state, scratch, step, lagged)
+        take(mechanism, brakes, hand, state, scratch, step)
         if singular:
             create_nothing(state, before)
         elapsed = h if step == h - elapsed else elapsed + step
@@ -82,16 +82,15 @@ def singularity_change(mechanism, state, scratch):
 
 
 @kernel
-def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
+def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h):
     """Velocity after an implicit step of h seconds into scratch.tip[2:]; its size (m/s). The state keeps its motion."""
     tip, mass, grip = state.tip, state.mass, hand.grips[0]
     for i in range(4):
-        scratch.torque_yield[0, i] = state.torque_yield[i]
-        if lagged != 0 and brakes.present[i] > 0.0:
-            state.torque_yield[i] = lagged_yield(state.lag, i, h)
+        scratch.torque_yield[i] = state.torque_yield[i]
+    age_yields(state, h)
     set_costs(brakes, state)
     for i in range(4):
-        state.torque_yield[i] = scratch.torque_yield[0, i]
+        state.torque_yield[i] = scratch.torque_yield[i]
     vx, vy = tip[2] + state.carry[0], tip[3] + state.carry[1]
     mxx, mxy, myy = mass[0] + grip.mass, mass[1], mass[2] + grip.mass
     fx, fy = hand_force(hand, t + h, tip[0], tip[1], tip[2], tip[3])
@@ -123,12 +122,10 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h, lagged):
 
 
 @kernel
-def take(mechanism, brakes, hand, state, scratch, h, lagged):
+def take(mechanism, brakes, hand, state, scratch, h):
     """Take the implicit step: move the tip, enter the ledger, look around."""
     tip = state.tip
-    for i in range(4):
-        if lagged != 0 and brakes.present[i] > 0.0:
-            state.torque_yield[i] = lagged_yield(state.lag, i, h)
+    age_yields(state, h)
     for j in range(PLACES):
         state.sign[j] = scratch.sign[j]
         for k in range(2):

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from core.brake import begin_lag, lagged_yield, time_constant, torque_gain
+from core.brake import lagged_yield, time_constant, torque_gain
 from core.device import RAD_S_PER_RPM, Device, build_brakes
 from core.device_file import BrakeFile, parse_brake
 from core.mechanism import A
@@ -160,7 +160,6 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
     steps: (time, current), s and A; before the first one the current has been on for long.
     """
     rate = speed_rpm * RAD_S_PER_RPM
-    lag = np.zeros((4, 5))
     torque = np.empty(len(times))
     now = float(brake.torque_gain([steps[0][1]])[0])
     ends = [step[0] for step in steps[1:]] + [math.inf]
@@ -169,10 +168,10 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
         if duration <= 0.0:
             break
         gain = torque_gain(brake.record, A, current)
-        begin_lag(brake.record, A, current, gain, now, rate, 0.0, duration, lag)
+        constant = time_constant(brake.record, A, current, rate, gain > now)
         for k in np.flatnonzero((times >= begin) & (times < end)):
-            torque[k] = lagged_yield(lag, A, times[k] - begin)
-        now = lagged_yield(lag, A, duration)
+            torque[k] = lagged_yield(gain, now, times[k] - begin, constant)
+        now = lagged_yield(gain, now, duration, constant)
     return torque
 
 

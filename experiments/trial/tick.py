@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from core import tick_log as log
-from core.brake import begin_lag, lagged_yield, torque_gain
+from core.brake import lagged_yield, time_constant, torque_gain
 from core.cobot import COBOT
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
@@ -254,8 +254,8 @@ def estimate_energies(brakes, state, run, row):
         current = row[log.MEASURED + i]
         current = min(max(current, 0.0), brakes.current_max[i]) if math.isfinite(current) else 0.0
         gain = torque_gain(brakes, i, current)
-        begin_lag(brakes, i, current, gain, state.torque_yield[i], state.rate[i], 0.0, TICK_S, state.lag)
-        state.torque_yield[i] = lagged_yield(state.lag, i, TICK_S)
+        constant = time_constant(brakes, i, current, state.rate[i], gain > state.torque_yield[i])
+        state.torque_yield[i] = lagged_yield(gain, state.torque_yield[i], TICK_S, constant)
         if abs(state.rate[i]) >= RESTING_RAD_S:
             state.torque[i] = -math.copysign(state.torque_yield[i], state.rate[i])
         state.heat[i] += state.torque_yield[i] * abs(state.rate[i]) * TICK_S

@@ -1,0 +1,249 @@
+"""How the yields follow their lag within a step, Eq. (1) with the time constants of Eq. (4).
+
+A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega). So L is one more quantity that a step integrates, in
+the same stages as the motion, and a time constant that is short beside the step upsets nothing. Each joint's pace, the
+branch of Eq. (4) for its rate, is held fixed within a step like the pattern of stick and slip: a step ends where a
+joint comes to another branch (`pace_ends`).
+
+All four brakes are computed side by side, those that lack nothing, too: so the processor does them at once.
+"""
+
+import math
+
+from core.brake import below_omega_0, inverse, octaves, torque_gain
+from core.kernel import inlined, kernel
+from core.simulator.hermite import hermite_zero
+from core.simulator.solver_numbers import ARRIVED, EDGE_S, PACE_ROUNDING
+
+#: Paces: below the floor of Eq. (4), from there to omega_0, beyond it. Only a slow joint's time constant changes.
+CREEPING, SLOW, FAST = 0, 1, 2
+OCTAVES = 1.0 / math.log(2.0)
+#: Below it `decayed` sums a series. Larger: its error; smaller: a call for every exponential.
+SMALL = 0.06
+#: Share by which a rate may seem to have grown in a stage, s: bounds for steps that are tried too long.
+LEAST_GROWTH, MOST_GROWTH, LEAST_LAG_S = -0.9, 10.0, 1e-9
+
+
+@inlined
+def joint_acceleration(at, i):
+    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
+    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
+
+
+@kernel
+def begin(brakes, state, currents, lagged):
+    """Stage: what each yield goes to in the coming step under the currents (4,), A, and how fast.
+
+    `state.lagging` tells whether any is on its way: in a scene without lag none ever is.
+    """
+    state.lagging = 0
+    if lagged == 0:
+        return
+    for i in range(4):
+        state.lack[i] = state.per_lag[i] = state.per_rate[i] = state.pace[i] = 0
+        state.lag[0, i] = 1.0
+        if brakes.present[i] > 0.0:
+            state.gain[i] = gain_of(brakes, state, i, currents[i])
+            state.lack[i] = state.torque_yield[i] - state.gain[i]
+            if abs(state.lack[i]) <= ARRIVED * state.gain[i]:
+                state.torque_yield[i], state.lack[i] = state.gain[i], 0.0
+            else:
+                state.lagging = 1
+                begin_brake(brakes, state, i, currents[i])
+
+
+@inlined
+def gain_of(brakes, state, i, current):
+    """K of brake i as it is in this step (N m), Eq. (2), with its ripple."""
+    gain = torque_gain(brakes, i, current)
+    if brakes.signed != 0.0 and brakes.play[i] > 0.0 and state.edge[i] == 0.0:
+        gain = brakes.k[i, 1]  # inside the backlash; the torque follows with its lag
+    return gain + state.ripple[i]
+
+
+@inlined
+def begin_brake(brakes, state, i, current):
+    """Pace and time constant of brake i at the start of a step."""
+    rising, rate, growth = state.lack[i] < 0.0, 0.0, 0.0
+    if state.sign[i] != 0.0:
+        rate = state.rate[i]
+        growth = math.copysign(1.0, rate) * joint_acceleration(state, i)
+    speed = abs(rate)
+    pace = pace_of(brakes, i, speed, growth)
+    state.pace[i] = pace
+    if pace == FAST:
+        state.lag[0, i] = brakes.rise[i, 0] if rising else brakes.fall[i, 0]
+        state.lag[1, i] = state.lag[2, i] = state.octaves[i] = 0.0
+    else:
+        state.lag[0, i], state.lag[1, i], state.lag[2, i] = below_omega_0(brakes, i, current, rising)
+        state.octaves[i] = octaves(min(max(speed, brakes.floor[i]), brakes.omega_0[i]))
+        if pace == SLOW:
+            state.per_rate[i] = 1.0 / rate
+    w = state.octaves[i]
+    state.per_lag[i] = inverse(state.lag[0, i] + (state.lag[1, i] + state.lag[2, i] * w) * w)
+
+
+@inlined
+def pace_of(brakes, i, speed, growth):
+    """The branch of Eq. (4) for the speed (rad/s) of joint i, which grows by `growth` (rad/s2)."""
+    for pace in (FAST, SLOW):
+        edge = brakes.omega_0[i] if pace == FAST else brakes.floor[i]
+        near = PACE_ROUNDING * edge + 2.0 * EDGE_S * abs(growth)
+        if speed >= edge + near or (growth > 0.0 and speed >= edge - near):
+            return pace
+    return CREEPING
+
+
+@kernel
+def age_yields(state, elapsed):
+    """The yields `elapsed` seconds into the step by the time constants of its start: exact while the joints rest."""
+    if state.lagging != 0 and elapsed > 0.0:
+        for i in range(4):
+            if state.lack[i] != 0.0:
+                state.torque_yield[i] = state.gain[i] + state.lack[i] * math.exp(-elapsed * state.per_lag[i])
+
+
+@inlined
+def per_lag_at(state, i, rate):
+    """1/a of brake i (1/s), Eq. (4), at a stage's rate (rad/s); its omega_L by the series of the logarithm.
+
+    The series is good to rounding for a rate within a fifth of that at the start, to 1e-6 within a half; a step over
+    which a rate changes more is cut (`yield_error`).
+    """
+    growth = min(max((rate - state.rate[i]) * state.per_rate[i], LEAST_GROWTH), MOST_GROWTH)
+    z = growth / (2.0 + growth)
+    zz = z * z
+    w = state.octaves[i] + 2.0 * OCTAVES * z * (1.0 + zz * (1 / 3 + zz * (1 / 5 + zz * (1 / 7 + zz * (1 / 9)))))
+    return 1.0 / max(state.lag[0, i] + (state.lag[1, i] + state.lag[2, i] * w) * w, LEAST_LAG_S)
+
+
+@inlined
+def decayed(a, e, b, c):
+    """exp(-a) .. exp(-c), all >= 0; small ones by their series, to 1e-12."""
+    if max(max(a, e), max(b, c)) < SMALL:
+        return series(a), series(e), series(b), series(c)
+    return math.exp(-a), math.exp(-e), math.exp(-b), math.exp(-c)
+
+
+@inlined
+def series(e):
+    """exp(-e) of a small e."""
+    return 1.0 - e * (1.0 - e * (1 / 2 - e * (1 / 6 - e * (1 / 24 - e * (1 / 120 - e * (1 / 720))))))
+
+
+@kernel
+def begin_stages(brakes, state, scratch, dt):
+    """What the torques of a step of dt seconds are made of, and what is left of each lack in the second stage."""
+    for i in range(4):
+        sign = state.sign[i]
+        steady = swing = 0.0
+        if sign != 0.0 and state.active[i] != 0:
+            if brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0 or brakes.signed != 0.0:
+                steady, swing = -sign * state.gain[i], -sign * state.lack[i]
+            else:
+                steady = -sign * (state.cost_plus[i] if sign > 0.0 else state.cost_minus[i])
+        scratch.steady[i], scratch.swing[i] = steady, swing
+    half, per_lag, left = 0.5 * dt, state.per_lag, scratch.left[0]
+    left[0], left[1], left[2], left[3] = decayed(
+        half * per_lag[0], half * per_lag[1], half * per_lag[2], half * per_lag[3]
+    )
+
+
+@kernel
+def follow(state, scratch, rates, dt, stage):
+    """What is left of each lack dt seconds on, at the rates (A, E, B, C; rad/s) of stage 2 (0) or 3 (1)."""
+    a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
+    b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
+    per_lag, left = scratch.per_lag[stage], scratch.left[stage]
+    per_lag[0], per_lag[1], per_lag[2], per_lag[3] = a, e, b, c
+    left[0], left[1], left[2], left[3] = decayed(dt * a, dt * e, dt * b, dt * c)
+
+
+@kernel
+def end_stages(state, scratch, rates, dt):
+    """What is left of each lack at the end of the step, from the rates of all stages; the yields there."""
+    one, two, three, four, left = (
+        state.per_lag,
+        scratch.per_lag[0],
+        scratch.per_lag[1],
+        scratch.per_lag[2],
+        scratch.left[1],
+    )
+    a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
+    b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
+    four[0], four[1], four[2], four[3] = a, e, b, c
+    sixth = dt / 6.0
+    left[0], left[1], left[2], left[3] = decayed(
+        sixth * (one[0] + 2.0 * (two[0] + three[0]) + a),
+        sixth * (one[1] + 2.0 * (two[1] + three[1]) + e),
+        sixth * (one[2] + 2.0 * (two[2] + three[2]) + b),
+        sixth * (one[3] + 2.0 * (two[3] + three[3]) + c),
+    )
+    for i in range(4):
+        scratch.torque_yield[i] = state.gain[i] + state.lack[i] * left[i]
+
+
+@inlined
+def lagging_torques(scratch, when):
+    """Torques of the brakes A, E, B, C, N m, as they slip: in the middle of the step (0) or at its end (1)."""
+    steady, swing, left = scratch.steady, scratch.swing, scratch.left[when]
+    return (
+        steady[0] + swing[0] * left[0], steady[1] + swing[1] * left[1],
+        steady[2] + swing[2] * left[2], steady[3] + swing[3] * left[3],
+    )  # fmt: skip
+
+
+@kernel
+def yield_error(brakes, state, scratch, step):
+    """How far a torque of the tried step may be off, which takes a parabola for the course of its yields (N m).
+
+    The largest of the remainders of Simpson's rule: for an exponential, and for a constant that is linear in the
+    logarithm of a rate that grows evenly.
+    """
+    largest = 0.0
+    for i in range(4):
+        if state.lack[i] == 0.0 or state.sign[i] == 0.0:
+            continue
+        share = step * state.per_lag[i]
+        off = min(share * share * share * share / 2880.0, 1.0 / 6.0)
+        if state.pace[i] == SLOW:
+            start, end = abs(state.rate[i]), abs(scratch.rate[i])
+            middle = 0.25 * abs(6.0 * abs(scratch.turned[i]) / step - start - end)
+            low, high = min(min(start, end), middle), max(max(start, end), middle)
+            spread = 2.0 * (high - low) / (high + low)
+            change = max(abs(scratch.per_lag[0, i] - state.per_lag[i]), abs(scratch.per_lag[2, i] - state.per_lag[i]))
+            off += step * change * spread * spread * spread / 480.0
+        largest = max(largest, abs(state.lack[i]) * off)
+    return largest
+
+
+@kernel
+def pace_ends(brakes, state, scratch, step):
+    """The first time in the tried step (s) at which a joint comes to another branch of Eq. (4); infinite: none does."""
+    first = math.inf
+    for i in range(4):
+        if state.sign[i] != 0.0 and state.lack[i] != 0.0:
+            pace = state.pace[i]
+            if pace != FAST:
+                edge = brakes.omega_0[i] if pace == SLOW else brakes.floor[i]
+                first = min(first, edge_reached(state, scratch, i, edge, -1.0, step))
+            if pace != CREEPING:
+                edge = brakes.omega_0[i] if pace == FAST else brakes.floor[i]
+                first = min(first, edge_reached(state, scratch, i, edge, 1.0, step))
+    return first
+
+
+@inlined
+def edge_reached(state, scratch, i, edge, way, step):
+    """When joint i comes down (way 1) or up (-1) to a speed (rad/s) in the tried step, s; infinite: it does not.
+
+    By the cubic through its rates and accelerations: also where it comes back within the step.
+    """
+    toward = way * state.sign[i]
+    start, end = toward * state.rate[i] - way * edge, toward * scratch.rate[i] - way * edge
+    falls, falls_at_end = toward * joint_acceleration(state, i), toward * joint_acceleration(scratch, i)
+    if end < -PACE_ROUNDING * edge or (falls < 0.0 and falls_at_end > 0.0):
+        s = hermite_zero(max(start, 0.0), falls, end, falls_at_end, step)
+        if s > EDGE_S:
+            return s
+    return math.inf
