@@ -16,18 +16,26 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
         "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
-        "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
+        "what the host of a virtual machine kept the loop's core from it; nothing here can help that.\n"
+        "--scale instead: seconds, memory and megabytes of study, verify, recover, analyze and export against the\n"
+        "trials of studies of 60 to 480 (some minutes, 2 GB of temporary files).",
         "phd bench --out bench-1", prints="the result",
     ).add_argument  # fmt: skip
     option("--quick", action="store_true", help="one device, two steps, fewer repeats")
     loop = "the control loop's lateness instead, for so long in each case (default: 15)"
     option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
+    scale = "how the cost of a study and of what reads it grows with its trials instead"
+    option("--scale", action="store_true", help=scale)
     option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> None:
+    if args.loop is not None and args.scale:
+        raise InputError("--scale: is another measurement than --loop, ask for one of them")
     if args.loop is not None:
         return bench_loop(args)
+    if args.scale:
+        return bench_growth(args)
     out = args.out
     if out is not None and out.exists():
         raise InputError(f"--out: {out}: exists already and is never overwritten")
@@ -43,6 +51,16 @@ def bench(args: argparse.Namespace) -> None:
         (out / "bench.json").write_text(json.dumps(result, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
         for form, data in pictures.items():
             (out / f"work-precision.{form}").write_bytes(data)
+
+
+def bench_growth(args: argparse.Namespace) -> None:
+    """How the cost of a study grows with its trials."""
+    if args.out is not None or args.quick:
+        raise InputError("--scale: takes neither --out nor --quick")
+    from app.verbs.growth import measure_all, table
+
+    found = with_progress("measuring", measure_all)
+    answer(args, found, table(found))
 
 
 def bench_loop(args: argparse.Namespace) -> None:

@@ -50,8 +50,10 @@ _SHOWN_WHILE_BLIND = (
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
-def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> dict:
+def export(folder: Path, outs: dict[str, Path], compress: bool = False, progress: Progress = unseen) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
+
+    One recording at a time is in memory. compress: the recordings of the CSV by gzip.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
     """
@@ -75,7 +77,9 @@ def export(folder: Path, outs: dict[str, Path], progress: Progress = unseen) -> 
     ]
     trials = 0
     with _new_folders(outs) as partial:
-        forms = [BidsDataset(place) if form == "bids" else CsvTables(place) for form, place in partial.items()]
+        forms = [
+            BidsDataset(place) if form == "bids" else CsvTables(place, compress) for form, place in partial.items()
+        ]
         for number, path in enumerate(paths, start=1):
             home = path.parent.parent
             trial = _look_at(path, sessions[home]) if home in sessions else "the table of its session cannot be read"
@@ -182,18 +186,18 @@ class CsvTables:
         questionnaire.csv           a row for each block that was asked about, if any was
         notes.csv                   what the experimenter wrote down, if anything
         columns.json                file -> column -> unit and description
-        sub-01/ses-01/run-001.csv   every tick
+        sub-01/ses-01/run-001.csv   every tick; run-001.csv.gz where that was asked for
                       run-001.json  what is known of the trial: its path, rules, gain, how it ended
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, compress: bool = False) -> None:
+        self.folder, self._suffix = folder, ".csv.gz" if compress else ".csv"
         self._rows: list[TrialRow] = []
         self._columns: dict[str, Column] = {}
 
     def add(self, trial: ExportedTrial) -> None:
         """Write one recording and what is known of it."""
-        place = PurePosixPath(trial.subject, trial.session, f"run-{trial.row.run:03d}.csv")
+        place = PurePosixPath(trial.subject, trial.session, f"run-{trial.row.run:03d}{self._suffix}")
         path = self.folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
         recording = trial.recording
@@ -205,14 +209,17 @@ class CsvTables:
         }
         write_columns(path, columns, ",", header=True, missing="")
         about = {"trial": trial.about, "outcome": trial.outcome, "begun": trial.begun, "phd": trial.software}
-        write_json(path.with_suffix(".json"), about)
+        write_json(path.with_name(f"run-{trial.row.run:03d}.json"), about)
         self._rows.append(replace(trial.row, recording=str(place)))
 
     def finish(self, exported: Exported) -> None:
         """Write the table, the dictionary and the README."""
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
-        tables: dict[str, Mapping[str, Column]] = {"trials.csv": DICTIONARY, "sub-*/ses-*/run-*.csv": self._columns}
+        tables: dict[str, Mapping[str, Column]] = {
+            "trials.csv": DICTIONARY,
+            f"sub-*/ses-*/run-*{self._suffix}": self._columns,
+        }
         tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))
         described = {name: _described(columns) for name, columns in tables.items()}
         for name, levels in controller_levels(order, exported.sessions).items():

@@ -446,7 +446,7 @@ class Session:
     def _about(self, key_sha256: str) -> dict[str, Any]:
         """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
         return self._common() | {
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "created": datetime.now(UTC).isoformat(timespec="milliseconds"),
             "hand": self.hand,
             "person": self.person._asdict() if self.person else None,
             "assumed": self.protocol.assumed,

@@ -1,5 +1,6 @@
 """`phd export`: BIDS-Motion that the official validator accepts, CSV that gives back every number; all or nothing."""
 
+import gzip
 import json
 import shutil
 from dataclasses import replace
@@ -141,6 +142,22 @@ def test_every_number_of_a_recording_comes_back_from_its_csv_file(study, exporte
         assert (about["trial"], about["outcome"]) == (recording.metadata, recording.outcome)
 
 
+def test_a_compressed_export_holds_the_same_bytes(study, exported, tmp_path):
+    """Recordings as .csv.gz, everything else as it was but for their names; twice the same."""
+    one, two = tmp_path / "one", tmp_path / "two"
+    for out in (one, two):
+        export(study, {"csv": out}, compress=True)
+    plain, found = files(exported["csv"]), files(one)
+    assert found == files(two)
+    unpacked = {name.removesuffix(".gz"): gzip.decompress(data) for name, data in found.items() if name.endswith(".gz")}
+    assert unpacked == {
+        name: data for name, data in plain.items() if Path(name).name.startswith("run-") and ".csv" in name
+    }
+    assert read_table(one / "trials.csv")[0].recording.endswith("run-001.csv.gz")
+    assert "sub-*/ses-*/run-*.csv.gz" in json.loads((one / "columns.json").read_text())
+    assert sorted(name for name in found if name.endswith(".json")) == sorted(n for n in plain if n.endswith(".json"))
+
+
 def test_the_tables_hold_the_rows_of_the_study(study, exported):
     rows = read_table(exported["csv"] / "trials.csv")
     assert [replace(r, recording="") for r in rows[:3]] == [replace(r, recording="") for r in pooled_rows(study)]
@@ -255,6 +272,7 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
     before = files(tmp_path)
     wrong = {
         "nothing to write": ["export", str(study)],
+        "--compress: is for --csv": ["export", str(study), "--bids", "out", "--compress"],
         "holds no recordings": ["export", str(full), "--csv", "out"],
         "is not empty": ["export", str(study), "--bids", str(full)],
         "neither inside the other": ["export", str(study), "--bids", "out", "--csv", "out/csv"],
