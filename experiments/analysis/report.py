@@ -178,14 +178,15 @@ def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) 
     text = f"{people} participant{'s' if people != 1 else ''}, {counted} trials that count"
     if len(rows) > counted:
         text += f", {len(rows) - counted} that do not (aborted, stopped, redone, recovered, skipped or excluded)"
-    if not late:
+    aborted = any(row.status == "aborted" for row in rows)
+    if not late and not aborted:
         return text + "; all reached the end."
     text += f"; {late} of them ran out of time and {'count in' if timeouts else 'are left out of'} the statistics."
     if any(isinstance(row.controller, str) for row in rows):
         return text
     worst = sorted((share, cell) for cell, share in finished_share(rows).items() if share < 1.0)
     listed = ", ".join(f"{_name(k, names)} on {device} {100 * share:.0f} %" for share, (device, k) in worst)
-    return f"{text} Reached the end: {listed}; all others 100 %."
+    return f"{text} Reached the end{' (aborted: not)' if aborted else ''}: {listed}; all others 100 %."
 
 
 def _name(controller: int | str, names: Mapping[int, str]) -> str:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_controller, to_compare
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
@@ -137,10 +137,10 @@ def spreads(rows: Iterable[TrialRow], column: str) -> Scores:
 
 
 def finished_share(rows: Iterable[TrialRow]) -> dict[tuple[str, int | str], float]:
-    """(configuration, controller) -> share of its counted trials that reached the end of the path."""
+    """(configuration, controller) -> share of its trials that reached the end of the path; aborted ones did not."""
     ends: dict[tuple[str, int | str], list[bool]] = {}
     for row in rows:
-        if row.status in COUNTED:
+        if row.status in TRIED:
             ends.setdefault((row.configuration, row.controller), []).append(row.status == "done")
     return {cell: float(np.mean(done)) for cell, done in ends.items()}
 

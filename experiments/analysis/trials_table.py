@@ -29,7 +29,8 @@ if TYPE_CHECKING:  # the windows import the table, not what reads recordings
 STATUSES = {
     "done": "the end of the path was reached",
     "timeout": "the time was up before the end; measures are over the progress made",
-    "aborted": "ended by the experimenter, or (a simulated operator) unfit to go on; does not count",
+    "aborted": "ended by the experimenter, or (a simulated operator) unfit to go on; counts as not finished, its "
+    "measures do not count",
     "redone": "run again later, for a reason; kept, does not count",
     "recovered": "cut off by a crash, rescued; does not count",
     "skipped": "not run, for a reason",
@@ -38,6 +39,9 @@ STATUSES = {
 }
 #: Trials that ran until the end of the path or the end of their time: they have measures and are counted.
 COUNTED = ("done", "timeout")
+#: Trials that could have reached the end. An aborted one counts as one that failed: who aborts it for a reason that is
+#: not the participant's or the device's repeats or excludes it (our choice).
+TRIED = (*COUNTED, "aborted")
 #: Trials that settle their cell of the plan: after any other the cell is run again.
 SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
 

@@ -193,9 +193,11 @@ def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
     assert {one.verdict for one in findings([])} == {CANNOT_TELL}
 
 
-def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_came():
+@pytest.mark.parametrize("status", ["timeout", "aborted"])
+def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_came(status):
+    """An aborted trial is one of a person who failed at the device."""
     rows = study()
-    late = [replace(r, status="timeout") if r.controller == 3 and r.repetition == 1 else r for r in rows]
+    late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
     found = findings(late)[4]
     assert found.verdict == CANNOT_TELL
     assert (
@@ -436,11 +438,12 @@ def test_a_missing_box_leaves_its_statements_open_and_no_others_and_a_statement_
     assert found.verdict == FAILS and "four-brake" in found.sentence
 
 
-def test_boxes_pool_the_trials_of_everyone_that_reached_the_end():
+@pytest.mark.parametrize("status", ["timeout", "aborted"])
+def test_boxes_pool_the_trials_of_everyone_that_reached_the_end(status):
     rows = study(people=3)
     boxes = {cell: box for cell, box in pooled_boxes(rows).items() if cell[1:] == ("three-brake", 2)}
     errors = sorted(r.path_error_m for r in rows if (r.configuration, r.controller) == ("three-brake", 2))
     assert boxes[ERROR, "three-brake", 2] == tuple(np.quantile(errors, (0.25, 0.5, 0.75))) and len(errors) == 18
-    late = [replace(r, status="timeout") if r.controller == 3 and r.repetition == 1 else r for r in rows]
+    late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
     found = {one.statement.number: one for one in box_findings_of(late)}
     assert found[5].verdict == CANNOT_TELL and "too few of its trials reached the end" in found[5].sentence
