@@ -144,7 +144,7 @@ def play(recording: Path) -> int:
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")
     display = Display("play it on", "--json needs none")
-    trial_view = import_screen("trial_view")
+    trial_view = import_screen("analyse.trial_view")
     display.check()
     return trial_view.run(recording)
 

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int | None:
             raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
     from app.ipc.client import Client
     from app.ipc.messages import Setup
-    from app.window.painting import palette
+    from app.window.widgets import palette
 
     devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(

@@ -11,10 +11,10 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.cards import Card, Cards
-from app.window.painting import theme
-from app.window.painting.parts import OneLine, button, column, holder, line, panel, row, word
-from app.window.preflight import Checklist
+from app.window.widgets import theme
+from app.window.widgets.cards import Card, Cards
+from app.window.widgets.parts import OneLine, button, column, holder, line, panel, row, word
+from app.window.widgets.preflight import Checklist
 from core.control.controllers import Preset
 from core.device import Device
 from core.device_interface import VELOCITY_NOISE_HZ, encoder_step

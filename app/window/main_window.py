@@ -17,21 +17,21 @@ from PySide6.QtWidgets import QLineEdit, QPushButton, QSizePolicy, QStackedWidge
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
-from app.window.cards import Cards
-from app.window.keys import KEYS, SESSION, WINDOW, bind
-from app.window.page import ANALYSE, HOME, RUN, TRY, Page
-from app.window.painting import theme
-from app.window.painting.parts import OneLine, Panel, breakable, button, column, line, row, word
-from app.window.preflight import Preflight
-from app.window.words import from_home, show_folder, size
+from app.window.widgets import theme
+from app.window.widgets.cards import Cards
+from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
+from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
+from app.window.widgets.parts import OneLine, Panel, breakable, button, column, line, row, word
+from app.window.widgets.preflight import Preflight
+from app.window.widgets.words import from_home, show_folder, size
 from experiments.plan import grouped
 
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
-    HOME: ("home_page", "HomePage"),
-    TRY: ("try_page", "TryPage"),
-    RUN: ("run_page", "RunPage"),
-    ANALYSE: ("analyse_page", "AnalysePage"),
+    HOME: ("home.home_page", "HomePage"),
+    TRY: ("sandbox.try_page", "TryPage"),
+    RUN: ("run.run_page", "RunPage"),
+    ANALYSE: ("analyse.analyse_page", "AnalysePage"),
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording

@@ -18,13 +18,12 @@ from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgress
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window import words
-from app.window.keys import bind
 from app.window.main_window import MainWindow
-from app.window.painting import theme
-from app.window.painting.theme import show_whole
-from app.window.participant_window import ParticipantWindow
-from app.window.work import Verb
+from app.window.participant.participant_window import ParticipantWindow
+from app.window.widgets import theme, words
+from app.window.widgets.keys import bind
+from app.window.widgets.theme import show_whole
+from app.window.widgets.work import Verb
 from core import tick_log
 from core.files import InputError
 from core.kernel_cache import is_compiled
@@ -253,7 +252,7 @@ def by_trial(rows: np.ndarray) -> list[np.ndarray]:
 def load_statistics() -> None:
     """What the other pages need: kernels, plots and statistics take a second and a half to import."""
     import_module("core.kernel_compiler")  # first: while it is imported, scipy is not (see its `spare_scipy`)
-    import_module("app.window.analyse_page")
+    import_module("app.window.analyse.analyse_page")
 
     gc.collect()
     gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then

@@ -22,14 +22,14 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.painting import palette
+from app.window.widgets import palette
 
 LIGHT = "light"
 palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
-from app.window.page import ANALYSE, HOME, RUN, TRY
-from app.window.painting import theme
-from app.window.painting.linkage_view import DIRECTIONS
+from app.window.canvas.linkage_view import DIRECTIONS
+from app.window.widgets import theme
+from app.window.widgets.page import ANALYSE, HOME, RUN, TRY
 from app.window.windows import Windows
 from core import tick_log
 from core.path import Path as Line

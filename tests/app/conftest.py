@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from screens import Screens
 
-from app.window.painting import theme
+from app.window.widgets import theme
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -19,10 +19,10 @@ from screens import cut_texts, settle
 from sessions import closed_session
 
 from app.ipc import messages as m
-from app.window.analyse_page import FINDINGS, PAGES, AnalysePage
-from app.window.box_plot import ChartPlot, colour_of
-from app.window.painting import theme
-from app.window.trial_card import REASONS
+from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
+from app.window.analyse.box_plot import ChartPlot, colour_of
+from app.window.widgets import theme
+from app.window.widgets.words import REASONS
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
 from experiments.analysis.report import SIMULATED
@@ -287,7 +287,7 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
 def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
     qtbot, recorded: AnalysePage
 ) -> None:
-    page, reason = recorded, REASONS[2]
+    page, reason = recorded, REASONS[1]
     assert page.side.exclude.isVisible()
     page.side.exclude.menu().actions()[1].trigger()
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
@@ -306,7 +306,7 @@ def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, re
     session = page.results.folder / "sub-01" / "ses-01"
     page.show_opened(fake_client.opened("01", folder=str(session)))
     page.side.exclude.menu().actions()[0].trigger()
-    assert sent == [m.Exclude(2, REASONS[1])]
+    assert sent == [m.Exclude(2, REASONS[0])]
     page.show_snapshot(fake_client.ready(2, notice="A trial is running.", notice_bad=True))
     assert page.side.note.text() == "A trial is running."
 

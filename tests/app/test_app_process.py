@@ -24,8 +24,8 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.page import RUN
-from app.window.trial_card import NO_FLAGS
+from app.window.run.trial_card import NO_FLAGS
+from app.window.widgets.page import RUN
 from app.window.windows import Windows, show_refusal
 from core import tick_log
 from experiments.analysis.trials_table import read_table

@@ -54,7 +54,7 @@ def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(
 
 
 DRAWING = """
-from app.window.painting.layers import Instant, directions, field_at_rest, needles
+from app.window.canvas.layers import Instant, directions, field_at_rest, needles
 from core.device import load_device
 from core.path import Segment, build_path, outline
 device, segment = load_device("three-brake"), Segment((-0.1, 0.4), (0.1, 0.4))

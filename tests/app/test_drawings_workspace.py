@@ -10,8 +10,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 
-from app.window.painting import theme
-from app.window.painting.layers import (
+from app.window.canvas.layers import (
     OFF,
     SLIPPING,
     STUCK,
@@ -25,13 +24,13 @@ from app.window.painting.layers import (
     needles,
     wedge,
 )
-from app.window.painting.linkage_view import (
+from app.window.canvas.linkage_view import (
     DIRECTIONS,
     LAYERS,
     WHOLE,
     Workspace,
 )
-from app.window.painting.marks import (
+from app.window.canvas.marks import (
     ARMS,
     ARROW_MOST_PX,
     BELOW,
@@ -46,7 +45,8 @@ from app.window.painting.marks import (
     points_in,
     rings_of,
 )
-from app.window.painting.plane import Plane
+from app.window.canvas.plane import Plane
+from app.window.widgets import theme
 from core import tick_log
 from core.control.controllers import Preset, decide, make_controller
 from core.control.rule_sets import SETTLED

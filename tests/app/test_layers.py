@@ -76,11 +76,12 @@ def lint(folder: Path, **modules: str) -> str:
     shutil.copy(ROOT / "pyproject.toml", folder)
     processes = ("app/ipc", "app/loop", "app/session_server", "app/window")
     control = ("core/control", *(f"core/control/{name}" for name in ("algorithm", "proportional", "sdof")))
-    within = (*processes, *control, "core/simulator", "experiments/trial")
+    rooms = [f"app/window/{room}" for room in ("run", "analyse", "canvas", "widgets")]
+    within = (*processes, *rooms, *control, "core/simulator", "experiments/trial")
     for package in ("core", "hardware", "experiments", "app", *within):
         (folder / package).mkdir()
         (folder / package / "__init__.py").touch()
-        (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/"), ""))
+        (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/").replace("/", "."), ""))
     command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200)
     assert done.returncode == (0 if "0 broken" in done.stdout else 1), done.stdout + done.stderr
@@ -94,6 +95,7 @@ def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
         "experiments": "import core.code, scipy, pyarrow, matplotlib",
         "app": "import core.code, hardware.code, experiments.code, PySide6",
         **dict.fromkeys(("loop", "session_server", "window"), "import app.ipc.code"),
+        "window.run": "import app.window.canvas.code",
     }
     assert "0 broken" in lint(tmp_path, **allowed)
 
@@ -107,6 +109,8 @@ FORBIDDEN = {
     "session_server": ("app.window",),
     "window": ("app.loop", "core.control.sdof", "core.simulator", "experiments.trial"),
     "ipc": ("app.session_server",),
+    "window.run": ("app.window.analyse",),
+    "window.widgets": ("app.window.canvas",),
 }
 
 

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QWidget
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.page import ANALYSE, RUN
+from app.window.widgets.page import ANALYSE, RUN
 from app.window.windows import Windows
 from experiments.analysis.trials_table import read_table
 from experiments.inputs import OPERATOR

@@ -30,11 +30,11 @@ from screens import Screens, cut_texts, point, settle, visible_texts
 from sessions import session_of
 
 from app.ipc import messages as m
-from app.window import words
-from app.window.cards import REDO
 from app.window.main_window import PAGES, SMALLEST, MainWindow
-from app.window.page import ANALYSE, HOME, RUN
-from app.window.plots import Graph
+from app.window.widgets import words
+from app.window.widgets.cards import REDO
+from app.window.widgets.page import ANALYSE, HOME, RUN
+from app.window.widgets.plots import Graph
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -169,7 +169,7 @@ def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_i
 def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(
     screens: Screens, monkeypatch
 ) -> None:
-    monkeypatch.setattr("app.window.trial_card.DEAF_S", 0.0)
+    monkeypatch.setattr("app.window.run.trial_card.DEAF_S", 0.0)
     for snapshot, says, sent in ((ready(1), "Keep and start", [m.Start()]), (ready(2, paused=True), "Keep", [])):
         screens.hear(opened(), running(len(snapshot.rows) - 1), snapshot)
         card, start = screens.run.card, screens.run.panel.start
@@ -402,7 +402,7 @@ def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_butt
     said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
     assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
     answers = ["", "/elsewhere"]
-    monkeypatch.setattr("app.window.run_page.QFileDialog.getExistingDirectory", lambda *_: answers.pop(0))
+    monkeypatch.setattr("app.window.run.run_page.QFileDialog.getExistingDirectory", lambda *_: answers.pop(0))
     sent = len(screens.client.sent)
     for _ in range(2):
         QTest.mouseClick(screens.run.panel.elsewhere, Qt.MouseButton.LeftButton)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.progress import LEAST_ROOM, Display
-from app.window.painting.palette import DARK, LIGHT, PALETTES, Palette
+from app.window.widgets.palette import DARK, LIGHT, PALETTES, Palette
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_TEXT, OF_MARKS = 4.5, 3.0  # WCAG 2, level AA
@@ -59,10 +59,10 @@ def test_light_is_the_other_way_round() -> None:
 @pytest.mark.parametrize("name", PALETTES)
 def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
     code = (
-        "import json, sys; from app.window.painting import palette; palette.choose(sys.argv[1]);"
-        "from PySide6.QtWidgets import QApplication; from app.window import words;"
-        "from app.window.painting import theme;"
-        "from app.window.participant_window import ParticipantWindow; a = QApplication([]); theme.dress(a);"
+        "import json, sys; from app.window.widgets import palette; palette.choose(sys.argv[1]);"
+        "from PySide6.QtWidgets import QApplication; from app.window.widgets import words;"
+        "from app.window.widgets import theme;"
+        "from app.window.participant.participant_window import ParticipantWindow; a = QApplication([]); theme.dress(a);"
         "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
         "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT,"
         "words.moving(0, False, words.language_of(None)).small]))"

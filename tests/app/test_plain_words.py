@@ -15,8 +15,8 @@ from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
 from app.verbs.common import as_text, in_words
-from app.window import words
-from app.window.energy_panel import small_energy
+from app.window.run.energy_panel import small_energy
+from app.window.widgets import words
 from experiments.analysis.report import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason

@@ -8,10 +8,10 @@ from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication
 
 from app.ipc.messages import Timing
-from app.window.energy_panel import EnergyPanel, Ledger
-from app.window.painting import theme
-from app.window.painting.parts import Figures
-from app.window.plots import HIDDEN, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
+from app.window.run.energy_panel import EnergyPanel, Ledger
+from app.window.widgets import theme
+from app.window.widgets.parts import Figures
+from app.window.widgets.plots import HIDDEN, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
 from core import tick_log
 from core.device import load_device
 

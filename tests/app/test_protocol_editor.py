@@ -8,8 +8,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
 from screens import settle
 
-from app.window.painting.parts import Choice
-from app.window.protocol_editor import ProtocolEditor, form_of, form_text
+from app.window.home.protocol_editor import ProtocolEditor, form_of, form_text
+from app.window.widgets.parts import Choice
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
 

@@ -16,11 +16,11 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
 
 from app.ipc import messages as m
-from app.window.energy_panel import Ledger
-from app.window.painting.layers import joints_at
-from app.window.painting.linkage_view import WHOLE, Workspace
-from app.window.plots import Plot
-from app.window.run_page import PANELS_EVERY
+from app.window.canvas.layers import joints_at
+from app.window.canvas.linkage_view import WHOLE, Workspace
+from app.window.run.energy_panel import Ledger
+from app.window.run.run_page import PANELS_EVERY
+from app.window.widgets.plots import Plot
 from app.window.windows import FRAME_S
 from core import tick_log
 from core.device import load_device

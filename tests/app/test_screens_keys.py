@@ -11,11 +11,11 @@ from screens import Screens, cut_texts, settle
 
 from app.cli import main
 from app.ipc import messages as m
-from app.window.cards import ABORT
-from app.window.keys import KEYS
-from app.window.page import RUN, TRY
-from app.window.painting.theme import show_whole
-from app.window.questionnaire import ITEMS
+from app.window.participant.questionnaire import ITEMS
+from app.window.widgets.cards import ABORT
+from app.window.widgets.keys import KEYS
+from app.window.widgets.page import RUN, TRY
+from app.window.widgets.theme import show_whole
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 

@@ -25,11 +25,11 @@ from PySide6.QtWidgets import QApplication
 from screens import Screens, cut_texts, point, settle, visible_texts
 
 from app.ipc import messages as m
-from app.window import participant_window
-from app.window.painting import theme
-from app.window.participant_window import TEXT_TOP
-from app.window.questionnaire import ITEMS
-from app.window.words import Shown
+from app.window.participant import participant_window
+from app.window.participant.participant_window import TEXT_TOP
+from app.window.participant.questionnaire import ITEMS
+from app.window.widgets import theme
+from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.language import ENGLISH_WORDS
 from experiments.protocol import load_protocol, shipped_protocols

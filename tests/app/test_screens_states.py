@@ -13,15 +13,14 @@ from screens import Screens, cut_texts, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
 
 from app.ipc import messages as m
-from app.window import words
-from app.window.painting import theme
-from app.window.painting.layers import OFF
-from app.window.painting.linkage_view import REACHABLE
-from app.window.painting.marks import HAND
-from app.window.painting.parts import Figures, wide
-from app.window.plan_grid import MARKS
-from app.window.run_page import UNMEASURED
-from app.window.tone import END_HZ, GO_HZ, RATE_HZ, tone
+from app.window.canvas.layers import OFF
+from app.window.canvas.linkage_view import REACHABLE
+from app.window.canvas.marks import HAND
+from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
+from app.window.run.plan_grid import MARKS
+from app.window.run.run_page import UNMEASURED
+from app.window.widgets import theme, words
+from app.window.widgets.parts import Figures, wide
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
 from experiments.language import ENGLISH_WORDS, FOLDER, language_text
@@ -334,7 +333,7 @@ def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_h
 
 
 def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
-    monkeypatch.setattr("app.window.session_panel.player", lambda: None)
+    monkeypatch.setattr("app.window.run.session_panel.player", lambda: None)
     screens.hear(opened(protocol=paper(tones=True)), ready(1))
     assert "neither paplay nor aplay" in screens.run.panel.notice.text()
     screens.hear(opened(protocol=paper(tones=False)), ready(1))

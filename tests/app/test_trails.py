@@ -9,8 +9,8 @@ from fake_client import GREEN, PLAN, PRACTICE, before, movement, opened, ready, 
 from screens import Screens
 
 from app.ipc import messages as m
-from app.window.page import RUN, TRY
-from app.window.painting.plane import Plane
+from app.window.canvas.plane import Plane
+from app.window.widgets.page import RUN, TRY
 from core import tick_log
 
 SEEDS = range(5)

@@ -14,9 +14,9 @@ from PySide6.QtWidgets import QApplication
 from screens import settle
 from sessions import closed_session
 
-from app.window.painting import theme
-from app.window.painting.parts import wide
-from app.window.trial_view import SPEEDS, TrialView, TrialWindow
+from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
+from app.window.widgets import theme
+from app.window.widgets.parts import wide
 from core import tick_log
 from core.device import load_device
 from core.files import InputError

@@ -10,9 +10,9 @@ from screens import cut_texts, point, settle
 
 from app.ipc import messages as m
 from app.ipc.ring import GRASP_RADIUS_M
-from app.window.dials import DIALS, Dial
-from app.window.painting.marks import arrow_of
-from app.window.try_page import BACK, TryPage
+from app.window.canvas.marks import arrow_of
+from app.window.sandbox.dials import DIALS, Dial
+from app.window.sandbox.try_page import BACK, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL

@@ -21,9 +21,9 @@ from PySide6.QtWidgets import QApplication
 
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.page import TRY
-from app.window.painting import theme
-from app.window.try_page import TryPage
+from app.window.sandbox.try_page import TryPage
+from app.window.widgets import theme
+from app.window.widgets.page import TRY
 from app.window.windows import Windows
 
 LONGEST_S = 180.0  # what we hold to

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import QApplication
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.painting import theme
+from app.window.widgets import theme
 from app.window.windows import Windows
 from core import tick_log
 

@@ -14,9 +14,9 @@ from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 
-from app.window.page import RUN
-from app.window.painting import theme
-from app.window.run_page import RunPage
+from app.window.run.run_page import RunPage
+from app.window.widgets import theme
+from app.window.widgets.page import RUN
 from app.window.windows import Windows
 from tests.benchmarks.synthetic_bench import SyntheticBench
 

@@ -8,7 +8,7 @@ from exports import rows, table, validate
 from sessions import closed_session, files
 
 from app.ipc import messages as m
-from app.window.questionnaire import ITEMS
+from app.window.participant.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, Answers, View
 from experiments.export.export import export
 from experiments.export.files import (

@@ -196,9 +196,7 @@ def test_a_blind_trial_is_replayed_only_through_a_controller_that_is_named(tmp_p
 def test_without_options_it_plays_on_the_screen(data, monkeypatch):
     played, path = [], recordings(data)[0]
     window = SimpleNamespace(run=lambda recording: played.append(recording) or 0)
-    screens = SimpleNamespace(trial_view=window)
-    monkeypatch.setitem(sys.modules, "app.window", screens)
-    monkeypatch.setitem(sys.modules, "app.window.trial_view", window)
+    monkeypatch.setitem(sys.modules, "app.window.analyse.trial_view", window)
     monkeypatch.setattr("app.verbs.folders.Display", lambda *_: SimpleNamespace(check=lambda: None))
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     assert main(["replay", str(path)]) == 0 and played == [path]

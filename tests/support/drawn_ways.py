@@ -7,8 +7,9 @@ import pytest
 from PySide6.QtGui import QColor, QPainter
 from scipy.spatial import cKDTree
 
-from app.window.painting import plane, theme
-from app.window.painting.plane import Plane
+from app.window.canvas import plane
+from app.window.canvas.plane import Plane
+from app.window.widgets import theme
 from core import tick_log
 
 APART_PX = 0.2  # between the points of a line that is looked at

@@ -2,11 +2,11 @@
 
 import time
 
-from app.window.export import main as export
+from app.window.analyse.export import main as export
 from experiments.export import results_files
 
 
 def main() -> None:
-    """As `app.window.export`, held at its first figure."""
+    """As `app.window.analyse.export`, held at its first figure."""
     results_files.draw_charts = lambda *_: time.sleep(600.0)
     export()

@@ -9,10 +9,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QWidget
 
 from app.window.main_window import MainWindow
-from app.window.page import RUN
-from app.window.painting.parts import OneLine
-from app.window.participant_window import ParticipantWindow
-from app.window.run_page import RunPage
+from app.window.participant.participant_window import ParticipantWindow
+from app.window.run.run_page import RunPage
+from app.window.widgets.page import RUN
+from app.window.widgets.parts import OneLine
 from app.window.windows import Windows
 
 

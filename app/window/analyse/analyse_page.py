@@ -1,0 +1,436 @@
+"""The page Analyse: what was recorded in a data folder, as points and boxes, and any trial of it beside them."""
+
+import pickle
+import shutil
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent, QResizeEvent
+from PySide6.QtWidgets import QButtonGroup, QProgressBar, QPushButton
+
+from app.ipc import messages as m
+from app.window.analyse.box_plot import ChartPlot, trial_of
+from app.window.analyse.chips import Chips
+from app.window.analyse.trial_view import TrialView
+from app.window.analyse.verdicts import Verdicts, in_colour
+from app.window.widgets import theme
+from app.window.widgets.page import Page
+from app.window.widgets.parts import (
+    END,
+    NO_FOCUS,
+    Flow,
+    OneLine,
+    button,
+    column,
+    holder,
+    line,
+    row,
+    stack,
+    toggle,
+    word,
+)
+from app.window.widgets.theme import colour_of
+from app.window.widgets.words import show_folder
+from app.window.widgets.work import Verb, Work
+from core.files import InputError
+from experiments.analysis.charts import (
+    ORDER,
+    PERSON,
+    POOLED,
+    QUESTIONS,
+    SPEED,
+    View,
+    charts,
+    coloured,
+    left_out,
+    legend,
+)
+from experiments.analysis.statistics import people_of
+from experiments.analysis.trials_table import STATUSES, TrialRow
+from experiments.export.results import Job, Results, conclude, read_results
+from experiments.plan import counted
+from experiments.recording.atomic_files import first_free
+from experiments.session.files import STORED, STUDY, settled_cells
+from experiments.session.journal import exclude_run
+from experiments.session.playback import Playback, read_playback
+
+FINDINGS = "findings"
+PAGES = {
+    POOLED: "Pooled", PERSON: "Per participant", ORDER: "Order and learning", SPEED: "Speed and error",
+    QUESTIONS: "Questionnaire", FINDINGS: "Findings",
+}  # fmt: skip
+SHOWN_FIRST = ("done", "timeout")  # of the statuses
+SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
+ROOM_PX = 1100  # a narrower page shows either the charts or the trial
+CANCELLED = "The export was cancelled, nothing was written."
+NO_FOLDER = "No data folder is open: choose one on Home."
+
+
+class AnalysePage(Page):
+    """Everything of a data folder: of the open session's, or of one that was asked for."""
+
+    _job: Job  # of the newest export, once there was one
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self.results: Results | None = None
+        self.chosen: TrialRow | None = None  # the trial that is open
+        self.page = POOLED
+        self._asked: Path | None = None  # a folder, in place of the open session's
+        self._folder = Path()  # that is shown or being read
+        self._reading, self._opening = Work(self._show_results), Work(self._show_trial)
+        self._excluding = Work(self._excluded)
+        self.tabs: dict[str, QPushButton] = {}
+        self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
+        self.timeouts, self.logarithmic = (
+            toggle(text, lambda _: self._show()) for text in ("Timeouts in the boxes", "Log scale")
+        )
+        for chips in (self.people, self.devices, self.statuses):
+            chips.changed.connect(self._show)
+        self.caption = OneLine("", "quiet", dots=END)
+        self.warning, self.summary = (word("", name, theme.SMALL) for name in ("caution", "quiet"))
+        self.message = OneLine()
+        self.plots = [ChartPlot() for _ in range(3)]
+        self.empty, self.verdicts = line("", "quiet", theme.TITLE), Verdicts()
+        self.colours = line("", size=theme.SMALL)  # which controller is which
+        self.colours.setTextFormat(Qt.TextFormat.RichText)
+        self._charts = holder(column((row(*self.plots), 1), self.colours))
+        self.stack = stack(self._charts, self.verdicts, self.empty)
+        self.side = TrialView()
+        self._concluding = Work(self.verdicts.show_conclusions)
+        self.side.excluded.connect(self.exclude)
+        self.side.closed.connect(self.close_trial)
+        self.side.stepped.connect(self.step)
+        for plot in self.plots:
+            plot.chosen.connect(self.open_trial)
+        report = "A PDF of each session: who, when, plan, measures, timing, faults, figures"
+        self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
+        self.export_button = button("Export", self.export, "main", "What is shown as PNG, SVG, PDF and CSV: Ctrl+E")
+        self.bar, self.cancel_button = QProgressBar(textVisible=False), button("Cancel", self.cancel_export, "small")
+        self.bar.setFixedSize(160, 8)
+        self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
+        self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
+        self._export, self._cancelled = Verb(self._exported), False
+        self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
+        self._lay_out()
+        self._show_busy()
+        for absent in (self.side, self._foot):
+            absent.hide()
+        self._show_empty(NO_FOLDER)
+
+    def _lay_out(self) -> None:
+        group = QButtonGroup(self)
+        for page, name in PAGES.items():
+            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS)
+            tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
+            group.addButton(tab)
+            self.tabs[page] = tab
+        head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
+        for one in (self.report_button, self.export_button):
+            head.setAlignment(one, Qt.AlignmentFlag.AlignTop)
+        left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
+        filters = Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14)
+        self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
+
+    # what the main window hands over
+
+    def show_opened(self, opened: m.Opened) -> None:
+        if self.opened is not None and opened.folder != self.opened.folder:
+            self._asked = None
+        super().show_opened(opened)
+        if self.isVisible() and self._asked is None:
+            self._read(self._of_session())
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before = self.snapshot
+        grown = (snapshot.rows, snapshot.blind) != (before.rows, before.blind)
+        super().show_snapshot(snapshot)
+        if grown and self.isVisible() and self._of_session() in (self._folder, *self._folder.parents):
+            self._read(self._folder)
+        if snapshot.notice_bad and snapshot.notice != before.notice and self.side.isVisible():
+            self.side.note_that(snapshot.notice, bad=True)
+
+    def begin(self, what: object = None) -> None:
+        """What: a data folder, a study's or a session's; or a recording. Without: the open session's data folder."""
+        if what is not None:
+            path = Path(str(what))
+            recording = path if path.is_file() else None
+            self._asked = data_folder_of(path) if recording else path
+            if recording:
+                self._open(recording)
+        self._read(self._asked or self._of_session())
+
+    def end(self) -> None:
+        self.side.end()
+
+    def cancel(self) -> bool:
+        """Esc closes the trial beside the charts."""
+        if not self.side.isVisible():
+            return False
+        self.close_trial()
+        return True
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {"export": self.export, **({"start": self.side.play_or_pause} if self.side.isVisible() else {})}
+
+    def own_keys(self) -> dict[str, str]:
+        """Those of the player, which has them from a click on it on."""
+        return {key: does for key, (does, _) in self.side.keys().items()} if self.side.isVisible() else {}
+
+    def _of_session(self) -> Path:
+        """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""
+        if self.opened is None or not self.opened.folder:
+            return Path()
+        folder = Path(self.opened.folder)
+        return folder.parent.parent if self.opened.participant else folder
+
+    # reading
+
+    def _read(self, folder: Path) -> None:
+        if folder == Path():
+            self._show_empty(NO_FOLDER)
+            return
+        if folder != self._folder:
+            self.results = None
+            self._show_empty(f"Reading {folder} …")
+        self._folder = folder
+        self._reading.ask(read_results, folder)
+
+    def _show_results(self, results: Results | InputError) -> None:
+        if isinstance(results, InputError):
+            self._show_empty(str(results))
+            return
+        self.results = results
+        rows = {who: [row for row in results.rows if row.participant == who] for who in people_of(results.rows)}
+        count = {who: len(settled_cells(theirs)[0]) for who, theirs in rows.items()}
+        planned = {who: results.planned.get(who, 0) for who in count}
+        self.people.show_choices({
+            who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()
+        })  # fmt: skip
+        self.devices.show_choices({name: name for name in results.configurations})
+        there = {row.status for row in results.rows if row.recording}
+        statuses = [status for status in STATUSES if status in there or status in SHOWN_FIRST]
+        self.statuses.show_choices(
+            {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
+        )
+        self._tell(" ".join(results.problems), "caution")
+        self._show()
+        now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
+        if self.chosen is not None and now is not None and now.status != self.chosen.status:
+            self.open_trial(now)
+
+    # what is shown
+
+    @property
+    def rows(self) -> tuple[TrialRow, ...]:
+        """The trials that the filters let through."""
+        if self.results is None:
+            return ()
+        people, devices, statuses = self.people.chosen, self.devices.chosen, self.statuses.chosen
+        return tuple(
+            row
+            for row in self.results.rows
+            if row.participant in people and row.configuration in devices and row.status in statuses
+        )
+
+    def view(self, results: Results) -> View:
+        """How they are shown."""
+        devices = tuple(name for name in results.configurations if name in self.devices.chosen)
+        on = self.timeouts.isChecked(), self.logarithmic.isChecked()
+        return View(devices or results.configurations, results.labels, results.lengths, *on)
+
+    def show_page(self, page: str) -> None:
+        """One of `PAGES`."""
+        self.page = page
+        self.tabs[page].setChecked(True)
+        self._show()
+
+    def _show(self) -> None:
+        results, rows = self.results, self.rows
+        self.caption.setText("")
+        self.warning.setText("")
+        self._allow_export()
+        if results is None:
+            return
+        people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)
+        parts = [counted(people, "participant"), counted(len(rows), "trial"), f"{late} timed out"]
+        self.summary.setText(" · ".join(parts if late else parts[:2]))
+        if not results.rows:
+            self._show_empty(f"Nothing is recorded in {results.folder} yet.")
+        elif not rows:
+            self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
+        elif self.page == FINDINGS:
+            self.stack.setCurrentWidget(self.verdicts)
+            self.verdicts.show_conclusions(None)
+            simulated = (results.folder / STUDY).exists()
+            self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked(), simulated)
+        else:
+            self._show_charts(results, rows)
+        self._make_room()
+
+    def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
+        answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
+        view = self.view(results)
+        shown = charts(self.page, rows, view, answers)
+        if not shown:
+            self._show_empty("No questionnaire was answered in these sessions.")
+            return
+        self.stack.setCurrentWidget(self._charts)
+        self.caption.setText(" ".join(legend(shown[0], view)))
+        named = {one: escape(f" {name}").replace(" ", "\u00a0") for one, name in coloured(shown, view).items()}
+        self.colours.setText(" &nbsp; ".join(in_colour("●", colour_of(one)) + name for one, name in named.items()))
+        self.colours.setVisible(bool(named))
+        if self.page != QUESTIONS:
+            self.warning.setText(left_out(rows, *view.timeouts_on(shown[0])))
+        for plot, chart in zip(self.plots, shown, strict=False):
+            plot.show_chart(chart, view.logarithmic)
+        self._ring()
+        for plot in self.plots:
+            plot.setVisible(plot in self.plots[: len(shown)])
+
+    def _show_empty(self, text: str) -> None:
+        self.empty.setText(text)
+        self.stack.setCurrentWidget(self.empty)
+        if self.results is None:
+            self.summary.setText("")
+            self._allow_export()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self._make_room()
+        super().resizeEvent(event)
+
+    def _make_room(self) -> None:
+        """The trial beside the charts, or in their place where there is no room for both."""
+        narrow = self.width() < ROOM_PX
+        least, most = SIDE_PX
+        width = self.width() if narrow else int(min(max(SIDE_SHARE * self.width(), least), most))
+        self.side.setMinimumWidth(min(width, least))
+        self.side.setMaximumWidth(width)
+        self.stack.setVisible(not (narrow and self.side.isVisibleTo(self)))
+
+    # one trial
+
+    def open_trial(self, row: TrialRow) -> None:
+        """Beside the charts, and ringed in all of them."""
+        self.chosen = row
+        self.side.show_row(row)
+        if row.recording and self.results is not None:
+            self._open(self.results.folder / row.recording)
+        self.side.show()
+        self._ring()
+        self._make_room()
+
+    def _ring(self) -> None:
+        """The trial that is open, in every chart."""
+        for plot in self.plots:
+            plot.show_ring(trial_of(self.chosen))
+
+    def _open(self, recording: Path) -> None:
+        self._opening.ask(read_playback, recording)
+        self.side.show()
+        self._make_room()
+
+    def _show_trial(self, trial: Playback | InputError) -> None:
+        self.side.show_trial(trial)
+        if isinstance(trial, Playback) and trial.row is not None:
+            self.chosen = trial.row
+            self._ring()
+
+    def close_trial(self) -> None:
+        """The charts have the whole page."""
+        self.chosen = None
+        self.side.end()
+        self.side.hide()
+        self._ring()
+        self._make_room()
+
+    def step(self, by: int) -> None:
+        """The next trial of those that are shown, or the one before."""
+        rows = sorted(self.rows, key=lambda row: (row.participant, row.run))
+        at = next((i for i, row in enumerate(rows) if trial_of(row) == trial_of(self.chosen)), -1 if by > 0 else 0)
+        if rows:
+            self.open_trial(rows[(at + by) % len(rows)])
+
+    def exclude(self, reason: str) -> None:
+        """The trial that is shown, out of every result: by the session server if it has the session, else here."""
+        trial = self.side.trial
+        if trial is None or trial.row is None:
+            return
+        session = trial.path.resolve().parent.parent
+        if self.opened is not None and self.opened.participant and Path(self.opened.folder).resolve() == session:
+            self.send(m.Exclude(trial.row.run, reason))
+        else:
+            self._excluding.ask(exclude_run, session, trial.row.run, reason)
+
+    def _excluded(self, refused: InputError | None) -> None:
+        if refused is not None:
+            self.side.note_that(str(refused), bad=True)
+        else:
+            self._read(self._folder)
+
+    # export
+
+    def export(self, report: bool = False) -> None:
+        """What is seen, or the reports of the sessions that are seen, into a new folder of the data folder."""
+        results, rows = self.results, self.rows
+        if results is None or not rows or self._export.busy or (report and not results.sessions):
+            return
+        people = set(people_of(rows))
+        sessions = [one for one in results.sessions if one.parent.name.removeprefix("sub-") in people]
+        answers = tuple(answer for answer in results.answers if answer.participant in people)
+        page = self.page if self.page != FINDINGS else POOLED
+        whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
+        folder = first_free(whole, "results")  # there when all of it has been written
+        self._job = Job(
+            page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
+        )
+        self._cancelled = False
+        self._export.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
+        self._show_busy()
+        self._tell(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
+
+    def cancel_export(self) -> None:
+        """Stop now; nothing is left behind."""
+        self._cancelled = True
+        self._export.stop(wait=True)
+
+    def _exported(self, end: str | InputError) -> None:
+        folder = self._job.folder
+        done = folder.exists()
+        if not done:  # killed: what it had begun is removed in its place
+            shutil.rmtree(self._job.partial, ignore_errors=True)
+        self._show_busy()
+        failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
+        self._tell(str(end) if done else failed, "good" if done else "caution")
+        self.folder_button.setVisible(done)
+
+    def _tell(self, text: str, look: str) -> None:
+        theme.name_anew(self.message, look)
+        self.message.setText(text)
+        self._foot.setVisible(bool(text) or self._export.busy)
+
+    def _show_busy(self) -> None:
+        """Whether an export is being written."""
+        self.bar.setValue(0)
+        self.folder_button.hide()
+        for widget in (self.bar, self.cancel_button):
+            widget.setVisible(self._export.busy)
+        self._allow_export()
+
+    def _allow_export(self) -> None:
+        can = bool(self.rows) and not self._export.busy
+        self.export_button.setEnabled(can)
+        self.report_button.setEnabled(can and self.results is not None and bool(self.results.sessions))
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.side.end()
+        self.cancel_export()
+        super().closeEvent(event)
+
+
+def data_folder_of(recording: Path) -> Path | None:
+    """The data folder of DATA/sub-01/ses-01/trials/run-001.parquet; None: the recording stands by itself."""
+    session = recording.resolve().parent.parent
+    return session.parent.parent if (session / STORED).exists() else None

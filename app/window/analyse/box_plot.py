@@ -1,0 +1,186 @@
+"""The charts of results on screen, with each trial as a point that can be read and opened."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QBrush, QMouseEvent, QPen
+
+from app.window.widgets import theme
+from app.window.widgets.parts import END, OneLine
+from app.window.widgets.plots import Plot
+from app.window.widgets.theme import colour_of, shade
+from app.window.widgets.words import SHORT
+from experiments.analysis.charts import Chart, PlacedBox, Point
+from experiments.analysis.trials_table import TrialRow
+
+POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
+APART_PX = 3.0  # between two names along an axis
+FOOT = 0.03  # of the plot's height, under the scale
+BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
+
+
+def body_brush(placed: PlacedBox) -> QBrush:
+    """The body of a box, as `charts.LOOKS`."""
+    style = Qt.BrushStyle
+    looks = (0.4, style.SolidPattern), (0.06, style.SolidPattern), (0.7, style.BDiagPattern), (0.7, style.Dense6Pattern)
+    alpha, pattern = looks[placed.look]
+    return QBrush(shade(colour_of(placed.controller), alpha), pattern)
+
+
+class ChartPlot(Plot):
+    """One chart. A click on a point emits `chosen` with its trial; a double click zooms out."""
+
+    chosen = Signal(object)  # a TrialRow
+
+    def __init__(self) -> None:
+        super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=END))
+        self.chart = Chart("", "", "", (), "", (0.0, 1.0), ())  # nothing
+        self._logarithmic = False
+        self._ringed: tuple[str, int] | None = None  # participant, run
+        self.head.setStretch(0, 4)
+        self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
+        self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(theme.HANDLE, width=2), brush=None)
+        for marks in (self.points, self.crosses):
+            marks.sigClicked.connect(self._clicked)
+        self.item.vb.sigYRangeChanged.connect(self._place_crosses)
+        for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
+            changed.connect(self._name_ticks)
+        self.item.showGrid(y=True, alpha=0.15)
+        self.item.getAxis("left").setTickDensity(0.6)
+        self.setMinimumSize(180, 150)
+
+    def show_chart(self, chart: Chart, logarithmic: bool) -> None:
+        """Another chart, or the same with other trials."""
+        self.chart, self._logarithmic = chart, logarithmic
+        self.title.setText(SHORT.get(chart.title, chart.title))
+        self.figures.show_parts((chart.unit, theme.QUIET))
+        self.item.clear()
+        if chart.boxes:
+            self._add_boxes()
+        if chart.curve:
+            x, y = np.array(chart.curve).T
+            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=pg.mkPen(theme.HANDLE, width=1)))
+        self.points.setData([self._spot(point) for point in (*chart.points, *chart.others) if self._fits(point)])
+        for marks in (self.points, self.crosses, self.ring):
+            self.item.addItem(marks)
+        left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
+        left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
+        self._name_ticks()
+        bottom.setLabel(chart.x_title or None)
+        bottom.showLabel(bool(chart.x_title))
+        self._size_ticks()
+        self.show_all()
+        self.show_ring(self._ringed)
+
+    def follow_text(self) -> None:
+        """Names along the axis, and room for them, in another text size."""
+        self._size_ticks()
+        self._name_ticks()
+
+    def _name_ticks(self, *_: object) -> None:
+        """The names along the axis, each line of them as far as it does not lie on another."""
+        ends: dict[int, float] = {}  # of each line of the names so far, px
+        (begin, end), named = self.item.viewRange()[0], []
+        for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
+            middle = (x - begin) / (end - begin) * self.item.vb.width()
+            reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
+            if all(middle - half > ends.get(at, -math.inf) for at, half in reach.items()):
+                ends |= {at: middle + half + APART_PX for at, half in reach.items()}
+                named.append((x, text))
+        self.item.getAxis("bottom").setTicks([named] if named else None)
+
+    def _size_ticks(self) -> None:
+        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
+        self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+
+    def show_all(self) -> None:
+        low, high = 0.0, self.chart.highest or 1.0
+        if self._logarithmic:
+            least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
+            low, high = np.log10(0.8 * least), np.log10(1.1 * high)
+        self.item.setYRange(low - FOOT * (high - low), low + (high - low) / (1.0 - BAND), padding=0.0)
+        self.item.setXRange(*self.chart.span, padding=0.0)
+        self._place_crosses()
+
+    def show_ring(self, trial: tuple[str, int] | None) -> None:
+        """Ring a trial, by participant and run; None: none."""
+        self._ringed = trial
+        marks = (*self.points.points(), *self.crosses.points())
+        found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
+        self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
+
+    def _decades(self, highest: float) -> list[tuple[float, str]]:
+        """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""
+        least = min((point.y for point in self.chart.points if point.y > 0.0), default=0.1)
+        powers = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(highest or 1.0)) + 1)
+        values = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
+        return [(math.log10(value), f"{value:g}") for value in values]
+
+    def _scaled(self, value: Any) -> Any:
+        """A value of the chart, or several, where they are on the axis."""
+        return np.log10(value) if self._logarithmic else value
+
+    def _fits(self, point: Point) -> bool:
+        return point.y > 0.0 or not self._logarithmic
+
+    def _spot(self, point: Point) -> dict:
+        counts = point.row is None or point.row.status in ("done", "timeout")
+        colour = colour_of(point.controller) if counts else theme.QUIET
+        return {
+            "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
+            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(theme.PANEL if point.look else colour),
+        }  # fmt: skip
+
+    def _place_crosses(self, *_: object) -> None:
+        """They stay above whatever part of the scale is seen."""
+        low, high = self.item.viewRange()[1]
+        y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(theme.CAUTION, width=2)
+        self.crosses.setData([
+            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, "pen": pen, "brush": theme.CAUTION}
+            for point in self.chart.timeouts
+        ])  # fmt: skip
+        if self._ringed is not None:
+            self.show_ring(self._ringed)
+
+    def _add_boxes(self) -> None:
+        """All bodies in one item, whiskers and medians in one for each colour: hundreds of boxes cost no more."""
+        boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
+        ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
+        fill = [body_brush(b) for b in boxes]
+        pens = [pg.mkPen(colour_of(b.controller), width=1) for b in boxes]
+        self.item.addItem(pg.BarGraphItem(
+            x0=[b.x - b.half for b in boxes], x1=[b.x + b.half for b in boxes],
+            y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=fill,
+        ))  # fmt: skip
+        for controller in dict.fromkeys(b.controller for b in boxes):
+            of_it = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
+            x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in of_it]
+            y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in of_it]
+            self._add_pairs(x, y, pg.mkPen(colour_of(controller), width=1))
+        middles = [2 * [y[2]] for y in ends]
+        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(theme.HANDLE, width=2))
+
+    def _add_pairs(self, x: list, y: list, pen: QPen) -> None:
+        """Lines, each between two points that follow each other."""
+        self.item.addItem(pg.PlotCurveItem(np.ravel(x), np.ravel(y), pen=pen, connect="pairs"))
+
+    def _tip(self, x: float, y: float, data: Point) -> str:
+        return data.text
+
+    def _clicked(self, _points: object, found: Sequence, event: MouseClickEvent) -> None:
+        if len(found) and found[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
+            self.chosen.emit(found[0].data().row)
+
+
+def trial_of(row: TrialRow | None) -> tuple[str, int] | None:
+    """What tells a trial from all others of a data folder."""
+    return None if row is None else (row.participant, row.run)

@@ -1,0 +1,163 @@
+"""The curves of a whole trial, one above the other, with one axis of time and one cursor."""
+
+import numpy as np
+import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QWidget
+
+from app.window.widgets import theme
+from app.window.widgets.parts import column
+from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, start_of_hold
+from core import tick_log
+from core.mechanism import JOINTS
+from experiments.session.playback import Beside, Playback
+
+BESIDE = theme.WEDGE  # the colour of the hand through another controller
+DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
+BAND = 0.22  # how much of its colour the envelope of a current has
+NONE = np.empty(0), np.empty((1, 0))  # no times (n,) s, no values (1, n)
+
+
+class TrialTrace(TimePlot):
+    """One measure over a trial; the other controller's beside it. A click asks for the cursor."""
+
+    asked = Signal(float)  # s
+    padding = 0.12
+
+    def __init__(self, title: str, unit: str, colour: str, least: float, digits: int) -> None:
+        super().__init__(title, unit, [colour, BESIDE], least, digits)
+        self.t, self.values = self._beside = NONE
+        self.marker = pg.InfiniteLine(
+            movable=True, pen=pg.mkPen(theme.HANDLE, width=1), hoverPen=pg.mkPen(theme.ACCENT, width=1)
+        )
+        self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
+        self.item.addItem(self.marker, ignoreBounds=True)
+        self.graph.scene().sigMouseClicked.connect(self._clicked)
+        self.graph.setMinimumHeight(26)
+
+    def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
+        """Times (n,) s and values (n,) in the unit, NaN where there is none."""
+        self.t, self.values = t, values[None]
+        self.show_beside(*NONE)
+
+    def show_beside(self, t: np.ndarray, values: np.ndarray) -> None:
+        """The same of the other controller: values (1, n)."""
+        self._beside = t, values
+        self.scale_to(max(float(np.nanmax(series, initial=0.0)) for series in (self.values, values)))
+        self.draw()
+
+    def show_cursor(self, at: int) -> None:
+        """The cursor stands at a tick, whose value is beside the title."""
+        self.marker.setValue(self.t[at])
+        self.show_value(at)
+
+    def show_value(self, at: int) -> None:
+        self.figures.show_parts((self.figure(self.values[0, at]), theme.TEXT), (self.unit, theme.QUIET))
+
+    def draw(self) -> None:
+        self.draw_curves(self.curves[:1], self.t, self.values)
+        self.draw_curves(self.curves[1:], *self._beside)
+
+    def _clicked(self, event: MouseClickEvent) -> None:
+        place = self.item.vb.mapSceneToView(event.scenePos())
+        if event.button() == Qt.MouseButton.LeftButton and not event.double():
+            self.asked.emit(float(place.x()))
+
+
+class CurrentTrace(TrialTrace):
+    """The current of each brake: its mean, as a line, within its envelope, as a band. A chatter is no solid block."""
+
+    figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
+
+    def __init__(self) -> None:
+        super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
+        self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
+        self.graph.setMinimumHeight(46)  # with the axis of time
+        self.hidden, self.labels = False, dict[str, str]()
+        self.means, self.bands = [], []
+        for joint in JOINTS:
+            self.bands.append([pg.PlotDataItem(pen=None) for _ in range(2)])
+            self.item.addItem(pg.FillBetweenItem(*self.bands[-1], brush=theme.shade(theme.JOINT[joint], BAND)))
+            self.means.append(self.item.plot(pen=pg.mkPen(theme.JOINT[joint], width=1)))
+        self.currents = np.empty((len(JOINTS), 0))
+
+    def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
+        """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""
+        self.currents, self.hidden = currents, hidden
+        self.title.setText(f"Currents, {self.unit}")
+        self.show_trial(t, np.nanmax(currents, axis=0, initial=0.0))
+
+    def show_value(self, at: int) -> None:
+        if self.hidden:
+            self.figures.show_parts((HIDDEN, theme.QUIET))
+            return
+        near = np.abs(self.t - self.t[at]) <= 0.5 * DUTY_S
+        parts = []
+        for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
+            if current[0] == current[0]:
+                duty = 100.0 * np.count_nonzero(current) / current.size
+                on = f" on {duty:.0f}%" if duty else ""
+                parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.JOINT[joint]))
+        self.figures.show_parts(*parts)
+        self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
+
+    def draw(self) -> None:
+        seen, pixel_s = self.seen(self.t)
+        t = self.t[seen]
+        starts = np.flatnonzero(np.diff(np.floor(t / max(2.0 * pixel_s, 0.002)), prepend=-1.0))
+        sizes = np.diff(starts, append=len(t))
+        for current, (low, high), mean in zip(self.currents[:, seen], self.bands, self.means, strict=True):
+            if self.hidden or not len(t) or current[0] != current[0]:
+                for curve in (low, high, mean):
+                    curve.setData([], [])
+                continue
+            low.setData(t[starts], np.minimum.reduceat(current, starts))
+            high.setData(t[starts], np.maximum.reduceat(current, starts))
+            mean.setData(t[starts], np.add.reduceat(current, starts) / sizes)
+
+
+class TrialTraces(QWidget):
+    """Path error, hand force and currents of one trial."""
+
+    asked = Signal(float)  # s: the cursor is to go there
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began_s = 0.0  # of the trial's first tick in its recording
+        self.error = TrialTrace("Path error", "mm", theme.TRACE, 2.0, 1)
+        self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
+        self.currents = CurrentTrace()
+        self.all = (self.error, self.force, self.currents)
+        self.setLayout(column((self.error, 3), (self.force, 3), (self.currents, 4)))
+        for trace in self.all:
+            trace.asked.connect(self.asked)
+            trace.item.showAxis("bottom", trace is self.currents)  # it has the axis of time
+        axis = self.currents.item.getAxis("bottom")
+        axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
+        for trace in (self.force, self.currents):
+            trace.item.setXLink(self.error.item)
+
+    def show_trial(self, trial: Playback) -> None:
+        ticks, t = trial.ticks, trial.t
+        self._began_s = float(ticks[0, tick_log.T])
+        self.error.show_trial(t, 1e3 * trial.error)
+        self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
+        self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
+        self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
+        # with room for the last number of the axis; a double click shows all
+        self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.03)
+
+    def show_beside(self, other: Beside | None) -> None:
+        """The same hand through another controller."""
+        if other is None:
+            self.error.show_beside(*NONE)
+            self.force.show_beside(*NONE)
+            return
+        t = other.ticks[:, tick_log.T] - self._began_s
+        self.error.show_beside(t, 1e3 * other.error[None])
+        self.force.show_beside(t, np.hypot(other.ticks[:, tick_log.HAND_FX], other.ticks[:, tick_log.HAND_FY])[None])
+
+    def show_cursor(self, at: int) -> None:
+        for trace in self.all:
+            trace.show_cursor(at)

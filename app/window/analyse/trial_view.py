@@ -1,0 +1,347 @@
+"""A recorded trial: its workspace, its curves with one cursor, its measures, and its hand through another controller.
+
+The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
+"""
+
+import gc
+import math
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
+
+from app.window.analyse.trial_traces import BESIDE, TrialTraces
+from app.window.canvas.force_view import Reading
+from app.window.canvas.layers import extent_of_paths
+from app.window.canvas.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
+from app.window.widgets import theme
+from app.window.widgets.parts import Choice, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.plots import start_of_hold
+from app.window.widgets.theme import colour_of, show_whole
+from app.window.widgets.words import REASONS
+from app.window.widgets.work import Verb, Work
+from core import tick_log
+from core.files import InputError
+from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
+from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.session.playback import Beside, Playback, read_beside, read_playback
+
+FRAME_MS = 16
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+STEP_S = 0.1  # of an arrow key
+NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
+WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
+AROUND_M = 0.03  # what is seen around the path
+LARGEST = (1280, 720)  # px, as a window of its own opens
+MEASURES = (*DRAWN, BY_NAME["duration_s"])
+COMPARE = "Compare with …"
+
+
+def measured(values: dict[str, float | None]) -> str:
+    """The measures of a trial in a line: "1.9 mm · 2.7 N · 24.1 m/s² · 3.20 s"."""
+    known = ((metric, values.get(metric.name)) for metric in MEASURES)
+    return " · ".join(f"{m.scale * v:.{m.decimals}f} {m.shown_unit}" for m, v in known if v is not None)
+
+
+class TrialView(Panel):
+    """One trial at one moment; time goes on while it plays. What was asked for and cannot be read is a sentence."""
+
+    closed = Signal()
+    stepped = Signal(int)  # -1, 1: the trial before, the next one
+    excluded = Signal(str)  # reason
+
+    def __init__(self, whole: bool = False) -> None:
+        """whole: a window of its own, with the buttons of the workspace and without those of the page."""
+        super().__init__()
+        self.trial: Playback | None = None
+        self.at = 0  # the tick that is shown
+        self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, Reading()
+        self._timer = QTimer(self)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self.frame)
+        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
+        self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
+        self.beside_measures.setStyleSheet(f"color: {BESIDE}")
+        self.note = line("", "quiet", theme.SMALL)
+        self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
+        self.exclude.setMenu(reasons := QMenu(self.exclude))
+        for reason in REASONS:
+            reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
+        self.workspace = Workspace(whole)
+        self.workspace.hide()  # until there is a trial
+        if not whole:
+            self.workspace.view.setMinimumSize(200, 88)
+            for layer in (FIELD, REACHABLE, LINKAGE):
+                self.workspace.view.show_layer(layer, False)
+        self.traces = TrialTraces()
+        self.traces.asked.connect(self.go_to)
+        self.play_button, self.clock = button("", self.play_or_pause), word("")
+        self.decision = OneLine("", "quiet")
+        self.speed, self.beside = Choice(), Choice()
+        self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
+        self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
+        self.beside.setToolTip("The recorded hand, simulated through another controller")
+        self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
+        self.replay, self._reading = Verb(self._replayed), Work(self._show_beside)
+        self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
+        self._table = Path()  # these
+        self.steps = (
+            button("‹", lambda: self.stepped.emit(-1), "small", "The trial before"),
+            button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
+            button("×", self.closed.emit, "small", "Close"),
+        )
+        for widget in (self.play_button, self.speed, self.beside, self.exclude, *self.steps):
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self._lay_out()
+        self._show_playing()
+
+    def _lay_out(self) -> None:
+        self._middle = column((self.workspace, 3), (self.traces, 4))
+        for one in self.steps:
+            one.setVisible(not self._whole)
+        self.clock.setMinimumWidth(100)
+        self.setLayout(column(
+            row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
+            (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
+            self.note, spacing=5, margins=(12, 8, 12, 10),
+        ))  # fmt: skip
+        for absent in (self.beside_measures, self.note, self.exclude):
+            absent.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self._share_room()
+        super().resizeEvent(event)
+
+    def _share_room(self) -> None:
+        """Workspace and curves beside each other, or one above the other."""
+        wide = self.width() > WIDE_PX
+        self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
+        for part, share in enumerate((5, 4) if wide else (3, 8)):
+            self._middle.setStretch(part, share)
+
+    # which trial
+
+    def show_trial(self, trial: Playback | InputError) -> None:
+        """Another trial, from its beginning; or why it cannot be shown."""
+        self.end()
+        self.exclude.hide()
+        if isinstance(trial, InputError):
+            self.note_that(str(trial), bad=True)
+            return
+        self.trial = trial
+        row = trial.row
+        self.dot.setStyleSheet(f"color: {theme.QUIET if row is None else colour_of(row.controller)}")
+        self.title.setText(trial.title)
+        self.about.setText(f"{trial.controller} · {trial.about}")
+        status = row.status if row is not None else "in no table"
+        damaged = " · damaged: some ticks are missing" if trial.damaged else ""
+        values = {m.name: getattr(row, m.name) for m in METRICS} if row is not None else {}
+        self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
+        self.measures.setToolTip("\n".join(
+            f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
+        ))  # fmt: skip
+        self.beside_measures.hide()
+        self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
+        self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
+        self._set_up_workspace(trial)
+        self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
+        self.traces.show_trial(trial)
+        self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
+        self.beside.setEnabled(self.beside.count() > 1)
+        self.go_to(float(trial.t[start_of_hold(trial.ticks)]))
+
+    def show_row(self, row: TrialRow) -> None:
+        """A trial is being read, or has no recording: its row is all there is."""
+        self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
+        self.title.setText(f"P{row.participant} run {row.run}")
+        self.exclude.hide()
+        if not row.recording:
+            self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
+
+    def note_that(self, text: str, bad: bool = False) -> None:
+        """A sentence under the trial."""
+        theme.name_anew(self.note, "caution" if bad else "quiet")
+        self.note.setText(text)
+        self.note.setVisible(bool(text))
+
+    def _set_up_workspace(self, trial: Playback) -> None:
+        self.workspace.view.show_places((trial.device,), {1: trial.way})
+        self.workspace.set_blind(trial.blind)
+        self.workspace.view.show_obstacles(trial.obstacles)
+        if not self._whole:
+            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
+        self.workspace.show()
+
+    # which moment
+
+    @property
+    def playing(self) -> bool:
+        return self._timer.isActive()
+
+    def play_or_pause(self) -> None:
+        """Space; at the end it begins anew."""
+        if self.playing or self.trial is None:
+            self._stop()
+            return
+        if self._over:
+            self.go_to(0.0)
+        self._clock_s = time.perf_counter()
+        self._timer.start(FRAME_MS)
+        self._show_playing()
+
+    def frame(self) -> None:
+        """Time goes on: show the ticks until now."""
+        now = time.perf_counter()
+        self.go_on(self.speed.value() * (now - self._clock_s))
+        self._clock_s = now
+        if self._over:
+            self._stop()
+
+    @property
+    def _over(self) -> bool:
+        """Whether it is at its end."""
+        return self.trial is None or self.at >= len(self.trial.ticks) - 1
+
+    def go_on(self, seconds: float) -> None:
+        """So much further in the trial (s, > 0)."""
+        if (trial := self.trial) is None:
+            return
+        self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
+        at = min(int(np.searchsorted(trial.t, self._played_s, side="right")), len(trial.ticks)) - 1
+        if at > self.at:
+            self.workspace.view.add(trial.ticks[self.at + 1 : at + 1])
+            self._show_place(trial, at)
+
+    def go_to(self, seconds: float) -> None:
+        """Any moment (s since the first tick): as if the ticks until then had just been played."""
+        if (trial := self.trial) is None:
+            return
+        ticks, t = trial.ticks, trial.t
+        self._played_s = float(np.clip(seconds, 0.0, t[-1]))
+        at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
+        near = int(np.searchsorted(t, t[at] - NEAR_S))
+        first = tuple(ticks[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
+        self.workspace.view.show_trial(trial.device, trial.way, first)
+        self.workspace.view.show_until(ticks[: at + 1], near)
+        self._numbers = Reading()
+        self._show_place(trial, at)
+
+    def _show_place(self, trial: Playback, at: int) -> None:
+        self.at = at
+        self.traces.show_cursor(at)
+        now = trial.ticks[at]
+        if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
+            self.workspace.view.show_numbers(now)
+        self.clock.setText(f"{self._played_s:.2f} / {trial.t[-1]:.2f} s")
+        word_of = trial.decisions[int(now[tick_log.DECISION])]
+        self.decision.setText("" if trial.blind else f"Decision: {word_of}")
+
+    def _stop(self) -> None:
+        self._timer.stop()
+        self._show_playing()
+
+    def _show_playing(self) -> None:
+        self.play_button.setText("Pause" if self.playing else "Play")
+
+    # the same hand through another controller
+
+    def compare(self, controller: int) -> None:
+        """Show the hand through this controller of the protocol beside the trial; 0: nothing."""
+        self._forget_replay()
+        self._show_beside(None)
+        self.note_that("The recorded hand is being simulated …" if controller else "")
+        if controller and self.trial is not None:
+            self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
+            self._table = Path(self._folder.name) / "ticks.csv"
+            asked = ("--controller", str(controller), "--out", str(self._table), "--json")
+            self.replay.begin("replay", str(self.trial.path), *asked)
+
+    def _replayed(self, summary: str | InputError) -> None:
+        if isinstance(summary, InputError):
+            self._show_beside(summary)
+        else:
+            self._reading.ask(read_beside, self._table, summary)
+
+    def _forget_replay(self) -> None:
+        for work in (self.replay, self._reading):
+            work.forget()
+        self.replay.stop()
+
+    def _show_beside(self, other: Beside | InputError | None) -> None:
+        if isinstance(other, InputError):
+            self.note_that(str(other), bad=True)
+            return
+        self.traces.show_beside(other)
+        self.beside_measures.setVisible(other is not None)
+        tips = np.empty((0, 2))
+        if other is not None:
+            self.beside_measures.setText(f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}")
+            self.note_that(other.text)
+            tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
+        self.workspace.view.show_beside(tips, BESIDE)
+
+    # keys and the end
+
+    def keys(self) -> dict[str, tuple[str, Callable[[], object]]]:
+        """The keys of a player, while the focus is here: what each does, in words and in deed."""
+        index = self.speed.currentIndex()
+        return {
+            "Space": ("play or pause", self.play_or_pause),
+            "Left": (f"{STEP_S:g} s back", lambda: self.go_to(self._played_s - STEP_S)),
+            "Right": (f"{STEP_S:g} s on", lambda: self.go_to(self._played_s + STEP_S)),
+            "Home": ("to the beginning", lambda: self.go_to(0.0)),
+            "End": ("to the end", lambda: self.go_to(math.inf)),
+            "Up": ("faster", lambda: self.speed.setCurrentIndex(min(index + 1, len(SPEEDS) - 1))),
+            "Down": ("slower", lambda: self.speed.setCurrentIndex(max(index - 1, 0))),
+        }
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        _, act = self.keys().get(QKeySequence(event.key()).toString(), ("", None))
+        if act is None:
+            super().keyPressEvent(event)
+        else:
+            act()
+
+    def end(self) -> None:
+        """Nothing plays, nothing is computed."""
+        self._stop()
+        self._forget_replay()
+
+
+class TrialWindow(QWidget):
+    """A trial in a window of its own."""
+
+    def __init__(self, path: Path) -> None:
+        """InputError if there is nothing to play."""
+        super().__init__()
+        self.setWindowTitle(f"phd: {path.name}")
+        self.view = TrialView(whole=True)
+        self.setLayout(column(self.view, margins=(10, 10, 10, 10)))
+        self.view.show_trial(read_playback(path))
+        self.setFocusProxy(self.view)
+        QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
+        self.resize(*LARGEST)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.view.end()
+        super().closeEvent(event)
+
+
+def run(path: Path) -> int:
+    """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
+    application = QApplication(sys.argv[:1])
+    theme.dress(application)
+    window = TrialWindow(path)
+    show_whole(window, *LARGEST)
+    gc.collect()
+    gc.freeze()  # else looking through all that was imported costs 50 ms now and then
+    return application.exec()

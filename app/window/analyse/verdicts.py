@@ -1,0 +1,48 @@
+"""What the data say of the paper's statements, as a page of Analyse."""
+
+from html import escape
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QLabel, QScrollArea
+
+from app.window.widgets import theme
+from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
+from experiments.export.results import Conclusions
+
+VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}  # the look of each
+
+
+class Verdicts(QScrollArea):
+    """The paper's statements, each with what these data say of it; then what else the statistics say."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shown: Conclusions | None = None
+        self._text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText, margin=16)
+        self._text.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.setWidgetResizable(True)
+        self.setWidget(self._text)
+
+    def show_conclusions(self, conclusions: Conclusions | None) -> None:
+        """None: they are being computed."""
+        self.shown = conclusions
+        if conclusions is None:
+            self._text.setText("The statistics are being computed …")
+            return
+        warned = filter(None, (*conclusions.warnings, conclusions.refusal))
+        parts = [f"<p>{in_colour(text, theme.CAUTION)}</p>" for text in warned]
+        if conclusions.found:
+            parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
+            for one in conclusions.found:
+                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, theme.QUIET)
+                parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
+            parts.append("</table>")
+        if conclusions.sentences:
+            parts.append("<h3>What else to know</h3>")
+        self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in conclusions.sentences]))
+
+
+def in_colour(text: str, colour: str) -> str:
+    """A text as HTML; no line ends within a unit such as m/s."""
+    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")

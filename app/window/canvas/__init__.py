@@ -1,0 +1,1 @@
+"""The drawings of the device and its forces, by QPainter, in metres; they know of no page."""

@@ -1,0 +1,207 @@
+"""The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtGui import QPainter
+
+from app.window.canvas import layers, marks
+from app.window.canvas.force_view import FORCES, TRAIL, ForceView, Layered
+from app.window.canvas.plane import AT_DESK, RIGHT, Sizes
+from app.window.widgets import theme
+from app.window.widgets.theme import font, pen, shade, text_width
+from core import tick_log
+from core.control.velocity_field import Field
+from core.device import Device
+from core.path import Path, PathFile, build_path
+
+FIELD, DIRECTIONS, REACHABLE, LINKAGE = "field", "directions", "force", "linkage"
+WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
+NEAR_M = 0.1  # around the paths
+NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
+FIELD_PX = 40.0, 62.0  # from the top, where its first needles may stand: without and with "parameters assumed" above
+ARM_PX = 7.0  # width of an arm
+LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+
+
+class LinkageView(ForceView):
+    """The linkage of a device on its path, the forces, and what is laid over them."""
+
+    def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
+        """worded: with the line above, a grid, and labels; a small view has no room for them."""
+        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, marks.Labels(), sizes, grid=worded)
+        self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
+        self._assumed = False  # some parameters of the device
+        self._worded_view = worded
+        self._path: Path | None = None  # of the trial
+        self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE, FORCES}
+        self.title, self.line = "", ""
+        self._field: Field | None = None
+        self.sense = 1.0  # of travel
+
+    def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
+        """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
+        self._extents = (
+            layers.extent_of_paths(paths.values(), NEAR_M), layers.extent_of_linkages(devices, paths.values())
+        )  # fmt: skip
+        self._assumed, self._path, self.instant = devices[0].assumed, None, None
+        self.show_handle(None)
+        self.show_pointer(None)
+        self.show_path(None)
+        self.set_extent(self._extents[WHOLE in self.shown])
+
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
+        self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
+        super().show_trial(device, path, tip)
+
+    def rest(self, tip: layers.Point) -> None:
+        self.show_text("", "")
+        super().rest(tip)
+
+    def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
+        if self._path is not None:
+            if ticks is not None and ticks[-1, tick_log.TRAVEL_SENSE] != self.sense:
+                self.sense = float(ticks[-1, tick_log.TRAVEL_SENSE])
+                self.repaint_still()
+            known = layers.field_of(ticks[-1]) if ticks is not None else None
+            self._field = known or layers.field_at_rest(self._path, tip, self.sense)
+        super()._show(device, tip, ticks, taken)
+
+    def show_numbers(self, now: np.ndarray) -> None:
+        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
+        numbers = [f"{now[tick_log.T] - self.began_s:.2f} s"]
+        if self.phase == tick_log.MOVE:
+            numbers.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+        numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
+        self.show_text(PHASE_NAMES[self.phase], " · ".join(numbers))
+        self.word()
+
+    def show_layer(self, layer: str, shown: bool) -> None:
+        if layer == WHOLE:
+            self.set_extent(self._extents[shown])
+        super().show_layer(layer, shown)
+
+    def show_text(self, title: str, line: str) -> None:
+        """The line above."""
+        self.title, self.line = title, line
+        self.update()
+
+    @property
+    def labelled(self) -> bool:
+        return self._worded_view and LINKAGE in self.shown
+
+    def marks(self, now: layers.Instant) -> dict[str, QPointF]:
+        """The middles of the joints' rings too, as far as they are seen."""
+        seen = QRectF(self.rect())
+        return {joint: at for joint, at in self._joints(now)[1].items() if seen.contains(at)} | super().marks(now)
+
+    def drawn(self, now: layers.Instant) -> np.ndarray:
+        """Arms, rings and directions too."""
+        seen, (at, _) = self.marks(now), self._joints(now)
+        lines = [(at[a], at[b]) for a, b in marks.ARMS] if at else []
+        labels = now.device.labels
+        places = [(seen[joint], marks.ring_radius(labels[joint])) for joint in labels if joint in seen]
+        if at and DIRECTIONS in self.shown and self._field is not None:
+            handle = self.to_screen(now.tip)
+            for one in layers.directions(now.device, now.g, self._field):
+                reach = QPointF(one.p_x, -one.p_y) * marks.LETTER_PX
+                lines.append((handle - reach, handle + reach))
+                places += [(handle - reach, 9.0), (handle + reach, 9.0)]
+        drawn = [super().drawn(now), *(marks.points_along(*line) for line in lines)]
+        drawn += [marks.points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
+        return np.concatenate(drawn)
+
+    # painting
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        assumed = self._assumed and self._worded_view
+        if self._path is not None and self.instant is not None and FIELD in self.shown:
+            step = max(NEEDLE_M, NEEDLE_PX / self.scale)
+            low, high = (
+                self.to_plane(QPointF(60.0, self.height())),
+                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX[assumed])),
+            )
+            found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
+            marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
+        if assumed:
+            painter.setFont(font(theme.SMALL))
+            painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
+            painter.drawText(QRectF(0.0, 36.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+
+    def paint_under_handle(self, painter: QPainter) -> None:
+        if (now := self.instant) is None or self.tip is None:
+            return
+        handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
+        if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
+            marks.paint_wedge(painter, handle, wedge)
+        marks.paint_arms(painter, at, ARM_PX, 2.0)
+        if at and DIRECTIONS in self.shown and self._field is not None:
+            found = layers.directions(now.device, now.g, self._field)
+            marks.paint_directions(painter, handle, found, self._field, now.device.labels)
+        marks.paint_joints(painter, rings, now.device.labels, self.labels.doing, self.blind)
+        self.paint_forces(painter, now)
+
+    def paint_over_handle(self, painter: QPainter) -> None:
+        super().paint_over_handle(painter)
+        x = 16.0
+        for text, size, bold, colour in (
+            (self.title, theme.HEAD, True, theme.TEXT),
+            (self.line, theme.NORMAL, False, theme.QUIET),
+        ):
+            painter.setFont(font(size, bold))
+            painter.setPen(shade(colour))
+            painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
+            x += 12.0 + text_width(text, size, bold)
+
+    def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
+        """Where the joints and their rings are, px; none where the linkage is hidden."""
+        shown = now.joints if LINKAGE in self.shown else {}
+        at = {joint: self.to_screen(place) for joint, place in shown.items()}
+        return at, marks.rings_of(at, now.device.labels)
+
+
+class SmallView(LinkageView):
+    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
+
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__(False, sizes)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(0, 0)
+        self.shown = {LINKAGE}
+        self.show_trail(False)
+        self.hide()  # until there is something to show
+
+    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
+        self.set_extent(layers.extent_of_linkages([device], [path]))
+        super().show_trial(device, path, tip)
+
+
+#: layer -> its key, what it shows
+LAYERS = {
+    FIELD: ("F", "The desired direction of motion, everywhere"),
+    DIRECTIONS: ("D", "The way that each brake alone would leave the tip; strong: nearest to the desired direction"),
+    REACHABLE: ("W", "The forces that the brakes can exert against the present motion"),
+    TRAIL: ("T", "The way of the handle in this trial"),
+    LINKAGE: ("L", "Arms, brakes and their values"),
+    WHOLE: ("Z", "The whole device, not only the paths and 10 cm around them"),
+}
+PHASE_NAMES = {tick_log.APPROACH: "Approach", tick_log.HOLD: "Hold", tick_log.MOVE: "Move", tick_log.END: "End"}
+
+
+class Workspace(Layered):
+    """Linkage, forces and layers of one trial, with the buttons that show and hide them."""
+
+    view: LinkageView
+
+    def __init__(self, whole: bool = True) -> None:
+        """whole: with the line above, labels and buttons, for which a small one has no room."""
+        super().__init__(LinkageView(whole), LAYERS if whole else {})
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide brake colours, torques, the brakes' force and what they could exert."""
+        self.view.set_blind(blind)
+        if REACHABLE in self.buttons:
+            self.buttons[REACHABLE].setVisible(not blind)

@@ -1,0 +1,407 @@
+"""The plane that the handle moves in, true to scale: path, start, end, handle, pointer and the spring between them.
+
+Metres in, the same scale for all trials of a session. What stands still is painted once into a background, the trail
+piece by piece as it grows; a frame paints the background and, on it, what moves.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import (
+    QBrush,
+    QInputDevice,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPixmap,
+    QPointingDevice,
+    QPolygonF,
+    QResizeEvent,
+)
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from app.ipc.ring import GRASP_RADIUS_M
+from app.window.canvas.layers import SPACING_M, Point
+from app.window.widgets import theme
+from app.window.widgets.theme import SHADES, font, pen, shade, spring_pen
+from core.obstacles import ObstacleFile
+from core.path import PathFile, outline
+
+FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
+HOLD_PX = 6.0  # width of the sweep of the hold
+LEAST_HANDLE_PX = 4.0  # radius
+#: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
+#: which is less than a pixel of a screen at 200 %, too.
+THIN_PX = 0.3
+AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+
+
+class Sizes(NamedTuple):
+    """How large the marks are, px."""
+
+    path: float = 3.0
+    ring: float = 11.0  # radius
+    ring_pen: float = 3.0
+    handle: float = 7.5  # radius, at most
+    pointer: float = 6.0  # radius
+    trail: float = 1.5
+    spring: float = 2.0
+
+
+AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
+
+
+def hovers(device: QPointingDevice) -> bool:
+    """Whether a pointing device reports its place without being pressed."""
+    kind = QInputDevice.DeviceType
+    return device.type() in (kind.Mouse, kind.TouchPad) or bool(device.capabilities() & QInputDevice.Capability.Hover)
+
+
+class Plane(QWidget):
+    """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
+
+    extent: what must be seen, m. keep_free: px at each side that stay clear of it. grid: lines every 10 cm.
+    follows_mouse: the pointer over this widget is the hand, and drawn.
+    """
+
+    pointer_moved = Signal(float, float)  # m, inside what is drawn
+    pointer_left = Signal()  # the hand lets go
+    painted = Signal()
+
+    def __init__(
+        self,
+        extent: QRectF,
+        sizes: Sizes = AT_DESK,
+        keep_free: QMarginsF | None = None,
+        grid: bool = False,
+        follows_mouse: bool = True,
+    ) -> None:
+        super().__init__()
+        self.sizes, self._extent, self._grid = sizes, extent, grid
+        self._keep_free = keep_free or QMarginsF()
+        self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
+        self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
+        self.path: PathFile | None = None
+        self.outline = np.empty((0, 2))  # m
+        self.tip: Point | None = None
+        self.pointer: Point | None = None
+        self.force_N = 0.0
+        self.taken: bool | None = None
+        self._trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
+        self._trail_end = np.empty((0, 2))  # m: up to where it is painted; nowhere, or (1, 2)
+        self.trail_shown = True
+        self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
+        self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
+        self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
+        self._follows_mouse, self._pointer_moved = follows_mouse, False
+        self.setMouseTracking(follows_mouse)
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(240, 200)
+        self._fit()
+
+    # what to show
+
+    def set_extent(self, extent: QRectF) -> None:
+        """What must be seen, m."""
+        self._extent = extent
+        self._fit()
+
+    def show_path(self, path: PathFile | None) -> None:
+        """The path to follow, or none; without a trail yet."""
+        self.path = path
+        self.outline = np.empty((0, 2)) if path is None else np.asarray(outline(path, SPACING_M))
+        self.clear_trail()
+
+    def show_obstacles(self, obstacles: Sequence[ObstacleFile]) -> None:
+        """What the handle is to keep out of."""
+        self._obstacles = [one.outline() for one in obstacles]
+        self.repaint_still()
+
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
+        """Where the handle is (m), and the force of the spring between it and the pointer (N).
+
+        taken: whether the pointer holds it; None: no pointer can take it now.
+        """
+        self.tip, self.force_N = tip, force_N
+        if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
+            self.taken = taken
+            self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
+        self.update()
+
+    def show_pointer(self, place: Point | None) -> None:
+        """Where the hand wants the handle to be (m), where this widget's own pointer is not the hand."""
+        self.pointer = place
+        self.update()
+
+    @property
+    def trail(self) -> np.ndarray:
+        """Every place (n, 2), m, on the way so far."""
+        self._trail = [np.concatenate([np.empty((0, 2)), *self._trail])]
+        return self._trail[0]
+
+    def extend_trail(self, tips: np.ndarray) -> None:
+        """The trail goes on over all of these (n, 2), m."""
+        if not len(tips):
+            return
+        self._trail.append(tips)
+        if self.trail_shown and self._still:
+            self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), theme.TRACE)
+
+    def show_way(self, tips: np.ndarray) -> None:
+        """The whole trail so far at once: tips (n, 2), m."""
+        self._trail = [tips]
+        self.repaint_still()
+
+    def show_beside(self, tips: np.ndarray, colour: str) -> None:
+        """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
+        self._beside = (tips, colour) if len(tips) else None
+        self.repaint_still()
+
+    def clear_trail(self) -> None:
+        """Begin the trail anew."""
+        self._trail.clear()
+        self.repaint_still()
+
+    def show_trail(self, shown: bool) -> None:
+        """Draw the trail or leave it out."""
+        self.trail_shown = shown
+        self.repaint_still()
+
+    def repaint_still(self) -> None:
+        """What stands still has changed: paint it anew with the next frame."""
+        self._still = False
+        self.update()
+
+    def follow_pointer(self) -> None:
+        """With every frame: paint the own pointer, which moves more often than can be seen."""
+        if self._pointer_moved:
+            self._pointer_moved = False
+            self.update()
+
+    # metres and pixels
+
+    def _fit(self) -> None:
+        free, extent = self._keep_free, self._extent
+        width = max(self.width() - free.left() - free.right(), 1.0)
+        height = max(self.height() - free.top() - free.bottom(), 1.0)
+        self._scale = min(width / extent.width(), height / extent.height())
+        self._zero_x = free.left() + 0.5 * width - self._scale * extent.center().x()
+        self._zero_y = free.top() + 0.5 * height + self._scale * extent.center().y()
+        self.repaint_still()
+
+    @property
+    def scale(self) -> float:
+        """Pixels per metre."""
+        return self._scale
+
+    def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
+        """Place of the plane (m) -> point of the widget (px)."""
+        return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
+
+    def pixels(self, places: np.ndarray) -> np.ndarray:
+        """Places (n, 2) of the plane (m) -> points of the widget (px)."""
+        return places * (self._scale, -self._scale) + (self._zero_x, self._zero_y)
+
+    def to_plane(self, place: QPointF) -> Point:
+        """Point of the widget (px) -> place of the plane (m), clamped to what is drawn."""
+        x = min(max(place.x(), 0.0), float(self.width()))
+        y = min(max(place.y(), 0.0), float(self.height()))
+        return (x - self._zero_x) / self._scale, (self._zero_y - y) / self._scale
+
+    # events
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if not self.rect().contains(event.position().toPoint()):  # dragged out, with a button held down
+            self._leave()
+            return
+        place = self.to_plane(event.position())
+        if self._follows_mouse:
+            self.pointer, self._pointer_moved = place, True
+        self.pointer_moved.emit(*place)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self.mouseMoveEvent(event)
+        super().mousePressEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """A finger, or a pen that is not seen in the air, holds the handle while it is down."""
+        if not hovers(event.pointingDevice()):
+            self._leave()
+        super().mouseReleaseEvent(event)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        self._leave()
+        super().leaveEvent(event)
+
+    def _leave(self) -> None:
+        if self._follows_mouse:
+            if self.pointer is None:
+                return
+            self.show_pointer(None)
+        self.pointer_left.emit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self._fit()
+        super().resizeEvent(event)
+
+    # painting: a subclass adds to these three
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        """What stands still under the path."""
+
+    def paint_under_handle(self, painter: QPainter) -> None:
+        """What moves, under the handle."""
+
+    def paint_over_handle(self, painter: QPainter) -> None:
+        """What moves, over everything."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        ratio = self.devicePixelRatioF()
+        if not self._still or self._background.devicePixelRatio() != ratio:
+            self._paint_background(ratio)
+        painter = QPainter(self)
+        painter.drawPixmap(0, 0, self._background)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self.paint_under_handle(painter)
+        self._paint_hand(painter)
+        self.paint_over_handle(painter)
+        self.painted.emit()
+
+    def _paint_background(self, ratio: float) -> None:
+        if self._background.size() != self.size() * ratio:  # else the memory that is there is painted again
+            self._background = QPixmap(self.size() * ratio)
+        self._still = True
+        self._background.setDevicePixelRatio(ratio)
+        self._background.fill(shade(theme.CANVAS))
+        painter = QPainter(self._background)
+        if self._grid:
+            self._paint_grid(painter)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for corners in self._obstacles:
+            painter.setPen(pen(theme.QUIET, 2.0))
+            painter.setBrush(QBrush(shade(theme.QUIET, 0.6), Qt.BrushStyle.BDiagPattern))
+            painter.drawPolygon(QPolygonF([self.to_screen(corner) for corner in corners]))
+        self.paint_under_path(painter)
+        if len(self.outline):
+            self._paint_path(painter)
+        painter.end()
+        if self._beside is not None:
+            self._paint_way(*self._beside)
+        self._trail_end = np.empty((0, 2))
+        if self.trail_shown:
+            self._trail_end = self._paint_way(self.trail, theme.TRACE)
+
+    def _paint_grid(self, painter: QPainter) -> None:
+        """Lines every 10 cm; those across are named."""
+        left, right = 58.0, self.width() - 14.0
+        top, bottom = 0.7 * self._keep_free.top() + 8.0, self.height() - 8.0
+        painter.setFont(font(theme.SMALL))
+        for i in range(-20, 21):
+            at = self.to_screen((0.1 * i, 0.1 * i))
+            x, y = round(at.x()) + 0.5, round(at.y()) + 0.5
+            painter.setPen(pen(theme.LINE, 1.0, 0.55))
+            if left < x < right:
+                painter.drawLine(QPointF(x, top), QPointF(x, bottom))
+            if i >= 0 and top < y < bottom:
+                painter.drawLine(QPointF(left, y), QPointF(right, y))
+                painter.setPen(pen(theme.QUIET, 1.0, 0.75))
+                painter.drawText(QRectF(0.0, y - 10.0, left - 8.0, 20.0), RIGHT, f"{10 * i} cm")
+
+    def _paint_path(self, painter: QPainter) -> None:
+        """The path, the start as a ring, the end as a ring with a point in it."""
+        painter.setPen(pen(theme.HANDLE, self.sizes.path, 0.92, round_cap=True))
+        painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
+        for place, colour, radius in zip((start, end), (theme.START_RING, theme.END_RING), self.rings_px, strict=True):
+            painter.setPen(pen(colour, self.sizes.ring_pen))
+            painter.drawEllipse(place, radius, radius)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(shade(theme.END_RING))
+        painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
+
+    @property
+    def rings_px(self) -> tuple[float, float]:
+        """Radii of the rings at the start and at the end: those that count, where they are known."""
+        start, end = (self._scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
+        return start, end
+
+    @property
+    def handle_px(self) -> float:
+        """Radius of the handle: its middle must be seen to lie in the ring at the start."""
+        return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
+
+    def paint_hold(self, painter: QPainter, share: float) -> None:
+        """A sweep around the start for the share of the hold that is over."""
+        at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + 0.5 * HOLD_PX + 1.0
+        painter.setPen(pen(theme.START_RING, HOLD_PX))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
+        painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
+
+    def _paint_way(self, places: np.ndarray, colour: str) -> np.ndarray:
+        """Add a piece of a way, places (n, 2) in m, to the background: a long trail costs no more than a short one.
+
+        Where the next piece goes on: its last place that is painted, (1, 2); (0, 2) of none.
+        """
+        points = self.pixels(places)
+        squares = np.floor(points / THIN_PX)
+        seen = np.ones(len(points), dtype=bool)
+        seen[1:] = (squares[1:] != squares[:-1]).any(axis=1)
+        if np.count_nonzero(seen) > 1:
+            painter = QPainter(self._background)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(pen(colour, self.sizes.trail))
+            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points[seen].tolist()]))
+            painter.end()
+        return places[seen][-1:]
+
+    @property
+    def handle_seen(self) -> bool:
+        """Whether the middle of the handle lies in the picture; no handle at all is not out of sight."""
+        return self.tip is None or QRectF(self.rect()).contains(self.to_screen(self.tip))
+
+    def _paint_way_out(self, painter: QPainter, handle: QPointF) -> None:
+        """At the edge, an arrow to the handle, which is out of sight."""
+        room = QRectF(self.rect()).adjusted(6.0, 6.0, -6.0, -6.0)
+        at = QPointF(
+            min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom())
+        )  # fmt: skip
+        painter.save()
+        painter.translate(at)
+        painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(shade(theme.HANDLE))
+        half = 0.5 * AWAY_PX
+        painter.drawPolygon(QPolygonF([QPointF(0.0, 0.0), QPointF(-AWAY_PX, half), QPointF(-AWAY_PX, -half)]))
+        painter.restore()
+
+    def _paint_hand(self, painter: QPainter) -> None:
+        """Handle, pointer and, once it is taken, the spring between them; until then where it can be taken."""
+        pointer = self.to_screen(self.pointer) if self.pointer else None
+        handle = self.to_screen(self.tip) if self.tip else None
+        if pointer and handle and self.taken:
+            step = round(min(self.force_N / FORCE_RED_N, 1.0) * (SHADES - 1))
+            painter.setPen(spring_pen(self.sizes.spring, step))
+            painter.drawLine(handle, pointer)
+        if handle:
+            if self.taken is False:
+                reach = self._scale * GRASP_RADIUS_M
+                painter.setPen(pen(theme.HANDLE, 1.5, 0.6))
+                painter.setBrush(shade(theme.HANDLE, 0.12))
+                painter.drawEllipse(handle, reach, reach)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(shade(theme.HANDLE))
+            painter.drawEllipse(handle, self.handle_px, self.handle_px)
+            if not self.handle_seen:
+                self._paint_way_out(painter, handle)
+        if pointer:
+            painter.setPen(pen(theme.POINTER, 2.0))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(pointer, self.sizes.pointer, self.sizes.pointer)

@@ -1,0 +1,1 @@
+"""The Home page: what to run, with which device and participant; the data; the editor of protocols."""

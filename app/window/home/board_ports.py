@@ -1,0 +1,80 @@
+"""The board on the bench as Home offers it: what answers at the ports, and which port is connected."""
+
+from functools import partial
+
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.window.widgets import theme
+from app.window.widgets.parts import Flow, OneLine, button, clear, column, line, row, word
+from app.window.widgets.work import Work
+from hardware.discovery import BoardFound, look_at_ports
+
+LOOK_MS = 2000  # between two looks at the ports
+
+
+class BoardPorts(QWidget):
+    """The ports, looked at again and again while they are shown."""
+
+    connect_asked = Signal(str)  # to this port
+    device_page_asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("clear")
+        self._found: tuple[BoardFound, ...] = ()
+        self._mine = ""  # the port that is connected
+        self._looking = Work(self._show_found)
+        self._timer = QTimer(self, interval=LOOK_MS)
+        self._timer.timeout.connect(self._look)
+        self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
+        self.port.returnPressed.connect(self._connect_typed)
+        self.again = button("Look again", self._look_anew)
+        self._rows = column()
+        self.setLayout(column(self._rows, Flow(self.port, button("Connect", self._connect_typed), self.again, gap=8)))
+        self._fill()
+
+    def show_link(self, port: str) -> None:
+        """The port that is connected; "": none."""
+        if port != self._mine:
+            self._mine = port
+            self._fill()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._timer.start()
+        self._look()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
+
+    def _look(self) -> None:
+        if not self._looking.busy:
+            self._looking.ask(look_at_ports, self._found, self._mine)
+
+    def _look_anew(self) -> None:
+        """Ask every port, those that did not answer too."""
+        self._found = ()
+        self._look()
+
+    def _show_found(self, found: tuple[BoardFound, ...]) -> None:
+        if found != self._found:
+            self._found = found
+            self._fill()
+
+    def _fill(self) -> None:
+        clear(self._rows)
+        if self._mine:
+            own = button("Device page  F3", self.device_page_asked.emit)
+            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), word("connected", "good"), own))
+        for found in (one for one in self._found if one.port != self._mine):
+            connect = button("Connect", partial(self.connect_asked.emit, found.port))
+            self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
+        if not self._found and not self._mine:
+            self._rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
+
+    def _connect_typed(self) -> None:
+        if self.port.text():
+            self.connect_asked.emit(self.port.text())

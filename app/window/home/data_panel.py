@@ -1,0 +1,255 @@
+"""Your data: the sessions of the data folder, how far each is, and what can be done with them."""
+
+from collections.abc import Callable
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
+
+from app.window.widgets import theme
+from app.window.widgets.page import ANALYSE
+from app.window.widgets.parts import (
+    PANEL_MARGINS,
+    OneLine,
+    Panel,
+    breakable,
+    button,
+    clear,
+    column,
+    holder,
+    line,
+    row,
+    rule,
+    scrolled,
+    word,
+)
+from app.window.widgets.words import LACKING, LEAVE, from_home, show_folder
+from app.window.widgets.work import Verb, Work
+from core.files import InputError
+from experiments.plan import counted
+from experiments.recording.atomic_files import first_free
+from experiments.session.files import STORED, recordings_in
+from experiments.session.overview import DataOverview, SessionOverview, look_into
+
+LOOK_MS = 2000  # between two looks at the folder
+RECENT_MOST = 6
+FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}
+
+
+class Recent:
+    """Files or folders that were used last; kept in the user's settings if the application has a name."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
+        self._settings = QSettings(*user) if QApplication.organizationName() else None
+        kept = self._settings.value(kind, []) if self._settings else []
+        paths = kept if isinstance(kept, list) else [kept]  # a list of one comes back as a text
+        self.paths = [str(path) for path in paths if path and Path(str(path)).exists()]
+
+    def add(self, path: str) -> None:
+        self.paths = [path, *(other for other in self.paths if other != path)][:RECENT_MOST]
+        if self._settings:
+            self._settings.setValue(self._kind, self.paths)
+
+
+class DataPanel(Panel):
+    """The third column of the home page."""
+
+    folder_chosen = Signal(Path)
+    resume_asked = Signal(str)  # participant: take up their session, unfinished or not
+    close_asked = Signal()  # the session that is open
+    looked = Signal()  # something in the folder has changed
+    page_asked = Signal(str, object)  # as of a page
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.overview: DataOverview | None = None  # None: not looked at yet
+        self._why, self._open, self._can_leave = "", "", False
+        self._folder: Path | None = None
+        self._recent = Recent("folders")
+        self._looking, self._export, self._out = Work(self._looked), Verb(self._exported), Path()
+        self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
+        self.choose = QPushButton("Choose folder …")
+        self.choose.setMenu(menu := QMenu(self.choose))
+        menu.aboutToShow.connect(lambda: self._offer(menu))
+        self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.export_as = QPushButton("Export …")
+        self.export_as.setMenu(forms := QMenu(self.export_as))
+        for form, name in FORMS.items():
+            self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
+        self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
+        self.cancel = button("Cancel", self._export.stop, "small")
+        self.show_export = button("Show", lambda: show_folder(self._out), "small")
+        self._rows = column(spacing=8, margins=(0, 0, 4, 0))
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.look)
+        self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        self.area = scrolled(holder(self._rows))
+        self.setLayout(column(
+            row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
+            row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
+            row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
+        ))  # fmt: skip
+        for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
+            absent.hide()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._timer.start(LOOK_MS)
+        self.look()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
+
+    def show_folder(self, folder: Path) -> None:
+        """The data folder of the session server."""
+        if folder != self._folder:
+            self._folder, self.overview = folder, None
+            self._recent.add(str(folder))
+            self.where.setText(from_home(folder))
+            self._looking.forget()
+            self.look()
+
+    def show_session(self, participant: str, why_not: str, can_leave: bool) -> None:
+        """Whose session is open and whether it can be closed, and why no other one can be opened now."""
+        if (participant, why_not, can_leave) != (self._open, self._why, self._can_leave):
+            self._open, self._why, self._can_leave = participant, why_not, can_leave
+            self.choose.setEnabled(not participant)
+            self.choose.setToolTip(why_not if participant else "")
+            self._fill()
+
+    def session_of(self, participant: str) -> SessionOverview | None:
+        """A participant's session in this folder, if there is one."""
+        sessions = self.overview.sessions if self.overview else ()
+        return next((one for one in sessions if one.participant == participant), None)
+
+    def look(self) -> None:
+        """See what is in the folder now; a slow disk is not asked again before it has answered."""
+        if self._folder is not None and not self._looking.busy:
+            self._looking.ask(look_into, self._folder)
+
+    def _looked(self, overview: DataOverview) -> None:
+        if overview != self.overview:
+            self.overview = overview
+            self._fill()
+            self.looked.emit()
+
+    def _fill(self) -> None:
+        overview = self.overview
+        if overview is None:
+            return
+        clear(self._rows)
+        sessions = overview.sessions
+        if overview.problem:
+            self.count.setText(breakable(overview.problem))
+        elif not sessions:
+            self.count.setText("No sessions yet. The first one will appear here.")
+        else:
+            kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
+            trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
+            self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
+        self.whole.setVisible(overview.done > 0)
+        self.export_as.setVisible(overview.done > 0)
+        self.export_as.setEnabled(not self._export.busy)
+        for session in sessions:
+            self._rows.addLayout(self._row(session))
+            self._rows.addWidget(rule())
+        self._rows.addStretch(1)
+
+    def _row(self, session: SessionOverview) -> QLayout:
+        """A session: who and when, how far, what to do with it."""
+        is_open = session.participant == self._open
+        if is_open:
+            main = button("Close", self.close_asked.emit, hint=LEAVE)
+            main.setEnabled(self._can_leave)
+        elif session.complete:
+            main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
+        else:
+            main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
+            main.setEnabled(not self._why and not session.problem)
+            main.setToolTip(self._why)
+        main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
+        bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
+        theme.name_anew(bar, "done" if session.complete else "")
+        bar.setFixedHeight(6)
+        done = word("cannot be read" if session.problem else f"{session.done} of {session.planned}")
+        name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
+        name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
+        about = column(name, word(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
+        how_far = column(done, bar, spacing=3)
+        if session.lacking:
+            how_far.addWidget(line(f"{session.lacking} without a result", "quiet", theme.SMALL))
+            how_far.itemAt(2).widget().setToolTip(LACKING)
+        return row((about, 3), (how_far, 3), main, self._more(session, is_open), spacing=6)
+
+    def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
+        more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
+        more.setMenu(menu := QMenu(more))
+        can_open = not is_open and not self._why and not session.problem
+        self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
+        self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
+        self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
+        self._entry(menu, "Show the folder", lambda: show_folder(session.folder))
+        return more
+
+    @staticmethod
+    def _entry(menu: QMenu, text: str, do: Callable[[], object], can: bool = True) -> None:
+        menu.addAction(text, lambda: do()).setEnabled(can)
+
+    def _replay(self, session: SessionOverview) -> None:
+        recordings = recordings_in(session.folder)
+        self.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
+
+    # the folder
+
+    def _offer(self, menu: QMenu) -> None:
+        menu.clear()
+        for path in self._recent.paths:
+            self._entry(menu, path, partial(self._choose, Path(path)), path != str(self._folder))
+        menu.addSeparator()
+        self._entry(menu, "Another folder …", self._browse)
+
+    def _browse(self) -> None:
+        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder or Path.home()))
+        if chosen:
+            self._choose(Path(chosen))
+
+    def _choose(self, folder: Path) -> None:
+        if (folder / STORED).exists():  # a session of a data folder
+            folder = folder.parent.parent
+        self.folder_chosen.emit(folder)
+
+    # export
+
+    def _ask_export(self, form: str) -> None:
+        into = QFileDialog.getExistingDirectory(self, f"Where to put the {FORMS[form]} files", str(Path.home()))
+        if into:
+            self.export(form, Path(into))
+
+    def export(self, form: str, into: Path) -> None:
+        """Write all sessions for other programs into a new folder in this one."""
+        if self._folder is None:
+            return
+        self._out = first_free(into, f"{self._folder.name}-{form}")
+        self.exporting.setText(f"Exporting as {FORMS[form]} …")
+        self.bar.setValue(0)
+        for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):
+            widget.setVisible(shown)
+        self._export.begin("export", str(self._folder), f"--{form}", str(self._out))
+        self._fill()
+
+    def _exported(self, result: str | InputError) -> None:
+        failed = isinstance(result, InputError)
+        self.exporting.setText(breakable(f"Nothing was exported: {result}" if failed else f"Exported to {self._out}"))
+        self.bar.hide()
+        self.cancel.hide()
+        self.show_export.setVisible(not failed)
+        self._fill()

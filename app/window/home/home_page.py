@@ -1,0 +1,441 @@
+"""Home: try the device, run a session, see the data that are there.
+
+A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks for a session server with it when a
+session starts, a board is connected or a data folder is chosen.
+"""
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
+
+from app.ipc import messages as m
+from app.window.canvas.layers import SPACING_M
+from app.window.canvas.linkage_view import SmallView
+from app.window.canvas.plane import Sizes
+from app.window.device_page import DevicePage
+from app.window.home.board_ports import BoardPorts
+from app.window.home.data_panel import DataPanel, Recent
+from app.window.home.participant_form import ParticipantForm
+from app.window.home.protocol_editor import TOML, ProtocolEditor
+from app.window.widgets import theme
+from app.window.widgets.page import HOME, RUN, TRY, Page
+from app.window.widgets.parts import (
+    Choice,
+    Part,
+    Segments,
+    breakable,
+    button,
+    column,
+    holder,
+    line,
+    panel,
+    printed,
+    row,
+    scrolled,
+    stack,
+    word,
+)
+from app.window.widgets.preflight import Checklist
+from app.window.widgets.words import LEAVE
+from app.window.widgets.work import Work
+from core.device import shipped_devices
+from core.files import InputError
+from core.path import outline
+from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
+from experiments.plan import counted, make_plan, plan_summary, print_plan
+from experiments.protocol import Protocol, load_protocol, shipped_protocols
+from experiments.session.files import free_participant
+from experiments.session.overview import look_into
+
+LINE_PX = 32  # high, a line of the form at most
+SIMULATED, BOARD = "Simulated", "Board"
+NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
+FILE, AS_PROTOCOL = "A file …", "As the protocol says"
+PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
+HANDS = {name: INPUTS[name].title for name in CHOICES}
+
+
+class Loaded(NamedTuple):
+    """A protocol that can be run, and what is to be read of it before anyone sits down."""
+
+    protocol: Protocol
+    summary: str
+    trials: int  # of a participant
+    participant: str  # that was asked for, else whose session goes on or comes next; "": none is left
+
+
+def load(setup: m.Setup) -> Loaded:
+    """The protocol of a setup. InputError if it cannot be run."""
+    protocol = load_protocol(
+        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
+    )
+    protocol.refuse_unsettled()
+    participant = setup.participant or proposed(setup.data_dir, protocol)
+    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
+
+
+def proposed(data_dir: Path, protocol: Protocol) -> str:
+    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
+    overview = look_into(data_dir)
+    for newest in overview.sessions[:1]:
+        if not (newest.complete or newest.problem or overview.operators):
+            return newest.participant
+    with contextlib.suppress(InputError):
+        return free_participant(data_dir, protocol.participants)
+    return ""
+
+
+class HomePage(Page):
+    """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
+        self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
+        self._typed = False  # the participant was typed, and is not proposed anew
+        self._asked_from = HOME  # the page that led to the device page
+        self._named = ""  # who comes next, as the command line says; "": as `proposed`
+        self._loading, self._planning = Work(self._show_loaded), Work(self._show_plan)
+        self._recent = Recent("protocols")
+        self.data = DataPanel()
+        self.device, self.editor = DevicePage(send), ProtocolEditor()
+        self._make_choices()
+        self._lay_out()
+        self.data.folder_chosen.connect(self._take_folder)
+        self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.data.close_asked.connect(lambda: self.send(m.Leave()))
+        self.data.page_asked.connect(self.page_asked)
+        self.data.looked.connect(self._refresh)
+        self.editor.saved.connect(self._take_protocol)
+        for inner in (self.editor, self.device):
+            inner.left.connect(self._show_columns)
+
+    def _make_choices(self) -> None:
+        self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
+        self.protocol.activated.connect(self._protocol_chosen)
+        self.devices.activated.connect(self._devices_chosen)
+        self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
+        self.hand.fill(HANDS, MOUSE)
+        self.summary, self.hand_words = line("", bold=True), line("", "quiet")
+        self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
+        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
+        self.link.chosen.connect(self._link_chosen)
+        self.ports = BoardPorts()
+        self.ports.connect_asked.connect(self._connect)
+        self.ports.device_page_asked.connect(lambda: self.begin(HOME))
+        for wide in (self.protocol, self.devices):
+            wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            wide.setMinimumWidth(90)
+        self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
+        self.participant.textEdited.connect(self._participant_typed)
+        self.participant.returnPressed.connect(self._start)
+        self.standing = word("", "quiet")  # "new", "14 of 60 done"
+        self.blind = QCheckBox("Hide the names of the controllers")
+        self._picture = SmallView(PICTURE)  # of the protocol's first device
+        self.form = ParticipantForm()
+        self.form.changed.connect(self._refresh)
+        self.checks = Checklist()
+        self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
+        self.plan_text = printed()
+
+    def _lay_out(self) -> None:
+        self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
+        about = line("Feel what the controllers do. Nothing is saved.", "quiet")
+        try_it = panel("Try it", about, (holder(column(self._picture)), 1), self.try_it)
+        grid = QGridLayout()
+        grid.setContentsMargins(0, 0, 6, 0)
+        grid.setHorizontalSpacing(12)
+        grid.setVerticalSpacing(9)
+        grid.setColumnStretch(1, 1)
+        lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
+            ("Protocol", self.protocol, (self.show_plan, self.edit)), ("", self.summary, ()),
+            ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
+            ("Hand", self.hand, (self.hand_words,)), ("Participant", self.participant, (self.standing, 1)),
+            ("", self.form, ()), ("Blind", self.blind, ()), ("Ready?", self.checks, ()),
+        )  # fmt: skip
+        for at, (name, first, others) in enumerate(lines):
+            if name:
+                label = word(name, "quiet")
+                label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
+                grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
+            grid.addLayout(row(first, *others), at, 1)
+        grid.setRowStretch(grid.rowCount(), 1)
+        self.area = scrolled(holder(grid))
+        session = panel("Run a session", (self.area, 1), self.why, self.start)
+        for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
+            large.setFont(theme.font(size, bold=True))
+            large.setMinimumHeight(height)
+
+        self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
+        for part in (try_it, session, self.data):
+            part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.columns = holder(row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP))
+        self.stack = stack(self.columns, self.plan, self.editor, self.device)
+        self.setLayout(column(self.stack))
+
+    # --------------------------------------------------------------------------------------- what the window hands on
+
+    def show_setup(self, setup: m.Setup) -> None:
+        self.setup = setup
+        self.data.show_folder(setup.data_dir)
+        if setup != self.chosen:
+            self._typed, self._named = False, setup.participant
+            self.link.choose(BOARD if setup.link else SIMULATED)
+            self._take(setup)
+        self.ports.show_link(setup.link)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        ended = self.opened is not None and self.opened.participant and not opened.participant
+        super().show_opened(opened)
+        if opened.participant:
+            self.participant.setText(opened.participant)
+        if ended:  # another participant comes next
+            self._typed, self._named = False, ""
+            self._load()
+        self.show_snapshot(self.snapshot)
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        super().show_snapshot(snapshot)
+        self.device.show_session(self.opened, snapshot)
+        if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
+            self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
+            self._choose()
+        self._refresh()
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        self.device.show_status(pulse.device)
+
+    def begin(self, what: object = None) -> None:
+        """What: the page from which the device page was asked for, and to which it leads back."""
+        self._asked_from = str(what or HOME)
+        self.stack.setCurrentWidget(self.device if what else self.columns)
+
+    def cancel(self) -> bool:
+        shown = self.stack.currentWidget()
+        if shown is not self.device or not self.device.cards.leave():
+            self._show_columns()
+        return shown is not self.columns
+
+    def _show_columns(self) -> None:
+        self.stack.setCurrentWidget(self.columns)
+        if self._asked_from != HOME:
+            self.page_asked.emit(self._asked_from, None)
+
+    # --------------------------------------------------------------------------------------- the choices
+
+    def _take(self, setup: m.Setup) -> None:
+        """These are the choices now."""
+        self.chosen = setup
+        shipped = {name: name.capitalize() for name in shipped_protocols()}
+        files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
+        self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
+        devices: dict[tuple[str, ...] | None, str] = {None: AS_PROTOCOL}
+        devices |= {(name,): name for name in shipped_devices()}
+        devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))
+        self.devices.fill({**devices, (): FILE}, setup.devices)
+        self.hand.fill(HANDS, setup.hand)
+        self._load()
+
+    def _choose(self, **changes: Any) -> None:
+        """Another choice; it takes effect when a session starts."""
+        self._take(self.chosen._replace(**changes))
+
+    def _protocol_chosen(self) -> None:
+        name = self.protocol.value() or QFileDialog.getOpenFileName(self, "Protocol", "", TOML)[0]
+        self._take_protocol(name) if name else self._choose()
+
+    def _take_protocol(self, name: str) -> None:
+        """A protocol was chosen or saved: options that stood in place of another one's values are gone."""
+        if name not in shipped_protocols():
+            self._recent.add(name)
+        self._show_columns()
+        self._choose(protocol=name, rules=None, low_gain=None, seed=None)
+
+    def _devices_chosen(self) -> None:
+        chosen = self.devices.value()
+        if chosen == ():
+            path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
+            chosen = (path,) if path else self.chosen.devices
+        self._choose(devices=chosen)
+
+    def _participant_typed(self) -> None:
+        self._typed = True
+        self._refresh()
+
+    def _load(self) -> None:
+        """Read the chosen protocol."""
+        self.loaded = None
+        self._loading.ask(load, self.chosen._replace(participant=self._named))
+        self._refresh()
+
+    def _show_loaded(self, loaded: Loaded | InputError) -> None:
+        self.loaded = loaded
+        wrong = isinstance(loaded, InputError)
+        theme.name_anew(self.summary, "bad" if wrong else "")
+        self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
+        self.show_plan.setEnabled(not wrong)
+        if isinstance(loaded, Loaded):
+            if not self._typed and loaded.participant != self.participant.text():
+                self.participant.setText(loaded.participant)
+                self.form.show_form({})  # it was another participant's
+            self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
+            self.form.show_form(loaded.protocol.form)
+            self._show_device(loaded.protocol)
+        self._refresh()
+
+    def _show_device(self, protocol: Protocol) -> None:
+        """The device with its handle between start and end: what Try is about."""
+        device, path = protocol.devices[0], next(iter(protocol.paths.values()))
+        way = outline(path, SPACING_M).tolist()
+        self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
+        self._picture.show()
+
+    # --------------------------------------------------------------------------------------- the board
+
+    @property
+    def on_board(self) -> bool:
+        """Whether the board's ports are shown, connected or not."""
+        return self.link.value() == BOARD
+
+    def _link_chosen(self, which: str) -> None:
+        if self.setup.link and which == SIMULATED:
+            self.setup_asked.emit(self.chosen._replace(link=""), None)  # let the board go
+        else:
+            self._choose(link=self.setup.link)
+
+    def _connect(self, port: str) -> None:
+        if not self._session_open:
+            self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
+
+    def _take_folder(self, folder: Path) -> None:
+        self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
+
+    # --------------------------------------------------------------------------------------- start
+
+    @property
+    def _session_open(self) -> str:
+        return self.opened.participant if self.opened is not None else ""
+
+    def _why_not(self) -> str:
+        """Why no session can start or go on, one sentence; "": one can."""
+        label = self.participant.text()
+        if not (label.isascii() and label.isalnum()):
+            return "Name the participant, with letters a to z and digits." if label else "Name the participant."
+        there = self.data.session_of(label)
+        if there is not None and there.problem:
+            return there.problem
+        if there is None and (why := self._why_no_new_session(label)):
+            return why
+        return self._hindrance()
+
+    def _hindrance(self) -> str:
+        """Why no session can be opened whatever it is, one sentence; "": nothing stands in the way."""
+        snapshot = self.snapshot
+        if self._session_open:
+            return f"The session of {self._session_open} is open: close it to open or choose another. {LEAVE}"
+        if snapshot.stage == m.PREPARING:
+            return "Waiting for the session server and its control loop to start …"
+        if snapshot.stage == m.FAILED and not self._no_board:
+            return ""  # the start begins with another session server
+        return snapshot._replace(checks=self._checks).why_no_session(bool(self.setup.link))
+
+    @property
+    def _no_board(self) -> bool:
+        """Whether a board was chosen, and none is connected yet."""
+        return self.on_board and not self.chosen.link
+
+    @property
+    def _checks(self) -> tuple[m.Check, ...]:
+        """The checks of what was chosen: device and hand of another session server are not looked at yet."""
+        if self._same_setup and not self._no_board:
+            return self.snapshot.checks
+        others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
+        return (NO_BOARD, *others) if self._no_board else others
+
+    def _why_no_new_session(self, label: str) -> str:
+        loaded, overview = self.loaded, self.data.overview
+        if overview is not None and overview.operators:
+            study = f"a study of {counted(overview.operators, 'simulated operator')}"
+            return f"This folder holds {study}, which takes no other session. Choose another folder."
+        if not isinstance(loaded, Loaded):
+            return "This protocol cannot be run." if loaded else "Reading the protocol …"
+        if loaded.protocol.participants and label not in loaded.protocol.participants:
+            return f"The protocol's participants are {', '.join(loaded.protocol.participants)}."
+        missing = self.form.missing() if self._asks_a_person else []
+        return f"Fill in {' and '.join(missing)}." if missing else ""
+
+    @property
+    def _asks_a_person(self) -> bool:
+        """Whether a person is to be at the handle, who can be asked what a protocol asks for."""
+        return self.on_board or is_person(self.hand.value())
+
+    @property
+    def _same_setup(self) -> bool:
+        """Whether the session server that is there is the chosen one."""
+        return self.setup == self.chosen and self.snapshot.stage != m.FAILED
+
+    def _refresh(self) -> None:
+        """Whether a session can start, and what the button then does."""
+        label, is_open, why = self.participant.text(), self._session_open, self._why_not()
+        there = self.data.session_of(label)
+        trials = self.loaded.trials if isinstance(self.loaded, Loaded) else 0
+        if is_open:
+            text, why = f"Go to the session   {is_open}", self._hindrance()
+        elif there is None:
+            text = f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
+        elif there.complete:
+            text = f"Open session   {label} · complete"
+        else:
+            text = f"Resume session   {label} · {counted(there.planned - there.done, 'trial')} left"
+        self.standing.setText("" if not label else f"{there.done} of {there.planned} done" if there else "new")
+        self.start.setText(text)
+        self.start.setEnabled(bool(is_open) or not why)
+        bad = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
+        wrong = self.snapshot.notice if bad else ""
+        self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
+        self.why.setVisible(bool(wrong or why))
+        for choice in (self.protocol, self.devices, self.hand, self.link, self.ports.port, self.participant):
+            choice.setEnabled(not is_open)
+        new = there is None and not is_open  # of a session that is there both were settled when it began
+        self.blind.setEnabled(new)
+        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields))
+        if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
+            self.blind.setEnabled(False)
+        self.ports.setVisible(self.on_board)
+        self.hand.setVisible(not self.on_board)
+        self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
+        self.checks.show_checks(self._checks)
+        self.data.show_session(is_open, self._hindrance(), self.snapshot.can_leave)
+
+    def _start(self) -> None:
+        if self._session_open:
+            self.page_asked.emit(RUN, None)
+        elif self.start.isEnabled():
+            there = self.data.session_of(self.participant.text()) is not None
+            blind, form = (False, {}) if there else (self.blind.isChecked(), self.form.answers())
+            self._ask(m.Open(self.participant.text(), there, blind, form))
+
+    def _ask(self, command: m.Open) -> None:
+        """Open a session, by the session server that was chosen."""
+        if self._same_setup:
+            self.send(command)
+        else:
+            self.setup_asked.emit(self.chosen, command)
+
+    # --------------------------------------------------------------------------------------- plan and editor
+
+    def _ask_plan(self) -> None:
+        if isinstance(loaded := self.loaded, Loaded):
+            self._planning.ask(print_plan, loaded.protocol, self.participant.text() or "01")
+
+    def _show_plan(self, text: str | InputError) -> None:
+        self.plan_text.setPlainText(str(text))
+        self.stack.setCurrentWidget(self.plan)
+
+    def _edit(self) -> None:
+        self.editor.open(self.chosen.protocol)
+        self.stack.setCurrentWidget(self.editor)

@@ -1,1 +1,0 @@
-"""What pages are made of, their look, and what is painted on canvases."""

@@ -1,0 +1,1 @@
+"""What the participant sees and hears; no page of the main window."""

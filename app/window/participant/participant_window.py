@@ -1,0 +1,292 @@
+"""The participant's window: path, start, end, the handle, one line of large text. Nothing else, unless the protocol
+says so: no numbers, no controller's name, no brake's colour.
+"""
+
+import time
+from collections.abc import Collection
+
+import numpy as np
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QHideEvent, QMouseEvent, QPainter, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QStackedLayout, QWidget
+
+from app.ipc import messages as m
+from app.window.canvas.force_view import way_of
+from app.window.canvas.layers import SPACING_M, extent_of_linkages, extent_of_paths, joints_at
+from app.window.canvas.marks import paint_arms
+from app.window.canvas.plane import FROM_AFAR, Plane, Sizes
+from app.window.participant.questionnaire import Instructions, Questionnaire
+from app.window.participant.tone import Tones
+from app.window.widgets import theme, words
+from app.window.widgets.words import Shown, hand_is_mouse
+from core import tick_log
+from core.device import Device
+from core.path import PathFile, outline
+from experiments.language import Language
+from experiments.plan import PlannedTrial
+
+LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
+TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
+EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
+PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
+LEAST_SHARE = 0.45  # of the size of the marks, in a small window
+LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
+
+
+class ParticipantView(Plane):
+    """The picture."""
+
+    def __init__(self) -> None:
+        super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR)
+        self.shown = Shown("")
+        self.held = 0.0  # share of the hold at the start that is over
+        self.side = 0  # where the text stands: in the middle, or out of the handle's way, left (-1) or right (1)
+        self.mouse = True
+        self._device: Device | None = None  # whose linkage is shown
+
+    def write(self, shown: Shown) -> None:
+        """The line of large text, and the quiet one under it."""
+        if shown != self.shown:
+            self.shown = shown
+            self.repaint_still()
+
+    def show_hold(self, share: float) -> None:
+        """How much of the hold at the start is over."""
+        if share != self.held:
+            self.held = share
+            self.update()
+
+    def show_handle(self, tip: m.Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
+        super().show_handle(tip, taken, force_N)
+        at = self.to_screen(tip) if tip is not None else QPointF()
+        down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1
+        side = side if down > TEXT_TOP - (0.08 if self.side else 0.03) else 0  # the text is never under the dot
+        if side != self.side:
+            self.side = side
+            self.repaint_still()
+
+    def show_linkage(self, device: Device | None) -> None:
+        """Draw the arms of a device; None: no linkage."""
+        self._device = device
+        self.update()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        height, edge = self.height(), EDGE_SHARE * self.height()
+        self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
+        share = max(min(height / 900.0, self.width() / 1200.0), LEAST_SHARE)
+        self.sizes = Sizes(*(share * size for size in FROM_AFAR))
+        super().resizeEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self.mouse and self.tip is not None:  # else there is nothing to take hold of
+            super().mouseMoveEvent(event)
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        height = float(self.height())
+        centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
+        top = TEXT_TOP if len(self.outline) else TEXT_ALONE
+        left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
+        for text, share, down, bold, colour in (
+            (self.shown.large, LARGE_SHARE, 0.0, True, theme.TEXT),
+            (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
+        ):
+            size = round(share * height)
+            fits = min((width - 16) / max(theme.text_width(text, size, bold), 1.0), 1.0)
+            painter.setFont(theme.font(max(int(fits * size), theme.SMALL), bold))
+            painter.setPen(theme.shade(colour))
+            painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
+
+    def paint_under_handle(self, painter: QPainter) -> None:
+        if self.held > 0.0 and len(self.outline):
+            self.paint_hold(painter, self.held)
+        if self._device is not None and self.tip is not None:
+            joints = joints_at(self._device.mechanism, self.tip)
+            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, 12.0, 3.0)
+
+
+def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, float]) -> QRectF:
+    """The rectangle (m) to be seen so that the widest path takes half of the width; radii_m: of the rings at its ends.
+
+    Our choice: one scale for a session, so that the same movement of the hand is the same on the screen in every
+    trial; a narrower path then takes less than half. Where the paths are too high for that above the text, the height
+    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole; paths that lie side
+    by side must all be seen where they are.
+    """
+    around = extent_of_paths(paths, 0.0)
+    widest = max(extent_of_paths([path], 0.0).width() for path in paths)
+    for line in (outline(path, SPACING_M) for path in paths):
+        for (x, y), radius in zip((line[0], line[-1]), radii_m, strict=True):
+            around |= QRectF(x - radius, y - radius, 2.0 * radius, 2.0 * radius)
+    beside = max(0.5 * (widest / PATH_SHARE - around.width()), 0.0)
+    return around.adjusted(-beside, 0.0, beside, 0.0)
+
+
+class ParticipantWindow(QWidget):
+    """The picture; before it the pages of instructions, and after a block or a controller the questions."""
+
+    close_asked = Signal()
+    reading = Signal(bool)  # whether instructions are seen that have not all been turned over yet
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setWindowTitle("PHD: participant")
+        self.setMinimumSize(480, 320)
+        self.view = ParticipantView()
+        self.questions, self.instructions = Questionnaire(), Instructions()
+        self.tones = Tones()
+        self._opened: m.Opened | None = None
+        self._snapshot = m.Snapshot(m.PREPARING)
+        self.own_start = False  # the person who reads this has the space bar too
+        self.leaving = False
+        self._rest_until_s, self._reads = 0.0, False
+        self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
+        self._stack = QStackedLayout(self)
+        for widget in (self.view, self.questions, self.instructions):
+            self._stack.addWidget(widget)
+        self.instructions.turned.connect(self.start)
+
+    def show_opened(self, opened: m.Opened) -> None:
+        """A session, or a protocol before one."""
+        protocol = opened.protocol
+        if self._opened is None or opened.folder != self._opened.folder:
+            self.instructions.show_pages(protocol.pages if opened.participant else (), protocol.sentences)
+        self._opened = opened
+        self.questions.show_language(protocol.sentences)
+        self.view.mouse = hand_is_mouse(opened)
+        self.view.show_obstacles(protocol.obstacle)
+        self.view.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
+        if not self.view.mouse:
+            self.view.show_pointer(None)
+        paths = protocol.paths.values()
+        self.view.set_extent(
+            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage
+            else extent_at_half_width(paths, self.view.radii_m)
+        )  # fmt: skip
+
+    def start(self) -> bool:
+        """Space or a click: the next page of the instructions; whether there was one."""
+        turned = self._stack.currentWidget() is self.instructions and self.instructions.turn()
+        self._choose_page()
+        return turned
+
+    def _choose_page(self) -> None:
+        instructs = self._snapshot.stage == m.READY and not self._snapshot.rows and not self.instructions.over
+        page = self.questions if self._snapshot.stage == m.QUESTIONS else self.instructions if instructs else self.view
+        self._stack.setCurrentWidget(page)
+        self._say_reading()
+
+    def _say_reading(self) -> None:
+        if (reads := self.isVisible() and self._stack.currentWidget() is self.instructions) != self._reads:
+            self._reads = reads
+            self.reading.emit(reads)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._say_reading()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self._say_reading()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before, self._snapshot = self._snapshot, snapshot
+        if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
+            self.questions.clear()
+        self.questions.show_feedback(words.feedback(snapshot, self._opened))
+        if snapshot.running is not None:  # whoever did not see the instructions by now does without them
+            self.instructions.leave()
+        self._choose_page()
+        if snapshot.running is not None:
+            if snapshot.running != before.running or before.stage != m.RUNNING:
+                self._show_trial(snapshot.running, snapshot.tip)
+                self._write(words.moving(tick_log.APPROACH, False, self._language))
+            return
+        self.view.show_handle(snapshot.tip)
+        self.view.show_hold(0.0)
+        step = snapshot.card is not None and snapshot.stage != m.QUESTIONS
+        if step or snapshot.stage in (m.FINISHED, m.FAILED, m.NO_SESSION, m.PREPARING):
+            self.view.show_path(None)
+            self.view.show_handle(None)
+            self.view.show_pointer(None)
+        elif snapshot.coming is not None and (not snapshot.rows or self.view.path is None):
+            self._show_trial(snapshot.coming, snapshot.tip)
+        if snapshot.stage == m.BREAK and before.stage != m.BREAK:
+            self._rest_until_s = time.perf_counter() + (snapshot.card.wait_s if snapshot.card else 0.0)
+        self._write_between()
+
+    @property
+    def _language(self) -> Language:
+        return words.language_of(self._opened)
+
+    def _write_between(self) -> None:
+        shown = words.between(self._snapshot, self._opened, self.own_start)
+        if self._snapshot.stage == m.BREAK and (left := self._rest_until_s - time.perf_counter()) > 0.0:
+            how = self._language["break_left"].format(time=words.clock(left))
+            shown = shown._replace(small=shown.small.replace(self._language["break_how"], how))
+        self._write(words.with_keys(shown, self._snapshot, self._language) if self.own_start else shown)
+
+    def show_time(self) -> None:
+        """What only the clock changes: the rest that is left."""
+        if self._snapshot.stage == m.BREAK:
+            self._write_between()
+
+    def _write(self, shown: Shown | None) -> None:
+        if shown is not None:
+            self.view.write(shown)
+
+    def _show_trial(self, planned: PlannedTrial, tip: m.Point) -> None:
+        if self._opened is None:
+            return
+        self._phase = -1
+        protocol = self._opened.protocol
+        self.view.show_path(protocol.paths[planned.segment])
+        self.view.show_linkage(protocol.device(planned.configuration) if protocol.show_linkage else None)
+        self.view.show_handle(tip)
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        """The newest ticks (n, tick_log.WIDTH) of the running trial; taken: the pointer has hold of the handle."""
+        if self._snapshot.running is None or not len(rows):
+            return
+        self.view.extend_trail(way_of(rows))
+        if not self.isVisible():
+            return
+        held = taken or not self.view.mouse
+        now = rows[-1]
+        tip = (float(now[tick_log.TIP_X]), float(now[tick_log.TIP_Y]))
+        force = float(now[tick_log.HAND_FX] ** 2 + now[tick_log.HAND_FY] ** 2) ** 0.5
+        self.view.show_handle(tip, taken if self.view.mouse else None, force)
+        if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
+            self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
+        self._follow_phase(rows)
+        early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
+        self._write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
+
+    def _follow_phase(self, rows: np.ndarray) -> None:
+        """Tones, the sweep of the hold, and whether the start was left too early."""
+        now, t = int(rows[-1, tick_log.PHASE]), float(rows[-1, tick_log.T])
+        if now != self._phase:
+            if now == tick_log.HOLD:
+                self._hold_from_s = float(rows[np.argmax(rows[:, tick_log.PHASE] == now), tick_log.T])
+            if self._phase == tick_log.HOLD and now == tick_log.APPROACH:
+                self._early_s = t
+            elif self._phase == -1:
+                self._early_s = -LEFT_EARLY_S
+            if self._opened is not None and self._opened.protocol.tones and now in (tick_log.MOVE, tick_log.END):
+                self.tones.play("go" if now == tick_log.MOVE else "end")
+            self._phase = now
+        hold_s = self._opened.protocol.trial.hold_s if self._opened is not None else 0.0
+        holds = now == tick_log.HOLD and hold_s > 0.0
+        self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
+
+    def show_dead(self) -> None:
+        self._snapshot = m.Snapshot(m.FAILED)
+        self.view.show_handle(None)
+        self.view.show_path(None)
+        self._stack.setCurrentWidget(self.view)
+        self._write_between()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Closing is the main window's: it asks while something is recorded."""
+        if not self.leaving:
+            event.ignore()
+            self.close_asked.emit()

@@ -1,0 +1,1 @@
+"""The Run page: a session, as its experimenter sees it."""

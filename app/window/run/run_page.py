@@ -1,0 +1,340 @@
+"""The Run page: plan and commands at the left, the workspace, and at the right the running trial's curves or the card
+of the trial that has just ended."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFileDialog
+
+from app.ipc import messages as m
+from app.window.canvas.force_view import Reading
+from app.window.canvas.linkage_view import Workspace
+from app.window.participant.questionnaire import Questionnaire
+from app.window.run.energy_panel import EnergyPanel
+from app.window.run.session_panel import SessionPanel, can_be_redone
+from app.window.run.trial_card import TrialCard
+from app.window.widgets import theme, words
+from app.window.widgets.cards import ABORT, REDO, SKIP, Cards
+from app.window.widgets.page import Page
+from app.window.widgets.parts import column, holder, line, row, stack, word
+from app.window.widgets.plots import TimingStrip, Traces
+from app.window.widgets.words import describe, feedback, hand_is_mouse, place
+from app.window.widgets.work import Work
+from core import tick_log
+from core.files import InputError
+from experiments.analysis.trials_table import TrialRow
+from experiments.plan import PlannedTrial
+from experiments.protocol import Protocol
+
+if TYPE_CHECKING:
+    from experiments.session.playback import Playback
+
+#: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
+RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
+#: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
+#: which is as smooth as they can be read; only what follows the hand goes on with every frame.
+PANELS_EVERY = 3
+KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
+UNMEASURED = "Place not measured: drawn at its jig, or where it was"
+
+
+class RunPage(Page):
+    """A session, as its experimenter sees it."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self.panel = SessionPanel()
+        #: what the participant reads, in large words, and the workspace under it
+        self.large, self.small = word("", size=theme.LARGE, bold=True), line("", "quiet", theme.TITLE)
+        self.workspace = Workspace()
+        self.workspace.hide()  # until a protocol decides its scale
+        self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
+        self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
+        self.card, self.questions = TrialCard(), Questionnaire()
+        self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
+        self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
+        self._ticks: list[np.ndarray] = []  # of the running trial, for its card
+        self._judged: set[int] = set()  # runs whose card was answered
+        self._asked, self._looked_at = 0, 0  # runs, 0 for none: whose cell of the plan was clicked; of the card of such
+        self._read: np.ndarray | None = None  # its ticks (n, tick_log.WIDTH)
+        self._reading = Work(self._show_read)  # its recording
+        self._numbers = Reading()
+        self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
+        live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
+        self._right = stack(live, self.card)
+        whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
+        self._stack = stack(whole, self.questions)
+        self.setLayout(row(self._stack))
+        self.cards = Cards(self._centre)
+        self._connect()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
+        self.traces.speed.setVisible(self.height() > LOW_PX)
+
+    def _connect(self) -> None:
+        for signal, do in (
+            (self.panel.start.clicked, self.start),
+            (self.panel.redo.clicked, self.redo),
+            (self.panel.skip.clicked, self.skip),
+            (self.panel.pause.clicked, self.pause),
+            (self.panel.abort.clicked, self.abort),
+            (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
+            (self.panel.elsewhere.clicked, self._go_elsewhere),
+            (self.panel.noted, self._note),
+            (self.panel.grid.clicked, self._show_cell),
+            (self.card.keep.clicked, self._go_on),
+            (self.card.redo.clicked, self.redo),
+            (self.card.excluded, self._exclude),
+            (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
+            (self.workspace.view.pointer_moved, self.aimed),
+            (self.workspace.view.pointer_left, self.left),
+        ):
+            signal.connect(do)
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {
+            "start": self.start, "redo": self.redo, "exclude": self.card.exclude, "skip": self.skip,
+            "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
+        }  # fmt: skip
+
+    def own_keys(self) -> dict[str, str]:
+        return self.workspace.keys
+
+    # ------------------------------------------------------------------------------------------- what is asked for
+
+    def start(self) -> None:
+        """Press the first button of what is asked; else keep the trial on the card and start the next one."""
+        if self.cards.press_main():
+            return
+        if self.card_shown and not self.card.ready:
+            return
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Keep the trial on the card, and start the next one unless an earlier trial was looked at."""
+        earlier = self._looked_at != 0
+        self._keep()
+        if self.panel.start.isEnabled() and not earlier:
+            if self.participant_reads:
+                self.turn_asked.emit()
+                return
+            self.send(m.Start())
+            self._centre.setFocus()
+
+    def pause(self) -> None:
+        """No trial starts after this one; or trials may start again."""
+        if self.panel.pause.isEnabled():
+            self.send(m.Pause(not self.snapshot.paused))
+
+    def redo(self) -> None:
+        """Ask why, then repeat the trial on the card, or the last one."""
+        on_card = self.card.row if self.card_shown else None
+        last = on_card or next(filter(can_be_redone, reversed(self.snapshot.rows)), None)
+        if last is None or not can_be_redone(last) or self.opened is None or not self.panel.redo.isEnabled():
+            return
+        ask = REDO._replace(title=REDO.title.format(last.run))
+        self.cards.ask(ask, lambda reason: self.send(m.Redo(last.run, reason)))
+
+    def skip(self) -> None:
+        """Ask why, then leave the next trial out."""
+        coming = self.snapshot.coming
+        if not self.panel.skip.isEnabled() or self.opened is None or coming is None:
+            return
+        title = SKIP.title.format(place(coming, self.opened.plan))
+        text = SKIP.text.format(describe(coming, self.opened, self.snapshot.blind))
+        self.cards.ask(SKIP._replace(title=title, text=text), lambda reason: self.send(m.Skip(reason)))
+
+    def abort(self) -> None:
+        """Ask why and whether it comes again, then end the running trial."""
+        if self.snapshot.stage == m.RUNNING:
+            self.cards.ask(ABORT, lambda *why: self.send(m.Abort(*why)))
+
+    def _go_elsewhere(self) -> None:
+        """Choose a data folder that takes what this one does not."""
+        if folder := QFileDialog.getExistingDirectory(self, "Data folder to go on in", str(Path.home())):
+            self.send(m.MoveTo(folder))
+
+    def _note(self, text: str) -> None:
+        self.send(m.Note(text))
+        self.cards.take_focus()
+
+    def cancel(self) -> bool:
+        return self.cards.leave()
+
+    def _keep(self) -> None:
+        if self.card_shown and self.card.row is not None:
+            if not self._looked_at:
+                self._judged.add(self.card.row.run)
+            self._looked_at = 0
+            self._refresh()
+
+    def _exclude(self, reason: str) -> None:
+        if self.card.row is not None:
+            self.send(m.Exclude(self.card.row.run, reason))
+            self._looked_at = 0
+
+    def _show_cell(self, row: TrialRow) -> None:
+        """The card of an earlier trial, once its recording is read."""
+        from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
+
+        if self.opened is not None and self.snapshot.running is None:
+            self._asked = row.run
+            self._reading.ask(read_playback, Path(self.opened.folder) / row.recording)
+
+    def _show_read(self, trial: "Playback | InputError") -> None:
+        if isinstance(trial, InputError):
+            self.cards.show_message("The recording cannot be read", str(trial))
+        elif self.snapshot.running is None:
+            self._looked_at, self._read = self._asked, trial.ticks
+            self._refresh()
+
+    @property
+    def card_shown(self) -> bool:
+        return self._right.currentWidget() is self.card
+
+    # ------------------------------------------------------------------------------------------- what the server sends
+
+    def show_opened(self, opened: m.Opened) -> None:
+        before = self.opened
+        super().show_opened(opened)
+        if before is None or before.folder != opened.folder:
+            self._judged = {row.run for row in self.snapshot.rows}
+            self._reading.forget()
+        self._shown = None
+        if before is None or not same_places(before.protocol, opened.protocol):
+            self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
+            self.workspace.show()
+        self.workspace.view.show_obstacles(opened.protocol.obstacle)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before = self.snapshot
+        super().show_snapshot(snapshot)
+        if snapshot.stage == m.QUESTIONS != before.stage:
+            self.questions.clear()
+        if before.stage in (m.PREPARING, m.NO_SESSION):
+            self._judged = {row.run for row in snapshot.rows}  # of an earlier day
+        if snapshot.stage == m.NO_SESSION:
+            self.cards.leave()  # what it asks is of a session that is closed
+        elif before.stage != snapshot.stage:
+            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "skip", "leave"})
+        self._refresh()
+        self._show_trial(before)
+
+    def _show_trial(self, before: m.Snapshot) -> None:
+        """The workspace: the running trial, else the coming one unless there is a trail to look at."""
+        snapshot, opened = self.snapshot, self.opened
+        if opened is None or snapshot.sandbox is not None:
+            return
+        now, coming = snapshot.running, snapshot.coming
+        begins = now is not None and (before.running != now or before.stage != m.RUNNING)
+        other_device = self._shown is None or coming is None or self._shown.configuration != coming.configuration
+        if now is None and coming is not None and other_device:
+            now, begins = coming, True
+        if begins and now is not None:
+            self._shown, self._looked_at = now, 0
+            self._waiting.clear()
+            self._ticks.clear()
+            device = opened.protocol.device(now.configuration)
+            self.workspace.view.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
+            if snapshot.running is not None:
+                self._write_phase(tick_log.APPROACH, taken=False)
+            self.traces.show_trial(device)
+            self.energy.clear()
+            self.timing.clear()
+        elif snapshot.running is None:
+            self.show_panels()
+            self.workspace.view.rest(snapshot.tip)
+        if snapshot.running is None and opened.real_device and not snapshot.place_known:
+            self.workspace.view.show_text("", UNMEASURED)
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        self.timing.show_timing(pulse.timing)
+        self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        if self.snapshot.running is None or self.snapshot.sandbox is not None:
+            return
+        self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
+        self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
+        self._ticks.append(rows)
+        self._waiting.append(rows)
+        if len(self._waiting) >= PANELS_EVERY:
+            self.show_panels()
+
+    def show_panels(self) -> None:
+        """The panels go on; at the end of a trial up to its last tick."""
+        if self._waiting:
+            rows = np.concatenate(self._waiting)
+            self._waiting.clear()
+            for add in (self.traces.add, self.energy.add, self.timing.add_ticks):
+                add(rows)
+            now = rows[-1, tick_log.T]
+            if self._numbers.due(float(now)) or self.snapshot.running is None:
+                # one tick for all numbers: the same force beside its arrow and its curve
+                self.traces.word()
+                self.energy.word()
+                if self.snapshot.running is not None:
+                    self.workspace.view.show_numbers(rows[-1])
+
+    def _write_phase(self, phase: int, taken: bool) -> None:
+        """What the participant reads in a phase of a trial."""
+        held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
+        shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
+        if shown is not None:
+            self._write(shown)
+
+    def _write(self, shown: words.Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
+
+    def show_time(self, now_s: float) -> None:
+        """What only the clock changes: the countdown of a break."""
+        self.cards.show_time(now_s)
+
+    def begin(self, what: object = None) -> None:
+        self._refresh()
+
+    def _refresh(self) -> None:
+        snapshot, opened = self.snapshot, self.opened
+        if opened is None:
+            return
+        asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
+        self._stack.setCurrentIndex(1 if asks else 0)
+        self.questions.show_feedback(feedback(snapshot, opened))
+        self._show_card(opened)
+        self.panel.show_session(opened, snapshot, self.participant_reads)
+        can_start = self.panel.start.isEnabled()
+        self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
+        self.panel.start.key.setVisible(not self.card_shown)
+        self.card.keep.setText(CLOSE if self._looked_at else KEEP_AND_START if can_start else KEEP)
+        self.workspace.set_blind(snapshot.blind)
+        if snapshot.running is None:
+            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
+        self.traces.set_blind(snapshot.blind)
+        self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
+        self.cards.show_session(opened, snapshot, self)
+
+    def _show_card(self, opened: m.Opened) -> None:
+        """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""
+        snapshot = self.snapshot
+        rows = [row for row in snapshot.rows if row.block > 0]
+        looked_at = next((row for row in rows if row.run == self._looked_at), None)
+        row = looked_at or (rows[-1] if rows else None)
+        judged = row is None or row.run in self._judged or row.status not in ("done", "timeout", "aborted")
+        wanted = snapshot.running is None and (looked_at is not None or not judged)
+        if wanted and row is not None and (row != self.card.row or not self.card_shown):
+            newest = np.concatenate(self._ticks) if self._ticks else None
+            ticks = newest if looked_at is None else self._read
+            self.card.show_row(row, rows, ticks, opened, snapshot)
+        self._right.setCurrentIndex(1 if wanted else 0)
+
+
+def same_places(a: Protocol, b: Protocol) -> bool:
+    """Whether two protocols have the same devices and paths."""
+    return [device.text for device in a.devices] == [device.text for device in b.devices] and a.paths == b.paths

@@ -1,0 +1,150 @@
+"""The left panel: the plan, what comes next, what can be asked for, the notes.
+
+It shows the snapshot; the page does what its buttons ask for.
+"""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
+
+from app.ipc import messages as m
+from app.window.participant.tone import player
+from app.window.run.plan_grid import PlanGrid
+from app.window.widgets import theme
+from app.window.widgets.parts import NO_FOCUS, KeyButton, OneLine, Panel, breakable, column, line, row, scrolled, word
+from app.window.widgets.preflight import advice
+from app.window.widgets.words import LACKING, cell, done_of, minutes, place
+from experiments.analysis.trials_table import TrialRow
+from experiments.session.files import settled_cells
+
+WIDTH_PX = 256
+LEAST_PLAN_PX = 60  # high, of the plan
+READS = "The participant reads the instructions; after the last page the first trial can be started."
+SILENT = "No tones: neither paplay nor aplay is installed here."
+
+
+class SessionPanel(Panel):
+    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session, Other folder."""
+
+    noted = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.head = word("", size=theme.HEAD, bold=True)
+        self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
+        self.grid = PlanGrid()
+        self.coming_head = word("Next", "quiet")
+        self.coming = word("", bold=True)
+        self.cell = OneLine("", "quiet")
+        self.notice = line("", "caution", theme.SMALL)
+        self.start = KeyButton("Start", "Space", "main")
+        self.redo = KeyButton("Repeat last trial …", "Ctrl+R")
+        self.skip = KeyButton("Skip next trial …", "Ctrl+S")
+        self.pause = KeyButton("Pause after this trial", "Ctrl+P")
+        self.pause.setCheckable(True)
+        self.abort = KeyButton("Abort trial …", "Ctrl+A")
+        self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
+        self.elsewhere = KeyButton("Other folder …", "goes on")  # where the disk does not take the session
+        self.elsewhere.hide()
+        self.note = QLineEdit(
+            placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500
+        )
+        self.note.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self.note.returnPressed.connect(self._keep_note)
+        self.notes = QPlainTextEdit(readOnly=True, focusPolicy=NO_FOCUS, minimumHeight=24, maximumHeight=150)
+        self.notes.setFont(theme.font(theme.SMALL))
+        self.notes.setStyleSheet("padding: 2px 4px")
+        self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.notes.hide()
+        self._scroll = scrolled(self.grid)
+        self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._scroll.setFocusPolicy(NO_FOCUS)
+        self._scroll.setMinimumHeight(LEAST_PLAN_PX)
+        self.setLayout(column(
+            self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
+            self.start, self.pause, self.abort, self.leave, self.elsewhere, self.redo, self.skip, self.notice,
+            self.note, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
+        ))  # fmt: skip
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        self.setFixedWidth(theme.text_px(WIDTH_PX))
+
+    def write_note(self) -> None:
+        if self.note.isEnabled():
+            self.note.setFocus()
+
+    def _keep_note(self) -> None:
+        """Enter keeps it."""
+        if text := self.note.text().strip():
+            self.noted.emit(text)
+        self.note.clear()
+        self.note.clearFocus()
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool = False) -> None:
+        """Where the session stands and what can be asked for. reads: the participant has a page of instructions."""
+        self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
+        self.grid.show_session(opened, snapshot)
+        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
+        settled, lacking = map(len, settled_cells(snapshot.rows))
+        self.done.setText(done_of(settled, len(opened.plan), lacking) if opened.participant else "")
+        self.done.setToolTip(LACKING if lacking else "")
+        self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
+        self._show_coming(opened, snapshot)
+        self._say(opened, snapshot, reads)
+        self._allow(snapshot)
+        self.start.setText("Next page of instructions" if reads else "Start")
+        text = "\n".join(snapshot.notes)
+        if text != self.notes.toPlainText():
+            self.notes.setPlainText(text)
+            bar = self.notes.verticalScrollBar()
+            bar.setValue(bar.maximum())
+        self.notes.setVisible(bool(text))
+
+    def _show_coming(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        now = snapshot.running or snapshot.coming
+        self.coming_head.setVisible(now is not None)
+        self.coming_head.setText("Now" if snapshot.running else "Next")
+        if now is None:
+            self.coming.setText("The plan is done" if snapshot.stage == m.FINISHED else "")
+            self.cell.setText("")
+            return
+        self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
+        self.cell.setText(cell(now, opened, snapshot.blind))
+
+    def _say(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
+        """What happened, and else why no trial can be started, unless the banner says it already."""
+        notice, bad = snapshot.notice, snapshot.notice_bad
+        if snapshot.undone and notice == f"{snapshot.undone}.":  # the banner says it
+            notice = ""
+        if not notice and snapshot.stage == m.READY and not advice(snapshot):
+            notice = snapshot.why_not or (
+                READS if reads else SILENT if opened.protocol.tones and player() is None else ""
+            )
+        theme.name_anew(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
+        self.notice.setText(breakable(notice))
+        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
+
+    def _allow(self, snapshot: m.Snapshot) -> None:
+        ready = snapshot.stage == m.READY
+        runs = snapshot.stage == m.RUNNING
+        self.start.setEnabled(not snapshot.why_not and ready and snapshot.coming is not None)
+        self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
+        self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
+        self.pause.setEnabled(ready or runs)
+        self.pause.setChecked(snapshot.paused)
+        self.pause.setText(
+            "Resume" if snapshot.paused and not runs else "Paused after this trial" if snapshot.paused else
+            "Pause after this trial" if runs else "Pause"
+        )  # fmt: skip
+        self.abort.setEnabled(runs)
+        self.abort.setVisible(runs)
+        self.leave.setVisible(not runs)
+        self.leave.setEnabled(snapshot.can_leave)
+        self.elsewhere.setVisible(bool(snapshot.undone) and not runs)
+        self.elsewhere.setEnabled(snapshot.can_leave)
+        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
+
+
+def can_be_redone(trial: TrialRow) -> bool:
+    """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
+    return trial.status in ("done", "timeout", "aborted")

@@ -1,0 +1,167 @@
+"""The card of a trial that has ended: its three measures beside the earlier ones, its curve, its flags, and what
+becomes of it."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QWidget
+
+from app.ipc import messages as m
+from app.window.widgets import theme
+from app.window.widgets.parts import NO_FOCUS, Choice, KeyButton, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
+from app.window.widgets.theme import colour_of
+from app.window.widgets.words import REASONS, SHORT, place
+from core import tick_log
+from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
+
+DEAF_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
+EARLIER_ALPHA = 0.5
+NO_FLAGS = "No flags"
+
+
+class Measure(QWidget):
+    """One measure as a number, and as a point on an axis among the earlier trials."""
+
+    def __init__(self, metric: Metric) -> None:
+        super().__init__()
+        self._metric = metric
+        self.value, self.unit = word("", size=theme.HEAD, bold=True), word(metric.shown_unit, "quiet")
+        self.graph = Graph()
+        self.graph.setMouseEnabled(x=False, y=False)
+        self.graph.hideAxis("left")
+        self.graph.setYRange(-1.0, 1.0)
+        self.points = pg.ScatterPlotItem()
+        self.graph.addItem(self.points)
+        self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
+        about = column(
+            OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
+        )
+        self.setLayout(row((about, 2), (self.graph, 3), spacing=6, margins=(0, 2, 0, 2)))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The points keep their room above a larger text."""
+        self.graph.setFixedHeight(28 + theme.text_px(24))
+
+    def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
+        """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
+        name, scale = self._metric.name, self._metric.scale
+        value = getattr(now, name)
+        self.value.setText("–" if value is None else f"{scale * value:.3g}")
+        ring = pg.mkPen(theme.TEXT, width=2)
+        groups = (
+            (others, 7, theme.shade(theme.LINE), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
+            ([now], 13, theme.shade(colour), ring),
+        )  # fmt: skip
+        self.points.clear()
+        highest = 0.0
+        for rows, size, brush, pen in groups:
+            there = [scale * value for value in (getattr(row, name) for row in rows) if value is not None]
+            self.points.addPoints(x=there, y=[0.0] * len(there), size=size, brush=brush, pen=pen)
+            highest = max(highest, *there, 0.0)
+        self.end = max(self.end, range_for(1.05 * highest, 1.0))
+        self.graph.setXRange(0.0, self.end, padding=0.03)
+
+
+class WholeTrace(TimePlot):
+    """Distance from the path from the hold at the start on; zero is the go."""
+
+    def __init__(self) -> None:
+        super().__init__("Distance from path", "mm", [theme.TRACE], 2.0, 1)
+        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(theme.LINE, 0.35)) for _ in range(2)]
+        for region in self.phases:
+            for edge in region.lines:
+                edge.setPen(pg.mkPen(theme.LINE))
+            self.item.addItem(region)
+        self.figures.show_parts((self.unit, theme.QUIET))
+
+    def show_ticks(self, rows: np.ndarray) -> None:
+        """The ticks (n, tick_log.WIDTH), n > 0, of the trial; an approach, of any length, has no distance yet."""
+        rows = rows[start_of_hold(rows) :]
+        phase = rows[:, tick_log.PHASE]
+        moving = np.flatnonzero(phase == tick_log.MOVE)
+        self.t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
+        self.values = 1e3 * np.abs(rows[None, :, tick_log.PATH_DISTANCE])
+        for region, code in zip(self.phases, (tick_log.HOLD, tick_log.END), strict=True):
+            during = self.t[phase == code]
+            region.setVisible(len(during) > 0)
+            if len(during):
+                region.setRegion((during[0], during[-1]))
+        self.scale_to(float(self.values[0, moving].max(initial=0.0)))
+        self.show_all()
+        self.draw()
+
+
+class TrialCard(Panel):
+    """Keep, repeat or exclude a trial."""
+
+    excluded = Signal(str)  # reason
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.row: TrialRow | None = None
+        self._since_s = 0.0
+        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
+        self.outcome, self.what = word("", "quiet"), OneLine("")
+        self.legend = line("", "quiet", theme.SMALL)
+        self.measures = [Measure(metric) for metric in DRAWN]
+        self.trace = WholeTrace()
+        self.flags = line("", "quiet")
+        self.keep = KeyButton("Keep", "Space", "main")
+        self.redo = KeyButton("Repeat …", "Ctrl+R")
+        self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
+        self.reason = Choice()
+        self.reason.addItems(("Reason …", *REASONS))
+        self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
+        self.out.setEnabled(False)
+        for deaf in (self.out, self.reason):
+            deaf.setFocusPolicy(NO_FOCUS)
+        decide = column(self.keep, row((self.reason, 2), (self.out, 1), spacing=6), self.redo)
+        head = row(self.dot, self.title, 1, self.outcome)
+        self.setLayout(column(
+            head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
+            margins=(14, 10, 14, 12),
+        ))  # fmt: skip
+
+    @property
+    def ready(self) -> bool:
+        """Whether Space is heard yet."""
+        return time.perf_counter() - self._since_s > DEAF_S
+
+    def show_row(
+        self, row: TrialRow, rows: Sequence[TrialRow], ticks: np.ndarray | None, opened: m.Opened, snapshot: m.Snapshot
+    ) -> None:
+        """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
+        if self.row is None or row.run != self.row.run:
+            self._since_s = time.perf_counter()
+            self.reason.setCurrentIndex(0)
+        self.row = row
+        colour = theme.QUIET if snapshot.blind else colour_of(row.controller)
+        counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
+        here = [other for other in counted if other.configuration == row.configuration]
+        same = [other for other in here if other.controller == row.controller]
+        self.dot.setStyleSheet(f"color: {colour}")
+        self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
+        took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
+        self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
+        self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
+        earlier = f" · in its colour: {len(same)} earlier with this controller" if same else ""
+        self.legend.setText(f"Large: this trial{earlier}{' · grey: others' if len(here) > len(same) else ''}")
+        for measure in self.measures:
+            measure.show_values(row, same, [other for other in here if other not in same], colour)
+        self.trace.setVisible(ticks is not None)
+        flags = trial_flags(row, ticks)
+        if ticks is not None:
+            self.trace.show_ticks(ticks)
+        theme.name_anew(self.flags, "caution" if flags else "quiet")
+        self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+
+    def exclude(self) -> None:
+        """For the chosen reason; without one nothing happens."""
+        if self.isVisible() and self.reason.currentIndex() > 0:
+            self.excluded.emit(self.reason.currentText())

@@ -1,0 +1,193 @@
+"""Everything that can be set on Try: the controllers by what they feel like, choices, dials, and the way back."""
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWidget
+
+from app.ipc import messages as m
+from app.window.sandbox.dials import DialRow, dials_of
+from app.window.widgets import theme
+from app.window.widgets.parts import NO_FOCUS, OneLine, Part, Segments, button, line, panel, row, word
+from core.control.controllers import Preset
+from core.control.rule_sets import RULE_SETS
+from experiments.assumptions import SENSINGS
+from experiments.plan import grouped
+from experiments.protocol import Protocol
+
+RIGHT_PX, NAME_PX = 390, 112
+GAIN = "gain_N_s_m"
+SENSING = (
+    "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
+    "velocity as the slope over the last 15 ms, all of it 1 ms late."
+)
+REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
+
+
+def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
+    """What a controller feels like among those of its protocol."""
+    gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
+    gains = [one.value(GAIN) for one in controllers.values() if one.kind == "proportional"]
+    if preset.kind == "none":
+        return "Free"
+    if preset.kind == "sdof":
+        return f"Rails with {gap:g} mm slack" if gap else "On rails"
+    if preset.kind == "proportional":
+        name = "Strong guide" if gain >= max(gains) else "Weak guide" if gain <= min(gains) else "Guide"
+        return f"{name} with {gap:g} mm slack" if gap else name
+    return preset.name
+
+
+def preset_of(s: m.SandboxSettings, controllers: Mapping[int, Preset]) -> Preset:
+    """The controller with its parameters as they are set."""
+    return controllers[s.controller].replaced(**s.values)
+
+
+def brakes_of(device: str) -> str:
+    """A device's name as it stands on a button."""
+    return device.replace("-brake", " brakes").capitalize()
+
+
+class GuideButton(QPushButton):
+    """A controller: what it feels like, its name, its key."""
+
+    def __init__(self, number: int, name: str, key: str) -> None:
+        super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
+        self.key, self.feel, bar = key, word("", bold=True), QFrame()
+        bar.setFixedWidth(5)
+        bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
+        self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
+        self.setLayout(row(bar, self.feel, self._beside, word(key, "quiet"), margins=(6, 0, 12, 0)))
+        for part in self.findChildren(QWidget):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def show_feel(self, feel: str) -> None:
+        """What it feels like, and beside that its name, unless it is the same."""
+        self.feel.setText(feel)
+        self._beside.setText("" if feel == self._name else self._name)
+
+
+class Controls(QScrollArea):
+    """The settings of Try as they are shown, and what sets them."""
+
+    changed = Signal()  # somebody has set something
+
+    def __init__(self) -> None:
+        super().__init__(widgetResizable=True)
+        self.viewport().setObjectName("clear")
+        self.settings: m.SandboxSettings | None = None  # none before the server has sent its own
+        self._now: m.SandboxState | None = None  # of the server
+        self._controllers: Mapping[int, Preset] = {}
+        self.guides: dict[int, GuideButton] = {}
+        self.dials: dict[str, DialRow] = {}
+        self.segments: dict[str, Segments] = {}
+        self._names: list[QWidget] = []
+
+    def show_protocol(self, protocol: Protocol) -> None:
+        """The controllers, devices and paths of another protocol, and the dials."""
+        self.guides, self.dials, self.segments, self._names, self.settings = {}, {}, {}, [], None
+        self._controllers = protocol.controllers
+        parts: list[Part] = []  # from top to bottom
+        for place, (number, preset) in enumerate(protocol.controllers.items(), start=1):
+            guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
+            guide.show_feel(feel(preset, protocol.controllers))
+            guide.clicked.connect(partial(self._choose, number))
+            parts.append(guide)
+        self.warning = line("", "caution")
+        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().lineSpacing() + 2)  # so that nothing jumps
+        parts.append(self.warning)
+        choices: dict[str, dict] = {
+            "device": {device.name: brakes_of(device.name) for device in protocol.devices},
+            "path": {number: f"Path {number}" for number in protocol.paths},
+            "rules": {name: name.capitalize() for name in RULE_SETS},
+            "sensing": {name: name.capitalize() for name in SENSINGS},
+        }
+        for field, among in choices.items():
+            name, segments = word(field.capitalize()), Segments(among)
+            segments.chosen.connect(partial(self._turn, field))
+            segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            parts.append(row(name, segments))
+            self._names.append(name)
+            self.segments[field] = segments
+        self.segments["sensing"].setToolTip(SENSING)
+        for dial in dials_of(protocol):
+            made = self.dials[dial.name] = DialRow(dial)
+            self._names.append(made.name)
+            made.moved.connect(self._turn)
+            parts.append(made)
+        self.changes = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
+        hint = "All of these as the protocol has them, for this guidance, device and path"
+        self.reset = button("Reset", self._reset, "small", hint)
+        self.setWidget(panel("How should it guide you?", *parts, 1, row(self.changes, self.reset), spacing=3))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """Wider for larger text; all names of settings alike."""
+        self.setFixedWidth(theme.text_px(RIGHT_PX))
+        for name in self._names:
+            name.setFixedWidth(theme.text_px(NAME_PX))
+
+    # what is set
+
+    def _choose(self, number: int, _clicked: bool = False) -> None:
+        """A controller, with the parameters that the protocol gives it."""
+        if self._now is not None:
+            self._set(controller=number, values={**self._now.initial.values, **self._controllers[number].named})
+
+    def _turn(self, name: str, value: Any) -> None:
+        """A parameter of controllers, or another setting."""
+        if self.settings is not None:
+            values = self.settings.values
+            self._set(**({"values": {**values, name: value}} if name in values else {name: value}))
+
+    def _reset(self) -> None:
+        if self.settings is not None and self._now is not None:
+            self._set(**self._of_protocol(self.settings, self._now)._asdict())
+
+    def _set(self, **what: Any) -> None:
+        if self.settings is not None:
+            self.show_settings(self.settings._replace(**what), self._now)
+            self.changed.emit()
+
+    def _of_protocol(self, s: m.SandboxSettings, now: m.SandboxState) -> m.SandboxSettings:
+        """The settings as the protocol has them, for the guidance, device and path that are chosen."""
+        chosen = now.initial._replace(device=s.device, path=s.path, controller=s.controller)
+        return chosen.with_parameters(**self._controllers[s.controller].named)
+
+    # what is shown
+
+    def show_settings(self, s: m.SandboxSettings | None, now: m.SandboxState | None) -> None:
+        """These settings; now: what the server says of them, without which nothing can be set."""
+        self.settings, self._now = s, now
+        self.setEnabled(now is not None)
+        if s is None or now is None:
+            return
+        for number, guide in self.guides.items():
+            guide.setChecked(number == s.controller)
+            preset = preset_of(s, self._controllers) if number == s.controller else self._controllers[number]
+            guide.show_feel(feel(preset, self._controllers))
+        for field, segments in self.segments.items():
+            segments.choose(getattr(s, field))
+            segments.setEnabled(field not in now.fixed)
+        own = preset_of(s, self._controllers).named
+        for name, dial in self.dials.items():
+            dial.show_setting(dial.dial.setting(s))
+            dial.setEnabled(name not in now.fixed and (name in own or name not in s.values))
+        weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
+        drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."
+        self.warning.setText(drag if weak else REAL if now.by_start else "")
+        first = self._of_protocol(s, now)
+        changed = [field for field in ("rules", "sensing") if getattr(s, field) != getattr(first, field)]
+        changed += [
+            row.dial.label.lower() for row in self.dials.values() if row.dial.setting(s) != row.dial.setting(first)
+        ]
+        self.changes.setText(f"Changed: {', '.join(changed)}" if changed else "")
+        self.reset.setEnabled(bool(changed))
+
+    @property
+    def gap_m(self) -> float:
+        """The half-width of the band without control, as it is set."""
+        return preset_of(self.settings, self._controllers).value("gap_m") if self.settings is not None else 0.0

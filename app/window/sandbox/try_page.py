@@ -1,0 +1,235 @@
+"""The Try page: one handle, one path, and everything that can be set acts at once; a table compares the passes."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QFileDialog, QGridLayout
+
+from app.ipc import messages as m
+from app.window.canvas.force_view import Layered, Reading
+from app.window.sandbox.controls import Controls
+from app.window.sandbox.pass_table import PassTable
+from app.window.sandbox.pass_view import INSET_PX, LAYERS, PassView
+from app.window.widgets import theme, words
+from app.window.widgets.page import Page
+from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.words import Shown
+from core import tick_log
+from experiments.protocol import Protocol
+
+SEND_MS = 40  # a slider that is dragged sends its newest value so often
+BACK = Shown("Back to the start", "The next pass begins in the green circle")
+AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
+READY = Shown("Ready", "Space starts a pass")
+IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
+
+
+def shown_of(protocol: Protocol) -> tuple:
+    """What of a protocol the page shows."""
+    devices = [(one.name, one.text) for one in protocol.devices]
+    return devices, protocol.controllers, protocol.paths, protocol.obstacle, protocol.trial
+
+
+class TryPage(Page):
+    """Canvas and passes at the left, everything that can be set at the right."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self._theirs: m.SandboxSettings | None = None  # the server's newest; it has what is set SEND_MS later
+        self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
+        self._place: tuple[str, int] | None = None  # device and path on the canvas
+        self._reading = Reading()
+        self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
+        self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
+        self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
+        self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
+        self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
+        self.notice = OneLine("", "quiet", theme.NORMAL)
+        self.start = button("Start a pass  Space", self._start, "main")
+        self.bring = button(
+            "Bring it back  B", self._bring_back, "small", "The handle to the start, from wherever it is"
+        )
+        self.bring.setFocusPolicy(NO_FOCUS)
+        QShortcut(QKeySequence("B"), self, self.bring.click).setAutoRepeat(False)
+        self.clear = button("Clear", self._clear, "small")
+        self.save = button("Save as protocol …", self._save, "small")
+        self._lay_out()
+        self.controls.changed.connect(self._set)
+        self.canvas.pointer_moved.connect(self.aimed)
+        self.canvas.pointer_left.connect(self.left)
+
+    def _lay_out(self) -> None:
+        over = QGridLayout(self.canvas)
+        over.setContentsMargins(20, 10, INSET_PX + 30, 0)
+        over.setHorizontalSpacing(26)
+        figures = (self.error, word("from the line", "quiet")), (self.time, word("this pass", "quiet"))
+        to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
+        for across, labels in enumerate(((self.large, self.small), *figures)):
+            for down, label in enumerate(labels):
+                label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+                over.addWidget(label, down, across, to_its_line[down])
+        over.setVerticalSpacing(0)
+        over.setColumnStretch(0, 1)
+        over.setRowStretch(2, 1)
+        self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
+        self.workspace.foot.addWidget(self.bring)
+        self.workspace.foot.addWidget(self.start)
+        head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
+        passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
+        left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
+        self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
+        self.start.hide()
+
+    # ------------------------------------------------------------------------------------------- what is asked for
+
+    def begin(self, what: object = None) -> None:
+        self._front = True
+        self.canvas.setFocus()  # so that the digits are heard
+        self._ask()
+
+    def end(self) -> None:
+        self._front = False
+        self._timer.stop()
+        self.send(m.EndSandbox())
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {"start": self._start}
+
+    def own_keys(self) -> dict[str, str]:
+        guides = self.controls.guides.values()
+        return {one.key: f"{one.feel.text()}: {one.accessibleName()}" for one in guides if one.key} | {
+            "B": "bring the handle back to the start",
+            **self.workspace.keys,
+        }
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """A digit chooses the controller in that place."""
+        guides = self.controls.guides.values()
+        guide = next((one for one in guides if one.key and one.key == event.text()), None)
+        if guide is None:
+            super().keyPressEvent(event)
+        else:
+            guide.click()
+
+    def _ask(self) -> None:
+        """Open Try on the server, unless a session is open."""
+        if self._front and self.opened is not None and not self.opened.participant:
+            self.send(m.Sandbox(self.controls.settings))
+
+    def _start(self) -> None:
+        if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
+            self.send(m.Start())
+
+    def _bring_back(self) -> None:
+        self.send(m.BringBack())
+        self.canvas.setFocus()
+
+    def _set(self) -> None:
+        """Somebody has set something."""
+        if not self._timer.isActive():
+            self._timer.start()
+        self.canvas.show_gap(self.controls.gap_m)
+
+    def _clear(self) -> None:
+        if self.snapshot.sandbox is not None and self.snapshot.sandbox.passes:
+            self._cleared = self.snapshot.sandbox.passes[-1].number
+            self._show_passes()
+
+    def _save(self) -> None:
+        plain = QFileDialog.Option.DontConfirmOverwrite  # the server overwrites nothing
+        path, _ = QFileDialog.getSaveFileName(
+            self, "Save as protocol", str(Path.home() / "tried.toml"), "TOML (*.toml)", options=plain
+        )
+        if path:
+            self.send(m.SaveAsProtocol(path if path.endswith(".toml") else f"{path}.toml"))
+
+    # ------------------------------------------------------------------------------------------- what the server sends
+
+    def show_opened(self, opened: m.Opened) -> None:
+        before, protocol = self.opened, opened.protocol
+        super().show_opened(opened)
+        if before is None or shown_of(before.protocol) != shown_of(protocol):
+            self._theirs = self._place = None
+            self.controls.show_protocol(protocol)
+            self.canvas.show_obstacles(protocol.obstacle)
+            self.canvas.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
+        if before is None or before.participant:
+            self._ask()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        before = self.snapshot
+        super().show_snapshot(snapshot)
+        if self.opened is None:
+            return
+        now, settings = snapshot.sandbox, self.controls.settings
+        elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
+        self.notice.setText("" if elsewhere else snapshot.notice)
+        theme.name_anew(self.notice, "bad" if snapshot.notice_bad else "quiet")
+        self.save.setEnabled(now is not None)
+        self.start.setVisible(now is not None and now.by_start)
+        self.bring.setVisible(not self.opened.real_device and words.hand_is_mouse(self.opened))
+        self.bring.setEnabled(now is not None)
+        if now is None:
+            self.controls.show_settings(settings, None)
+            self.canvas.show_handle(None)
+            self._place = None
+            wait = Shown("One moment", snapshot.why_not or "Everything is being prepared")
+            self._say(IN_SESSION if self.opened.participant else wait)
+        else:
+            refused = snapshot.notice_bad and not before.notice_bad
+            if not self._timer.isActive() and (settings is None or now.settings != self._theirs or refused):
+                settings = now.settings
+            self._theirs = now.settings
+            self._show_place(self.opened, now.settings, snapshot.tip)
+            self.controls.show_settings(settings, now)
+            self.canvas.show_gap(self.controls.gap_m)
+            if snapshot.running is None:
+                off = Shown("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
+                self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
+                if off or now.by_start:  # else the next pass begins at once
+                    self.canvas.rest(snapshot.tip)
+            elif before.running != snapshot.running:
+                self.canvas.begin()
+        if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
+            self._show_passes()
+
+    def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
+        if self.snapshot.running is None or self._place is None:
+            return
+        now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
+        by_pointer = words.hand_is_mouse(self.opened)
+        self.canvas.add(rows, taken if by_pointer else None)
+        if self._reading.due(float(now[tick_log.T])):
+            self.canvas.word()
+        held = taken or not by_pointer
+        said = words.moving(phase, held, words.language_of(self.opened)) or BACK
+        self._say(said if held or self.canvas.handle_seen else AWAY)
+        if phase == tick_log.MOVE:
+            self.time.setText(f"{now[tick_log.T] - self.canvas.began_s:.1f} s")
+            if math.isfinite(now[tick_log.PATH_DISTANCE]):
+                self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+
+    def show_time(self, now_s: float) -> None:
+        self.canvas.follow_pointer()
+
+    def _say(self, shown: Shown) -> None:
+        self.large.setText(shown.large)
+        self.small.setText(shown.small)
+
+    def _show_place(self, opened: m.Opened, s: m.SandboxSettings, tip: m.Point) -> None:
+        if self._place != (s.device, s.path):
+            self._place = s.device, s.path
+            self.error.setText("–")
+            self.time.setText("–")
+            self.canvas.show_trial(opened.protocol.device(s.device), opened.protocol.paths[s.path], tip)
+
+    def _show_passes(self) -> None:
+        now = self.snapshot.sandbox
+        if now is not None and self.opened is not None:
+            shown = [one for one in now.passes if one.number > self._cleared]
+            self.table.show_passes(shown, self.opened.protocol)
+            self.clear.setEnabled(bool(shown))

@@ -1,0 +1,1 @@
+"""The ground of the window: parts, look, words, keys and curves; it imports nothing above it."""

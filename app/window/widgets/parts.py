@@ -1,0 +1,392 @@
+"""What the pages are made of: texts that are never cut, buttons, panels, rows and columns."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QButtonGroup,
+    QComboBox,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QLayoutItem,
+    QPlainTextEdit,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app.window.widgets import theme
+
+NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
+END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
+
+
+def breakable(text: str) -> str:
+    """The text with places to break inside long paths."""
+    return text.replace("/", "/\u200b").replace("\\", "\\\u200b")
+
+
+def line(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
+    """A text that breaks into lines where it must. name: quiet, good, caution, bad or banner."""
+    label = QLabel(text, objectName=name, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+    label.setFont(theme.font(size, bold))
+    return label
+
+
+def word(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
+    """A text in one line that takes the room that it needs."""
+    label = line(text, name, size, bold)
+    label.setWordWrap(False)
+    return label
+
+
+def printed(hint: str = "") -> QPlainTextEdit:
+    """A text in columns, to be read. hint: what stands in its place while there is none."""
+    made = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+    made.setFont(theme.mono())
+    return made
+
+
+class Panel(QFrame):
+    """A frame in the look of its name (the `#name` rules of the sheet): panel, canvas, card, pill, line."""
+
+    def __init__(self, name: str = "panel", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName(name)
+
+
+def rule() -> QFrame:
+    """A thin line across a panel."""
+    return Panel("line")
+
+
+class OneLine(QLabel):
+    """A text in one line, shortened with dots where there is no room; its tooltip has all of it."""
+
+    def __init__(
+        self,
+        text: str = "",
+        name: str = "",
+        size: int = theme.SMALL,
+        bold: bool = False,
+        dots: Qt.TextElideMode = Qt.TextElideMode.ElideMiddle,
+    ) -> None:
+        super().__init__("", objectName=name)
+        self._dots = dots
+        self.setFont(theme.font(size, bold))
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.setText(text)
+
+    def setText(self, text: str) -> None:
+        if text != self.text():
+            super().setText(text)
+            self.setToolTip(text)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(0, super().minimumSizeHint().height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setPen(self.palette().color(self.foregroundRole()))
+        shown = self.fontMetrics().elidedText(self.text(), self._dots, self.width())
+        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
+
+
+class Figures(QWidget):
+    """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew.
+
+    Where there is no room for it, it is smaller; and if that is not enough, dots stand in place of its end, never of
+    the first digits of a number.
+    """
+
+    def __init__(self, size: int = theme.SMALL, right: bool = False) -> None:
+        super().__init__()
+        self._size, self._right = size, right
+        self.parts: tuple[tuple[str, str], ...] = ()
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+
+    def show_parts(self, *parts: tuple[str, str]) -> None:
+        """(text, colour) each."""
+        if parts != self.parts:
+            self.parts = parts
+            self.update()
+
+    def text(self) -> str:
+        """All of it, without the colours."""
+        return " ".join(text for text, _ in self.parts)
+
+    def sizeHint(self) -> QSize:
+        return QSize(0, QFontMetrics(theme.font(self._size)).height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter, texts = QPainter(self), [text for text, _ in self.parts]
+        room = self.width()
+        size = next((one for one in (self._size, theme.SMALL) if wide(texts, one) <= room), theme.SMALL)
+        painter.setFont(theme.font(size))
+        x = max(room - wide(texts, size), 0.0) if self._right else 0.0
+        for text, colour in self.parts:
+            shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
+            painter.setPen(theme.shade(colour))
+            painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
+            x += wide([text, ""], size)
+
+
+def wide(texts: Sequence[str], size: int) -> float:
+    """How wide (px) texts are, with a gap between two."""
+    gaps = (len(texts) - 1) * theme.text_width(" ", size)
+    return sum(theme.text_width(text, size) for text in texts) + gaps
+
+
+class Choice(QComboBox):
+    """One of several. Without the focus it leaves the wheel to the page that scrolls below it.
+
+    The style's own arrow would bring a ground of its own.
+    """
+
+    _values: tuple = ()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)  # Qt's own choice lets the wheel give the focus
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        super().wheelEvent(event) if self.hasFocus() else event.ignore()
+
+    def fill(self, entries: Mapping[Any, str], value: Any) -> None:
+        """Show these, value -> text, and which is chosen."""
+        self._values = tuple(entries)
+        self.clear()
+        self.addItems(list(entries.values()))
+        self.setCurrentIndex(self._values.index(value))
+
+    def value(self) -> Any:
+        return self._values[self.currentIndex()]
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(theme.shade(theme.QUIET))
+        at = QPointF(self.width() - 16.0, 0.5 * self.height() + 2.5)
+        painter.drawPolygon(QPolygonF([at, at + QPointF(-4.5, -5.0), at + QPointF(4.5, -5.0)]))
+
+
+class KeyButton(QPushButton):
+    """A button that says its key; it never takes the keyboard, so a key always means the same."""
+
+    def __init__(self, text: str, key: str, name: str = "key") -> None:
+        super().__init__(text, objectName=name, focusPolicy=NO_FOCUS, minimumHeight=30)
+        self.setFont(theme.font(theme.NORMAL, bold=name == "main"))
+        self.setStyleSheet("text-align: left")
+        self.key = word(key, "hint" if name == "main" else "quiet", theme.SMALL)
+        self.toggled.connect(lambda on: theme.name_anew(self.key, "hint" if on else "quiet"))
+        self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setLayout(row(1, self.key, margins=(12, 0, 10, 0)))
+
+    def sizeHint(self) -> QSize:
+        words = self.fontMetrics().horizontalAdvance(self.text()) + self.key.sizeHint().width()
+        return QSize(words + 12 + 10 + 16, max(super().sizeHint().height(), self.minimumHeight()))
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
+
+
+def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
+    """A button that does something. name: "main" or "small"; hint: its tooltip."""
+    made = QPushButton(text, objectName=name, toolTip=hint)
+    made.clicked.connect(lambda: do())
+    return made
+
+
+def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
+    """A chip that is lit while it is on; it never takes the keyboard."""
+    made = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
+    made.toggled.connect(do)
+    return made
+
+
+Margins = tuple[int, int, int, int]  # px, as Qt has them: left, top, right, bottom
+PANEL_MARGINS: Margins = (16, 12, 16, 14)
+Part = QWidget | QLayout | int | tuple[QWidget | QLayout, int]
+
+
+def row(*parts: Part, spacing: int = 8, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
+    """Parts side by side, as (part, share) with a share of the room; a number is a stretch."""
+    return fill(QHBoxLayout(), parts, spacing, margins)
+
+
+def column(*parts: Part, spacing: int = 6, margins: Margins = (0, 0, 0, 0)) -> QVBoxLayout:
+    """Parts one below the other, as in a row."""
+    return fill(QVBoxLayout(), parts, spacing, margins)
+
+
+Box = TypeVar("Box", bound=QBoxLayout)
+
+
+def fill(layout: Box, parts: Sequence[Part], spacing: int, margins: Margins) -> Box:
+    """Put parts into a layout; in a row a widget that takes any width has a share."""
+    layout.setSpacing(spacing)
+    layout.setContentsMargins(*margins)
+    for one in parts:
+        part, share = one if isinstance(one, tuple) else (one, 0)
+        if isinstance(part, int):
+            layout.addStretch(part)
+        elif isinstance(part, QLayout):
+            layout.addLayout(part, share)
+        else:
+            across = isinstance(layout, QHBoxLayout) and part.sizePolicy().horizontalPolicy()
+            layout.addWidget(part, share or int(across == QSizePolicy.Policy.Ignored))
+    return layout
+
+
+def holder(layout: QLayout) -> QWidget:
+    """A widget for a layout, with no ground of its own."""
+    made = QWidget()
+    made.setObjectName("clear")
+    made.setLayout(layout)
+    return made
+
+
+def stack(*pages: QWidget) -> QStackedWidget:
+    """One page at a time, at first the first."""
+    made = QStackedWidget()
+    for page in pages:
+        made.addWidget(page)
+    return made
+
+
+def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
+    """A panel with a title and, in a column below it, these parts."""
+    frame, head = Panel(), word(title, size=theme.HEAD, bold=True)
+    frame.setLayout(column(head, *parts, spacing=spacing, margins=PANEL_MARGINS))
+    return frame
+
+
+def scrolled(inside: QWidget) -> QScrollArea:
+    """What may be higher than its place."""
+    area = QScrollArea(widgetResizable=True)
+    inside.setObjectName("clear")
+    area.viewport().setObjectName("clear")
+    area.setWidget(inside)
+    return area
+
+
+def clear(layout: QLayout) -> None:
+    """Take everything out of a layout."""
+    while (item := layout.takeAt(0)) is not None:
+        if (widget := item.widget()) is not None:
+            widget.hide()
+            widget.deleteLater()
+        elif (inner := item.layout()) is not None:
+            clear(inner)
+
+
+class Segments(QWidget):
+    """One of a few, side by side; in several lines where a text would not fit."""
+
+    chosen = Signal(object)  # its value
+
+    def __init__(self, choices: Mapping[Any, str]) -> None:
+        """choices: value -> text; none is chosen at first."""
+        super().__init__()
+        self.setObjectName("clear")
+        self._values, self._group = tuple(choices), QButtonGroup(self)
+        for place, text in enumerate(choices.values()):
+            self._group.addButton(QPushButton(text, objectName="segment", checkable=True), place)
+        self._group.idClicked.connect(lambda place: self.chosen.emit(self._values[place]))
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setSpacing(4)
+        self._arrange(len(choices))
+
+    def _arrange(self, columns: int) -> None:
+        for place, one in enumerate(self._group.buttons()):
+            self._grid.addWidget(one, *divmod(place, columns))
+            self._grid.setColumnStretch(place, place < columns)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        wide, gap = [one.sizeHint().width() for one in self._group.buttons()], self._grid.spacing()
+
+        def fit(columns: int) -> bool:
+            return sum(max(wide[n::columns]) + gap for n in range(columns)) - gap <= self.width()
+
+        self._arrange(next((columns for columns in range(len(wide), 1, -1) if fit(columns)), 1))
+
+    def value(self) -> Any:
+        """What is chosen; None: nothing."""
+        place = self._group.checkedId()
+        return self._values[place] if place >= 0 else None
+
+    def choose(self, value: Any) -> None:
+        self._group.button(self._values.index(value)).setChecked(True)
+
+
+class Flow(QLayout):
+    """Widgets from left to right, line by line. gap: px between them."""
+
+    def __init__(self, *widgets: QWidget, gap: int) -> None:
+        super().__init__()
+        self._items: list[QLayoutItem] = []
+        self.setContentsMargins(0, 0, 0, 0)
+        self.setSpacing(gap)
+        for widget in widgets:
+            self.addWidget(widget)
+
+    def addItem(self, item: QLayoutItem) -> None:
+        self._items.append(item)
+
+    def count(self) -> int:
+        return len(self._items)
+
+    def itemAt(self, index: int) -> QLayoutItem | None:
+        return self._items[index] if 0 <= index < len(self._items) else None
+
+    def takeAt(self, index: int) -> Any:  # None at the end, which PySide's own type leaves out
+        return self._items.pop(index) if 0 <= index < len(self._items) else None
+
+    def expandingDirections(self) -> Qt.Orientation:
+        return Qt.Orientation(0)
+
+    def hasHeightForWidth(self) -> bool:
+        return True
+
+    def heightForWidth(self, width: int) -> int:
+        return self._place(QRect(0, 0, width, 0), only_measure=True)
+
+    def setGeometry(self, rect: QRect) -> None:
+        super().setGeometry(rect)
+        self._place(rect)
+
+    def sizeHint(self) -> QSize:
+        return self.minimumSize()
+
+    def minimumSize(self) -> QSize:
+        sizes = [item.minimumSize() for item in self._items if not item.isEmpty()]
+        return QSize(max((s.width() for s in sizes), default=0), max((s.height() for s in sizes), default=0))
+
+    def _place(self, rect: QRect, only_measure: bool = False) -> int:
+        """Put every item into its place; the height of all lines."""
+        x, y, high, gap = rect.x(), rect.y(), 0, self.spacing()
+        for item in self._items:
+            if item.isEmpty():
+                continue
+            size = item.sizeHint()
+            if x > rect.x() and x + size.width() > rect.right() + 1:
+                x, y, high = rect.x(), y + high + gap, 0
+            if not only_measure:
+                item.setGeometry(QRect(QPoint(x, y), size))
+            x, high = x + size.width() + gap, max(high, size.height())
+        return y + high - rect.y()

@@ -1,0 +1,364 @@
+"""Every plot on screen, by pyqtgraph; here the live ones: traces of the running trial and the loop's lateness.
+
+All of them can be zoomed with the wheel, moved with the mouse and read under the pointer. A live plot follows the
+newest tick until it is zoomed or moved; a double click, or the next trial, lets it follow again.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
+
+from app.ipc.messages import Timing
+from app.window.widgets import theme
+from app.window.widgets.parts import Figures, Panel, column, row, word
+from core import tick_log
+from core.device import Device
+from core.mechanism import JOINTS
+from experiments.plan import grouped
+
+WINDOW_S = 6.0  # what a live plot shows while it follows
+NOTHING = "–"
+HIDDEN = "hidden: the session is blind"
+NO_TRIAL = "no trial yet"
+STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round ends of a range, times a power of ten
+AXIS_PX = 40  # wide, of the values at the left, at a text size of 1
+
+
+def range_for(value: float, least: float) -> float:
+    """The end of a range from 0 that holds a value: `least`, or a round number above it."""
+    if not value > least:
+        return least
+    decade = 10.0 ** math.floor(math.log10(value))
+    return next(step * decade for step in STEPS if step * decade >= value * (1.0 - 1e-12))
+
+
+def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest tick of each bin of time: times (2 bins,), values (series, 2 bins); a spike is never lost.
+
+    t (n,) s, rising; values (series, n). Bins lie at whole multiples of bin_s, so that a curve that scrolls does not
+    shimmer. A bin with a NaN is NaN: the curve is interrupted there. What is thinner already comes back as it is.
+    """
+    if len(t) < 2 or len(t) <= 2.0 * (t[-1] - t[0]) / bin_s:
+        return t, values
+    starts = np.flatnonzero(np.diff(np.floor(t / bin_s), prepend=-1.0))
+    low, high = np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)
+    return np.repeat(t[starts], 2), np.stack((low, high), axis=2).reshape(len(values), -1)
+
+
+def start_of_hold(ticks: np.ndarray) -> int:
+    """The tick with which the hold before the movement begins: what comes before may be of any length; 0: none."""
+    approach = np.flatnonzero(ticks[:, tick_log.PHASE] == tick_log.APPROACH)
+    return int(approach[-1] + 1) % len(ticks) if len(approach) else 0
+
+
+class Graph(pg.PlotWidget):
+    """A plot in the colours and the typeface of the screens."""
+
+    def __init__(self) -> None:
+        super().__init__(background=theme.PANEL, enableMenu=False)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.hideButtons()
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        for axis in self._axes():
+            axis.setPen(theme.LINE)
+            axis.setTextPen(theme.QUIET)
+            axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
+            axis.enableAutoSIPrefix(False)
+        self.follow_text()
+
+    def _axes(self) -> list[pg.AxisItem]:
+        return [self.getPlotItem().getAxis(side) for side in ("left", "bottom")]
+
+    def follow_text(self) -> None:
+        """Ticks as large as all other text."""
+        for axis in self._axes():
+            axis.setStyle(tickFont=theme.font(theme.SMALL))
+            axis.label.setFont(theme.font(theme.SMALL))
+        self._axes()[0].setWidth(theme.text_px(AXIS_PX))
+        half = theme.text_px(theme.SMALL) / 2  # of the words at the ends of the axes, which are not to be cut
+        self.getPlotItem().setContentsMargins(0, half, half, half)
+
+
+class Plot(Panel):
+    """A panel with a title, a value at the right of it, and a plot under them."""
+
+    figures_px = theme.NORMAL
+
+    def __init__(self, title: QLabel) -> None:
+        super().__init__()
+        self.title, self.figures = title, Figures(self.figures_px, right=True)
+        self.graph = Graph()
+        self.item = self.graph.getPlotItem()
+        self.head = row(self.title, self.figures)
+        self.rows = column(self.head, (self.graph, 1), spacing=2, margins=(10, 4, 8, 4))
+        self.setLayout(self.rows)
+        self._pointer = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=30, slot=self._pointed)
+
+    @property
+    def value(self) -> str:
+        """The value beside the title, as it reads."""
+        return self.figures.text()
+
+    def read_at(self, place: QPointF) -> str:
+        """What the plot says at a place (in its own units), for the tip at the pointer; "": nothing."""
+        return ""
+
+    def _pointed(self, moved: tuple) -> None:
+        box = self.item.vb
+        inside = box.sceneBoundingRect().contains(moved[0])
+        self.graph.setToolTip(self.read_at(box.mapSceneToView(moved[0])) if inside else "")
+
+
+class TimePlot(Plot):
+    """A measure over time, one curve or several, drawn as far as it is seen; 0 is at the bottom."""
+
+    padding = 0.04  # of its height
+
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+        """least: the end of the scale, at least. digits: of a value, after the point."""
+        super().__init__(word(title, bold=True))
+        self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
+        self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
+        self.item.setMouseEnabled(x=True, y=False)
+        self.item.vb.sigXRangeChanged.connect(lambda *_: self.zoomed())
+
+    def draw(self) -> None:
+        """Draw what is seen of it."""
+        self.draw_curves(self.curves, self.t, self.values)
+
+    def show_all(self) -> None:
+        if len(self.t):
+            self.item.setXRange(self.t[0], self.t[-1], padding=0.01)
+
+    def zoomed(self) -> None:
+        """Another part of it is seen."""
+        self.draw()
+
+    def scale_to(self, highest: float) -> None:
+        """Let the scale end at a round number that holds this value."""
+        self.end = range_for(highest, self.least)
+        self.item.setYRange(0.0, self.end, padding=self.padding)
+        self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
+
+    def seen(self, t: np.ndarray) -> tuple[slice, float]:
+        """Of rising times (n,) s, those that are seen; the time of a pixel, s."""
+        begin, end = self.item.viewRange()[0]
+        first, last = np.searchsorted(t, (begin, end))
+        return slice(max(int(first) - 1, 0), int(last) + 1), (end - begin) / max(self.graph.width(), 1)
+
+    def draw_curves(self, curves: Sequence[pg.PlotDataItem], t: np.ndarray, values: np.ndarray) -> None:
+        """Times (n,) s and values (curves, n), NaN where there is none: at most two points a pixel."""
+        seen, pixel_s = self.seen(t)
+        times, found = envelope(t[seen], values[:, seen], pixel_s)
+        for curve, series in zip(curves, found, strict=True):
+            curve.setData(times, series)
+
+    def figure(self, value: float) -> str:
+        """A value without its unit."""
+        return f"{value:.{self.digits}f}" if value == value else NOTHING
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
+
+
+class Trace(TimePlot):
+    """A live measure: all of the trial is kept, the newest seconds are shown.
+
+    names: of several curves, by joint; each value then stands beside the title with its name, in the curve's colour.
+    """
+
+    def __init__(
+        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: Mapping[str, str] = {}
+    ) -> None:
+        super().__init__(title, unit, colours, least, digits)
+        self.names, self._colours, self.hidden = names, colours, False
+        self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
+        self._following = True
+        self.item.hideAxis("bottom")
+        self.item.vb.sigRangeChangedManually.connect(self._stop_following)
+        self.graph.setMinimumHeight(28)
+        self.clear()
+
+    def add(self, t: np.ndarray, values: np.ndarray) -> None:
+        """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
+        begin, end = len(self.t), len(self.t) + len(t)
+        while end > self._room.shape[1]:
+            self._room = np.tile(self._room, 2)
+        self._room[0, begin:end], self._room[1:, begin:end] = t, values
+        self._keep(end)
+        if not self.hidden:
+            self._rescale(values)
+            self.draw()
+
+    def clear(self) -> None:
+        """A new trial: nothing to show yet."""
+        self._keep(0)
+        self.scale_to(self.least)
+        self.show_all()
+        self.show_newest()
+
+    def _keep(self, count: int) -> None:
+        self.t, self.values = self._room[0, :count], self._room[1:, :count]
+
+    @property
+    def newest(self) -> tuple[float, ...]:
+        """The last value of each curve."""
+        return tuple(self.values[:, -1].tolist()) if len(self.t) else ()
+
+    def hide_values(self, hidden: bool) -> None:
+        """Blind: neither curve nor value."""
+        self.hidden = hidden
+        for curve in self.curves:
+            curve.setVisible(not hidden)
+        if not hidden:
+            self._rescale(self.values)
+        self.draw()
+        self.show_newest()
+
+    def show_newest(self) -> None:
+        """The newest value beside the title, or each with its name."""
+        values = self.newest if len(self.t) and not self.hidden else (math.nan,) * len(self.curves)
+        if not self.names:
+            self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
+            return
+        named = [
+            (f"{self.names[name]} {self.figure(value)}", colour)
+            for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
+        ]  # fmt: skip
+        self.figures.show_parts(*named)
+
+    def read_at(self, place: QPointF) -> str:
+        if self.hidden:
+            return HIDDEN
+        k = int(np.searchsorted(self.t, place.x()))
+        if not 0 < k < len(self.t):
+            return ""
+        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
+        return f"{self.t[k]:.3f} s: {', '.join(values) or NOTHING}"
+
+    def show_all(self) -> None:
+        """Follow the newest tick again."""
+        self._following = True
+        self.draw()
+
+    def zoomed(self) -> None:
+        if not self._following:
+            self.draw()
+
+    def draw(self) -> None:
+        if self._following:
+            now = max(self.t[-1] if len(self.t) else 0.0, WINDOW_S)
+            self.item.setXRange(now - WINDOW_S, now, padding=0.0)
+        super().draw()
+
+    def _stop_following(self, *_: object) -> None:
+        self._following = False
+        self.draw()
+
+    def _rescale(self, values: np.ndarray) -> None:
+        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
+        if highest > self.end:
+            self.scale_to(highest)
+
+
+class Traces(QWidget):
+    """The four live traces, one above the other."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
+        self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
+        colours = [theme.JOINT[joint] for joint in JOINTS]
+        self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
+        self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
+        self.all = (self.error, self.force, self.currents, self.speed)
+        self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
+
+    def show_trial(self, device: Device) -> None:
+        """Another trial: its brakes; the curves begin anew."""
+        self.currents.names, self.currents.unit = device.labels, device.command_unit
+        self.currents.title.setText(f"Currents, {device.command_unit}")
+        for trace in self.all:
+            trace.clear()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
+        t = rows[:, tick_log.T]
+        self.force.add(t, np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])[None])
+        self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
+        self.currents.add(t, currents_of(rows, self.currents.names))
+        self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
+
+    def word(self) -> None:
+        """The values of the last tick that was added, beside the titles."""
+        for trace in self.all:
+            trace.show_newest()
+
+    def set_blind(self, blind: bool) -> None:
+        """Hide what would tell the controllers apart."""
+        if blind != self.currents.hidden:
+            self.currents.hide_values(blind)
+
+
+def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
+    """The currents (4, n), A, of the joints in the order A, E, B, C; NaN for one without a brake."""
+    has_brake = np.array([joint in braked for joint in JOINTS])
+    return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)
+
+
+class TimingStrip(Trace):
+    """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
+
+    LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 100 us in the middle, 10 ms at the top
+    LATE_US = 100.0  # a point in the colour of a caution from here on; red: the tick was missed
+
+    def __init__(self) -> None:
+        self.timing: Timing | None = None
+        self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
+        super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
+        self.item.addItem(self.late)
+        self.rows.addWidget(self.foot)
+
+    def add_ticks(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH) of the running trial."""
+        t, lateness = rows[:, tick_log.T], rows[:, tick_log.LATENESS_US]
+        share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
+        late = lateness >= self.LATE_US
+        if late.any():
+            colours = [theme.BAD if us >= tick_log.MISSED_US else theme.CAUTION for us in lateness[late]]
+            self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
+        self.add(t, share[None])
+
+    def clear(self) -> None:
+        self.late.clear()
+        super().clear()
+
+    def show_timing(self, timing: Timing | None) -> None:
+        self.timing = timing
+        self.show_newest()
+
+    def show_newest(self) -> None:
+        missed, foot, colour = NO_TRIAL, "", theme.QUIET
+        if (now := self.timing) is not None:
+            p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
+            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
+            colour = theme.CAUTION if now.missed else theme.QUIET
+        self.figures.show_parts((missed, colour))
+        self.foot.show_parts((foot, theme.QUIET))
+        self.foot.setToolTip(foot)
+
+    def read_at(self, place: QPointF) -> str:
+        return f"{10.0 ** place.y():.0f} µs"
+
+    def scale_to(self, highest: float) -> None:
+        """The scale always is the same."""
+        self.end = self.DECADES
+        self.item.setYRange(0.0, self.DECADES, padding=self.padding)
+        self.item.getAxis("left").setTicks([[(0.0, "1"), (2.0, "100"), (4.0, "10⁴")]])

@@ -1,0 +1,127 @@
+"""The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
+
+from app.ipc import messages as m
+from app.window.widgets import theme
+from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, line, row, word
+
+COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
+#: Said by shape too, not by colour alone.
+MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
+DEVICE = "Device"  # the check that leads to the device page
+
+
+def mark_of(check: m.Check, size: int) -> QLabel:
+    """The shape and colour of a check's state."""
+    mark = word(MARKS[check.state], size=size)
+    mark.setStyleSheet(f"color: {COLOURS[check.state]}")
+    return mark
+
+
+class Pill(Panel):
+    """One check of the pre-flight row; its reason and advice are in the tooltip."""
+
+    clicked = Signal()
+
+    def __init__(self, check: m.Check) -> None:
+        super().__init__("pill-bad" if check.state == m.BAD else "pill")
+        self.mark, name = mark_of(check, theme.SMALL), word(check.name, size=theme.SMALL, bold=True)
+        self.text = OneLine(check.text, "quiet", dots=END)
+        self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
+        self.text.setToolTip("")
+        self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(7, 0, 7, 0)))
+        self.setFixedHeight(30)
+        leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
+        self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
+        self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
+
+
+class Preflight(QWidget):
+    """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
+
+    device_asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._checks: tuple[m.Check, ...] = ()  # that are shown
+        self.pills: list[Pill] = []
+        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
+        self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
+        self.brakes.setFixedHeight(34)
+        self.advice = line("", "banner", theme.NORMAL)
+        self.advice.hide()
+        self._row = row(spacing=4)
+        self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
+
+    def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
+        """Whether all is well."""
+        if snapshot.checks != self._checks:
+            self._checks = snapshot.checks
+            clear(self._row)
+            self.pills = [Pill(check) for check in snapshot.checks]
+            for pill, check in zip(self.pills, snapshot.checks, strict=True):
+                self._row.addWidget(pill)
+                if check.name == DEVICE:
+                    pill.clicked.connect(self.device_asked)
+        wrong = advice(snapshot)
+        device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
+        if wrong and device_bad and opened is not None and opened.real_device:
+            wrong[-1] += " F3 shows the device page."
+        self.advice.setText(breakable("\n".join(wrong)))
+        self.advice.setVisible(bool(wrong))
+        off = bool(snapshot.brakes_off)
+        theme.name_anew(self.brakes, "brakes-off" if off else "brakes")
+        self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
+        self.brakes.setToolTip(
+            "Let currents flow again" if off else "Zero current at once; a running trial ends and is kept"
+        )
+
+
+def advice(snapshot: m.Snapshot) -> list[str]:
+    """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
+    lines = []
+    if snapshot.brakes_off:
+        cause = sentence(snapshot.brakes_off)
+        lines.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
+    for check in snapshot.checks:
+        if check.state == m.BAD and not (snapshot.brakes_off and check.text == m.BRAKES_OFF):
+            lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
+    return lines
+
+
+def sentence(text: str) -> str:
+    """The text with a full stop."""
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+class Checklist(QWidget):
+    """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("clear")
+        self._shown: tuple[m.Check, ...] = ()
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setVerticalSpacing(6)
+        self._grid.setColumnStretch(2, 1)
+
+    def show_checks(self, checks: tuple[m.Check, ...]) -> None:
+        """What was found."""
+        if checks == self._shown:
+            return
+        self._shown = checks
+        clear(self._grid)
+        for at, check in enumerate(checks):
+            text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
+            self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
+            if check.name:
+                self._grid.addWidget(word(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(line(breakable(text), "quiet"), at, 2)

@@ -1,0 +1,264 @@
+"""The look of every screen: palette, typeface, sizes."""
+
+import os
+from functools import cache, lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen, QPixmap
+from PySide6.QtWidgets import QApplication, QWidget
+
+from app.window.widgets import palette
+
+_OF = palette.chosen
+GROUND, PANEL, LINE, TEXT, QUIET, CANVAS, FIELD = (
+    _OF.ground, _OF.panel, _OF.line, _OF.text, _OF.quiet, _OF.canvas, _OF.field
+)  # fmt: skip
+GOOD, BAD, CAUTION, BAD_GROUND, BAD_TEXT = _OF.good, _OF.bad, _OF.caution, _OF.bad_ground, _OF.bad_text
+BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = _OF.brake_off, _OF.brake_slipping, _OF.brake_stuck
+ARM, ARM_CORE, POINTER, HANDLE, HANDLE_NAME = _OF.arm, _OF.arm_core, _OF.pointer, _OF.handle, _OF.handle_name
+START_RING, END_RING, WEDGE, WEDGE_EDGE = GOOD, _OF.end_ring, _OF.wedge, _OF.wedge_edge
+TRACE, ACCENT, ACCENT_GROUND, EDGE = _OF.trace, _OF.accent, _OF.accent_ground, _OF.edge
+JOINT = dict(zip("AEBC", _OF.joints, strict=True))
+CONTROLLER = dict(enumerate(_OF.controllers, start=1))
+STATUS = {
+    "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET,
+    "stopped": BAD, "excluded": QUIET,
+}  # fmt: skip
+
+SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
+TEXT_SIZES = (0.9, 1.0, 1.15, 1.3, 1.5)
+GAP, RADIUS = 12, 6  # px, between panels, of their corners
+
+FAMILIES = ["Inter", "DejaVu Sans"]  # the second comes along: the same on every machine
+
+
+_text_size = TEXT_SIZES.index(1.0)  # place in TEXT_SIZES
+
+
+def text_px(size: float) -> int:
+    """As many px as this, at a text size of 1, are now."""
+    return round(size * TEXT_SIZES[_text_size])
+
+
+@cache
+def font(size: int = NORMAL, bold: bool = False) -> QFont:
+    """The typeface at a size (px, at a text size of 1), in one of its two weights."""
+    chosen = QFont(FAMILIES)
+    chosen.setPixelSize(text_px(size))
+    chosen.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
+    return chosen
+
+
+def scale_text(step: int) -> None:
+    """The next larger (1) or smaller (-1) text size, in every window that is there.
+
+    A widget that has to do more for it has a method `follow_text`.
+    """
+    global _text_size
+    before = TEXT_SIZES[_text_size]
+    _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
+    for cached in (font, text_width, written):
+        cached.cache_clear()
+    QApplication.setFont(font())
+    for widget in QApplication.allWidgets():
+        now = widget.font()
+        size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
+        widget.setProperty("px", size)
+        now.setPixelSize(text_px(size))
+        widget.setFont(now)
+        if hasattr(widget, "follow_text"):
+            widget.follow_text()
+
+
+def mono() -> QFont:
+    """For text in columns."""
+    chosen = QFont(["DejaVu Sans Mono", "monospace"])
+    chosen.setPixelSize(NORMAL)
+    return chosen
+
+
+@cache
+def shade(name: str, alpha: float = 1.0) -> QColor:
+    """A colour of the palette, more or less transparent."""
+    chosen = QColor(name)
+    chosen.setAlphaF(alpha)
+    return chosen
+
+
+def mixed(a: str, b: str, share: float) -> QColor:
+    """A colour between two of the palette."""
+    p, q = QColor(a), QColor(b)
+    parts = ((p.redF(), q.redF()), (p.greenF(), q.greenF()), (p.blueF(), q.blueF()))
+    return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
+
+
+def name_anew(widget: QWidget, name: str) -> None:
+    """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
+    if widget.objectName() != name:
+        widget.setObjectName(name)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+        widget.update()
+
+
+SHEET = f"""
+QWidget {{ background: {GROUND}; color: {TEXT}; }}
+QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {LINE}; padding: 4px; }}
+QFrame#panel {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
+QFrame#canvas {{ background: {CANVAS}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
+QFrame#card {{ background: {PANEL}; border: 1px solid {EDGE}; border-radius: {RADIUS}px; }}
+QWidget#clear {{ background: transparent; }}
+QFrame#line {{ background: {LINE}; border: none; max-height: 1px; min-height: 1px; }}
+QFrame#pill {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: 15px; }}
+QFrame#pill-bad {{ background: {BAD_GROUND}; border: 1px solid {BAD}; border-radius: 15px; }}
+QLabel, QCheckBox, QRadioButton {{ background: transparent; }}
+QLabel#quiet {{ color: {QUIET}; }}
+QLabel#hint {{ color: {TEXT}; }}
+QLabel#quiet:disabled, QLabel#hint:disabled {{ color: {BRAKE_OFF}; }}
+QLabel#good {{ color: {GOOD}; }}
+QLabel#caution {{ color: {CAUTION}; }}
+QLabel#bad {{ color: {BAD}; }}
+QLabel#banner {{ background: {BAD_GROUND}; color: {BAD_TEXT}; border: 1px solid {BAD}; border-radius: {RADIUS}px;
+    padding: 8px 12px; }}
+QPushButton {{ background: {FIELD}; border: 1px solid {LINE}; border-radius: 5px; padding: 6px 12px; }}
+QPushButton:hover {{ border-color: {QUIET}; }}
+QPushButton:focus {{ border-color: {ACCENT}; outline: none; }}
+QPushButton:disabled {{ color: {BRAKE_OFF}; background: {PANEL}; }}
+QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
+QPushButton#main:focus {{ border-color: {TEXT}; }}
+QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
+QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
+QPushButton#key {{ text-align: left; }}
+QPushButton#key:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
+    border-color: {ACCENT}; }}
+QPushButton#segment {{ padding: 6px 8px; }}
+QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
+QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
+QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
+    padding: 8px 12px; color: {QUIET}; }}
+QPushButton#tab:checked {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
+QPushButton::menu-indicator {{ image: none; width: 0; }}
+QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
+QProgressBar::chunk {{ background: {ACCENT}; border-radius: 3px; }}
+QProgressBar#done::chunk {{ background: {GOOD}; }}
+QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 4px; }}
+QMenu::item {{ padding: 6px 18px; }}
+QMenu::item:selected {{ background: {ACCENT_GROUND}; }}
+QMenu::item:disabled {{ color: {BRAKE_OFF}; }}
+QPushButton#small {{ padding: 3px 10px; }}
+QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
+    padding: 5px 8px; selection-background-color: {ACCENT_GROUND}; }}
+QComboBox::drop-down {{ border: none; width: 22px; }}
+QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus {{ border-color: {ACCENT}; }}
+QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
+QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
+    selection-background-color: {ACCENT_GROUND}; }}
+QScrollArea {{ border: none; background: transparent; }}
+QScrollBar:vertical {{ background: transparent; width: 8px; margin: 0; }}
+QScrollBar::handle:vertical {{ background: {LINE}; border-radius: 4px; min-height: 24px; }}
+QScrollBar:horizontal {{ background: transparent; height: 8px; margin: 0; }}
+QScrollBar::handle:horizontal {{ background: {LINE}; border-radius: 4px; min-width: 24px; }}
+QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent;
+    border: none; height: 0; width: 0; }}
+QTableWidget {{ background: {PANEL}; border: none; }}
+QHeaderView, QHeaderView::section {{ background: {PANEL}; color: {QUIET}; border: none; padding: 2px 6px; }}
+QSlider {{ background: transparent; min-height: 20px; }}
+QSlider::groove:horizontal {{ background: {LINE}; height: 4px; border-radius: 2px; }}
+QSlider::sub-page:horizontal {{ background: {ACCENT}; height: 4px; border-radius: 2px; }}
+QSlider::handle:horizontal {{ background: {TEXT}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
+QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled {{ background: {BRAKE_OFF}; }}
+QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
+    background: {GROUND}; }}
+QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}
+QCheckBox:disabled {{ color: {QUIET}; }}
+QCheckBox::indicator:checked:disabled {{ background: {BRAKE_OFF}; border-color: {BRAKE_OFF}; }}
+QCheckBox:focus {{ color: {TEXT}; outline: none; }}
+QCheckBox::indicator:focus {{ border-color: {ACCENT}; }}
+"""
+
+
+def dress(application: QApplication) -> None:
+    """Give the application its typeface and colours, and let it paint in one thread."""
+    os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")  # shared out, our small areas cost more than they gain
+    matplotlib = find_spec("matplotlib")  # not imported, which takes a fifth of a second
+    assert matplotlib is not None and matplotlib.origin is not None
+    folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
+    for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSansMono.ttf"):
+        QFontDatabase.addApplicationFont(str(folder / name))
+    application.setStyle("Fusion")
+    application.setFont(font())
+    application.setStyleSheet(SHEET)
+
+
+SHADES = 32  # of the spring
+
+
+@cache
+def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
+    """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
+    made = QPen(shade(name, alpha), width)
+    made.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
+    made.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
+    return made
+
+
+@cache
+def spring_pen(width: float, step: int) -> QPen:
+    """From green (step 0) over yellow to red (SHADES - 1)."""
+    share = 2.0 * step / (SHADES - 1)
+    ends = (GOOD, CAUTION) if share < 1.0 else (CAUTION, BAD)
+    made = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
+    made.setCapStyle(Qt.PenCapStyle.FlatCap)
+    return made
+
+
+@lru_cache(maxsize=4096)
+def text_width(text: str, size: int, bold: bool = False) -> float:
+    """How wide (px) a text is."""
+    return QFontMetricsF(font(size, bold)).horizontalAdvance(text)
+
+
+@lru_cache(maxsize=512)
+def written(text: str, size: int, bold: bool, name: str, ratio: float) -> QPixmap:
+    """A short text as a picture: laid out once, then drawn in a fraction of the time. ratio: device px / px."""
+    metrics = QFontMetricsF(font(size, bold))
+    width, height = round(metrics.horizontalAdvance(text) + 2.0), round(metrics.height())
+    pixmap = QPixmap(round(width * ratio), round(height * ratio))
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    painter.setFont(font(size, bold))
+    painter.setPen(shade(name))
+    painter.drawText(QPointF(1.0, round(metrics.ascent())), text)
+    painter.end()
+    return pixmap
+
+
+def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, name: str) -> None:
+    """A short text that comes often, about its middle (px)."""
+    pixmap = written(text, size, bold, name, painter.device().devicePixelRatioF())
+    room = pixmap.deviceIndependentSize()
+    painter.drawPixmap(QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap)
+
+
+FRAME = (8, 44)  # px across, down. Our choice: what borders and title bar of the common desktops take at most
+
+
+def show_whole(window: QWidget, width: int, height: int) -> None:
+    """Show it this large (px), or over all of a screen that has no room for that and a frame."""
+    room = window.screen().availableSize()
+    across, down = room.width() - FRAME[0], room.height() - FRAME[1]
+    window.resize(min(width, across), min(height, down))
+    if width > across or height > down:
+        window.showMaximized()
+    else:
+        window.show()
+
+
+def colour_of(controller: int | str) -> str:
+    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
+    if isinstance(controller, str):
+        return QUIET
+    return CONTROLLER[(controller - 1) % len(CONTROLLER) + 1]

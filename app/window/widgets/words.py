@@ -1,0 +1,211 @@
+"""The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from PySide6.QtCore import QUrl
+from PySide6.QtGui import QDesktopServices
+
+from app.ipc import messages as m
+from app.window.widgets import theme
+from core import tick_log
+from experiments.analysis.trials_table import TrialRow
+from experiments.inputs import INPUTS
+from experiments.language import ENGLISH_WORDS, Language
+from experiments.plan import PlannedTrial
+
+
+class Shown(NamedTuple):
+    """What the participant reads: one large line, a quiet one under it."""
+
+    large: str
+    small: str = ""
+
+
+#: phase, stage -> keys of the language: of the large line, of the quiet one
+PHASES = {
+    tick_log.APPROACH: ("approach", "approach_how"),
+    tick_log.HOLD: ("hold", "hold_how"),
+    tick_log.MOVE: ("go", "go_how"),
+}
+STAGES = {
+    m.PREPARING: ("preparing", "preparing_how"), m.NO_SESSION: ("welcome", "start_soon"),
+    m.RERIG: ("change", "change_how"), m.BREAK: ("break", "break_how"), m.QUESTIONS: ("questions", ""),
+    m.FINISHED: ("finished", "finished_how"), m.FAILED: ("failed", "failed_how"),
+}  # fmt: skip
+#: status of a trial -> key of the language
+ENDINGS = {
+    "done": "done", "timeout": "timeout", "aborted": "stopped", "recovered": "stopped", "stopped": "stopped",
+    "redone": "again", "excluded": "again", "skipped": "skipped",
+}  # fmt: skip
+
+RESUME = "Close this window, start again and resume the session"
+SERVER_DIED = f"The session server has stopped: the brakes are off and the recordings are kept. {RESUME}."
+LEAVE = "What is recorded stays, and Home resumes the session where it stands."
+LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
+CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
+
+#: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
+SHORT = {
+    "Acceleration, weighted DFT sum": "Acceleration sum",
+    "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
+}  # fmt: skip
+#: Why a trial does not count, to choose from.
+REASONS = (
+    "the pointer left the window",
+    "the participant was distracted",
+    "the device was disturbed",
+    "another task was done",
+)
+
+
+def server_died(last: m.Snapshot) -> str:
+    """What a session server that is gone leaves behind. last: the newest that it has sent."""
+    if last.stage == m.FAILED and last.notice:  # it said so itself
+        return last.notice
+    lost = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else ""
+    if last.running is None:
+        return f"The session server has stopped, and the brakes are off. {lost} {RESUME}." if lost else SERVER_DIED
+    run = "a practice trial" if last.practice else f"run {last.running.run}"
+    kept = lost or "What had reached its file is kept."
+    stopped = f"The session server has stopped in the middle of {run}: the brakes are off."
+    return f"{stopped} {kept} {RESUME}: {run} comes again."
+
+
+def language_of(opened: m.Opened | None) -> Language:
+    """The participant's language; English before there is a protocol."""
+    return opened.protocol.sentences if opened is not None else ENGLISH_WORDS
+
+
+def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown | None:
+    """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go".
+
+    seen: the handle is in sight; else nobody is asked to touch it.
+    """
+    if phase not in PHASES:
+        return None
+    large, small = PHASES[phase]
+    if not taken:
+        small = "take" if seen else "stopped_how"
+    elif left_early:
+        small = "hold_again"
+    return Shown(language[large], language[small].format(handle=language[theme.HANDLE_NAME]))
+
+
+def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:
+    """The lines while no trial runs. own_start: the person who reads them has the space bar."""
+    language = language_of(opened)
+    if snapshot.stage in STAGES or snapshot.card is not None or snapshot.paused:
+        stage = snapshot.stage if snapshot.stage in STAGES else m.BREAK if snapshot.card is None else m.RERIG
+        if snapshot.card is not None and snapshot.card.participant:
+            return Shown(snapshot.card.participant)
+        large, small = STAGES[stage]
+        first = feedback(snapshot, opened) if stage in (m.RERIG, m.BREAK, m.FINISHED) else ""
+        return Shown(language[large], " · ".join(filter(None, (first, language.get(small, "")))))
+    if snapshot.brakes_off:
+        return Shown(language["stopped"], language["stopped_how"])
+    blocked = bool(snapshot.why_not)
+    row = snapshot.newest
+    if row is None:
+        large, space = ("welcome_back", "next_space") if snapshot.rows else ("welcome", "first_space")
+        return Shown(language[large], language["stopped_how" if blocked else space if own_start else "start_soon"])
+    parts = given_back(row, opened)
+    if not blocked:
+        parts.append(language["next_space" if own_start else "next_soon"])
+    return Shown(language[ENDINGS[row.status]], " · ".join(parts) or language["stopped_how"])
+
+
+def with_keys(shown: Shown, snapshot: m.Snapshot, language: Language) -> Shown:
+    """The lines while no trial runs for somebody who has no main window beside them: which keys lead on."""
+    allow = language["brakes_key"] if snapshot.brakes_off and snapshot.stage != m.FAILED else ""
+    waits = shown.small if not allow or shown.small != language["stopped_how"] else ""  # nobody else comes
+    return shown._replace(small=" · ".join(filter(None, (waits, allow, language["main_key"]))))
+
+
+def feedback(snapshot: m.Snapshot, opened: m.Opened | None) -> str:
+    """What the protocol gives back of the newest trial, where something else is shown after it; "": nothing."""
+    return " · ".join(given_back(snapshot.newest, opened)) if snapshot.newest is not None else ""
+
+
+def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
+    """Feedback and cue after a trial, as far as the protocol gives them and the trial was done."""
+    if opened is None or trial.status != "done":
+        return []
+    protocol, language, parts = opened.protocol, opened.protocol.sentences, []
+    if protocol.feedback == "time" and trial.duration_s is not None:
+        parts.append(language["time"].format(seconds=f"{trial.duration_s:.1f}"))
+    if protocol.feedback == "error" and trial.path_error_m is not None:
+        parts.append(language["error"].format(mm=f"{1e3 * trial.path_error_m:.1f}"))
+    if protocol.cues is not None and trial.duration_s is not None:
+        if trial.duration_s < protocol.cues.too_fast_s:
+            parts.append(language["slower"])
+        elif trial.duration_s > protocol.cues.too_slow_s:
+            parts.append(language["faster"])
+    return parts
+
+
+# ---------------------------------------------------------------------------------------------- for the experimenter
+
+
+def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
+    """Controller and path of a planned trial; the controller is left out while blind."""
+    path = f"path {planned.segment}"
+    return path if blind else f"{opened.protocol.controller_name(planned.controller)} · {path}"
+
+
+def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
+    return f"{planned.configuration} · {cell(planned, opened, blind)}"
+
+
+def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
+    """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
+    return next((i for i, one in enumerate(plan, start=1) if same_cell(one, planned)), planned.run)
+
+
+def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
+    """Whether two trials are of one cell of the plan."""
+    return all(getattr(a, field) == getattr(b, field) for field in CELL)
+
+
+def done_of(settled: int, planned: int, lacking: int) -> str:
+    """How far a session is: trials that are settled, of the plan; those without a result."""
+    return f"{settled} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
+
+
+def minutes(seconds: float | None) -> str:
+    """About how long: "about 14 min left"; empty while that is unknown."""
+    if seconds is None:
+        return ""
+    return f"about {max(round(seconds / 60.0), 1)} min left"
+
+
+def clock(seconds: float) -> str:
+    """2:05 for 125 s."""
+    whole = max(int(seconds + 0.999), 0)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def size(count: int) -> str:
+    """Bytes as kB, MB or GB."""
+    for unit, least in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= least:
+            return f"{count / least:.1f} {unit}"
+    return f"{count} bytes"
+
+
+def from_home(folder: Path) -> str:
+    """A folder as ~/data where it lies below the user's home."""
+    home = Path.home()
+    return f"~/{folder.relative_to(home)}" if folder.is_relative_to(home) else str(folder)
+
+
+def show_folder(folder: Path) -> None:
+    """In the system's own file manager; of a folder that is not there yet, the first one above that is."""
+    there = next(one for one in (folder, *folder.parents) if one.is_dir())
+    QDesktopServices.openUrl(QUrl.fromLocalFile(str(there)))
+
+
+def hand_is_mouse(opened: m.Opened | None) -> bool:
+    """Whether the pointer is the hand (until it is known what is, yes: the pointer does nothing then)."""
+    return opened is None or INPUTS[opened.hand].by_pointer
