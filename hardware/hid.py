@@ -199,8 +199,7 @@ class HidHand:
             except OSError:
                 refusals.append(f"{found.product} ({found.ids}) cannot be opened")
         raise InputError(
-            f"{'; '.join(refusals)}: on Linux a udev rule must allow it (phd doctor prints it), "
-            "on macOS the maker's driver holds it"
+            f"{'; '.join(refusals)}: on Linux a udev rule must allow it (phd doctor prints it)"
         )
 
     def _work(self) -> None:

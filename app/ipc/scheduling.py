@@ -2,8 +2,7 @@
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
 scheduler. Both: no timer slack. Windows: the multimedia class "Pro Audio" where its service runs, otherwise the highest
-priority of a thread. Both systems: a processor core that the other processes of the program leave. macOS: the policy
-for threads with a time constraint (written from its documentation, not run).
+priority of a thread. Both systems: a processor core that the other processes of the program leave. Any other: nothing.
 """
 
 import ctypes
@@ -34,11 +33,6 @@ _HIGHEST = 15  # SetThreadPriority: THREAD_PRIORITY_TIME_CRITICAL
 _CRITICAL = 2  # AvSetMmThreadPriority: AVRT_PRIORITY_CRITICAL
 _KEEP_LEAST = 1  # SetProcessWorkingSetSizeEx: QUOTA_LIMITS_HARDWS_MIN_ENABLE
 WORKING_SET = (256 << 20, 512 << 20)  # bytes of memory that Windows leaves the loop at least, and at most when short
-
-_TIME_CONSTRAINT = 2  # thread_policy_set: THREAD_TIME_CONSTRAINT_POLICY
-#: A thread that works every so many ns, so many, and must be done within so many; it may not be interrupted. Our
-#: choice: a tick and what the loop spins.
-TIME_CONSTRAINT_NS = (1_000_000, 300_000, 500_000, 0)
 
 
 class _Attributes(ctypes.Structure):
@@ -75,8 +69,6 @@ def take_scheduling(real_time: bool = True) -> Scheduling:
     gc.disable()
     if sys.platform == "win32":
         return _windows(real_time)
-    if sys.platform == "darwin":
-        return _macos(real_time)
     if sys.platform != "linux":
         return Scheduling(False, False, -1, f"default: {platform.system()} offers nothing better here")
     libc = ctypes.CDLL(None, use_errno=True)
@@ -193,17 +185,3 @@ if sys.platform == "win32":
         avrt.AvSetMmThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)
         handle = avrt.AvSetMmThreadCharacteristicsW("Pro Audio", ctypes.byref(task))
         return bool(handle and avrt.AvSetMmThreadPriority(handle, _CRITICAL))
-
-
-# ------------------------------------------------------------------------------------------------------------- macOS
-
-
-def _macos(real_time: bool) -> Scheduling:
-    libc = ctypes.CDLL(None)
-    timebase = (ctypes.c_uint32 * 2)()
-    libc.mach_timebase_info(timebase)
-    *times, interrupted = TIME_CONSTRAINT_NS
-    policy = (ctypes.c_uint32 * 4)(*(ns * timebase[1] // timebase[0] for ns in times), interrupted)
-    if real_time and libc.thread_policy_set(libc.mach_thread_self(), _TIME_CONSTRAINT, policy, len(policy)) == 0:
-        return Scheduling(True, False, -1, "real-time: time constraint")
-    return Scheduling(False, False, -1, "default")

@@ -1,8 +1,8 @@
 """The clock of the control loop: now, and sleep until then, in nanoseconds of the clock of `time.perf_counter_ns`.
 
 They are calls of the system that compiled code makes without the interpreter. Linux: CLOCK_MONOTONIC. Windows:
-QueryPerformanceCounter and a waitable timer. macOS: the mach clock (written from its documentation, not run). On other
-systems, or without the jit, they are Python's own, and what calls them runs as Python (`native` leaves it uncompiled).
+QueryPerformanceCounter and a waitable timer. On other systems, or without the jit, they are Python's own, and what calls
+them runs as Python (`native` leaves it uncompiled).
 """
 
 import ctypes
@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from core.kernel import kernel
 
 #: Whether the loop runs as compiled code from its first tick to its last.
-NATIVE = sys.platform in ("linux", "win32", "darwin") and not numba.config.DISABLE_JIT
+NATIVE = sys.platform in ("linux", "win32") and not numba.config.DISABLE_JIT
 
 #: The last part of a wait is spent looking at the clock: a processor core that sleeps takes 50 to 150 us to wake on a
 #: virtual machine. Our choice: a fifth of the loop's core for p99 lateness of about a microsecond. Windows: assumed,
@@ -38,10 +38,6 @@ def new_timer() -> np.ndarray:
     timer[_SPIN] = SPIN_NS
     if NATIVE and sys.platform == "win32":
         _prepare_windows(timer)
-    elif NATIVE and sys.platform == "darwin":
-        timebase = (ctypes.c_uint32 * 2)()
-        ctypes.CDLL(None).mach_timebase_info(timebase)
-        timer[_FIRST], timer[_SECOND] = timebase
     return timer
 
 
@@ -100,9 +96,9 @@ if NATIVE and sys.platform == "win32":
         _wait(timer[_SECOND], _LONGEST_MS)
 
 elif NATIVE:
-    #: Python's time.perf_counter_ns is the same: CLOCK_MONOTONIC, on macOS CLOCK_UPTIME_RAW
-    _CLOCK = 8 if sys.platform == "darwin" else 1
+    _CLOCK, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, as Python's time.perf_counter_ns; TIMER_ABSTIME
     _gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
+    _nanosleep = types.ExternalFunction("clock_nanosleep", types.int32(types.int32, types.int32, types.intp, types.intp))
 
     @kernel
     def now_ns(timer):
@@ -110,23 +106,10 @@ elif NATIVE:
         _gettime(_CLOCK, timer.ctypes.data)
         return timer[0] * 1_000_000_000 + timer[1]
 
-    if sys.platform == "darwin":
-        _wait_until = types.ExternalFunction("mach_wait_until", types.int32(types.uint64))
-
-        @kernel
-        def _sleep(now, wake, timer):
-            _wait_until(wake * timer[_SECOND] // timer[_FIRST])
-
-    else:
-        _ABSOLUTE = 1  # TIMER_ABSTIME
-        _nanosleep = types.ExternalFunction(
-            "clock_nanosleep", types.int32(types.int32, types.int32, types.intp, types.intp)
-        )
-
-        @kernel
-        def _sleep(now, wake, timer):
-            timer[0], timer[1] = wake // 1_000_000_000, wake % 1_000_000_000
-            _nanosleep(_CLOCK, _ABSOLUTE, timer.ctypes.data, 0)
+    @kernel
+    def _sleep(now, wake, timer):
+        timer[0], timer[1] = wake // 1_000_000_000, wake % 1_000_000_000
+        _nanosleep(_CLOCK, _ABSOLUTE, timer.ctypes.data, 0)
 
 
 if NATIVE:

@@ -71,7 +71,7 @@ def cost_of(name: str, trials: int, arguments: tuple[str, ...], out: Path) -> Co
     if hasattr(os, "wait4"):
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-        memory = usage.ru_maxrss / (1.0 if sys.platform == "darwin" else 1e-3) / MB  # bytes there, else kB
+        memory = usage.ru_maxrss * 1e3 / MB  # in kB
     else:
         process.wait()
         memory = None

@@ -12,7 +12,7 @@ from PySide6.QtCore import QProcess
 
 RATE_HZ, LENGTH_S, FADE_S, LOUDNESS = 44_100, 0.12, 0.01, 0.3
 GO_HZ, END_HZ = 880.0, 587.0
-PLAYERS = ("paplay", "aplay", "afplay")  # PulseAudio and PipeWire, ALSA, macOS
+PLAYERS = ("paplay", "aplay")  # PulseAudio and PipeWire, ALSA
 
 
 def player() -> str | None:
