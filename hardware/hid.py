@@ -198,9 +198,7 @@ class HidHand:
                 return found, device
             except OSError:
                 refusals.append(f"{found.product} ({found.ids}) cannot be opened")
-        raise InputError(
-            f"{'; '.join(refusals)}: on Linux a udev rule must allow it (phd doctor prints it)"
-        )
+        raise InputError(f"{'; '.join(refusals)}: on Linux a udev rule must allow it (phd doctor prints it)")
 
     def _work(self) -> None:
         started, biased = self._clock(), False

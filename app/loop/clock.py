@@ -1,8 +1,8 @@
 """The clock of the control loop: now, and sleep until then, in nanoseconds of the clock of `time.perf_counter_ns`.
 
 They are calls of the system that compiled code makes without the interpreter. Linux: CLOCK_MONOTONIC. Windows:
-QueryPerformanceCounter and a waitable timer. On other systems, or without the jit, they are Python's own, and what calls
-them runs as Python (`native` leaves it uncompiled).
+QueryPerformanceCounter and a waitable timer. On other systems, or without the jit, they are Python's own, and what
+calls them runs as Python (`native` leaves it uncompiled).
 """
 
 import ctypes
@@ -98,7 +98,9 @@ if NATIVE and sys.platform == "win32":
 elif NATIVE:
     _CLOCK, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, as Python's time.perf_counter_ns; TIMER_ABSTIME
     _gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
-    _nanosleep = types.ExternalFunction("clock_nanosleep", types.int32(types.int32, types.int32, types.intp, types.intp))
+    _nanosleep = types.ExternalFunction(
+        "clock_nanosleep", types.int32(types.int32, types.int32, types.intp, types.intp)
+    )
 
     @kernel
     def now_ns(timer):

@@ -19,6 +19,7 @@ from pathlib import Path
 from app.progress import Progress
 from app.verbs.common import add_verb
 from core.files import InputError
+from experiments.recording.atomic_files import new_folders
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ("app", "core", "hardware", "experiments", "docs", "pyproject.toml", "README.md", "CHANGELOG.md")
@@ -55,20 +56,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def bundle_verb(args: argparse.Namespace) -> None:
-    if args.folder.exists() and (not args.folder.is_dir() or any(args.folder.iterdir())):
-        raise InputError(f"{args.folder}: is not empty; name a new folder")
     inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
     if inside:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
-    made = not args.folder.exists()
-    try:
-        with contextlib.closing(Progress("copying")) as bar:
-            bundle(args.folder, bar)
-    except BaseException:  # half a bundle is of no use
-        shutil.rmtree(args.folder, ignore_errors=True)
-        if not made:
-            args.folder.mkdir()
-        raise
+    with contextlib.closing(Progress("copying")) as bar, new_folders([args.folder], "a bundle") as (folder,):
+        bundle(folder, bar)
     size = sum(file.stat().st_size for file in args.folder.rglob("*") if file.is_file())
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
 

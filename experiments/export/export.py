@@ -7,7 +7,6 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 """
 
 import contextlib
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations
@@ -33,7 +32,7 @@ from experiments.export.files import (
 )
 from experiments.progress import Progress, unseen
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import reading_stored, refusing, rename
+from experiments.recording.atomic_files import new_folders, reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
@@ -152,30 +151,17 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
 
 @contextlib.contextmanager
 def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
-    """Form -> a folder beside its place; they get their names at the end, together, or are removed."""
+    """Form -> a folder to be filled, see `new_folders`."""
     places = {form: Path(out).resolve() for form, out in outs.items()}
     for a, b in permutations(places.values(), 2):
         if a == b or b in a.parents:
             raise InputError(f"{a}: two exports need two folders, neither inside the other")
-    partial = {form: out.with_name(f".{out.name}.partial") for form, out in places.items()}
     try:
-        for form, out in places.items():
-            with refusing(out, "cannot be created"):
-                if out.exists() and any(out.iterdir()):
-                    raise InputError(f"{out}: is not empty, an export needs a new or empty folder")
-                shutil.rmtree(partial[form], ignore_errors=True)  # left by a kill
-                partial[form].mkdir(parents=True)
-        yield partial
-        for form, out in places.items():
-            if out.exists():
-                out.rmdir()
-            rename(partial[form], out)
+        with new_folders(list(places.values()), "an export") as folders:
+            yield dict(zip(places, folders, strict=True))
     except OSError as error:
         reason = f"{error.strerror or error}, so the export was given up"
         raise OSError(error.errno, reason, ", ".join(map(str, outs.values()))) from error
-    finally:
-        for folder in partial.values():
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 class CsvTables:

@@ -23,8 +23,6 @@ from experiments.session.checksums import read_sealed
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
 from experiments.session.journal import journal_summary
 
-PARTIAL = ".partial"  # ends the name of a folder that is not complete yet
-
 
 class Results(NamedTuple):
     """What a data folder holds."""
@@ -162,8 +160,3 @@ class Job(NamedTuple):
     sessions: tuple[Path, ...]  # whose answers and notes come along, or of which a report is written
     folder: Path  # must be new
     report: bool = False  # of each session, in place of figures and tables
-
-    @property
-    def partial(self) -> Path:
-        """Where the files are until they are all there."""
-        return self.folder.with_name(self.folder.name + PARTIAL)

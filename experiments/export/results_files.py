@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, wr
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Job, Results, read_results
 from experiments.progress import Progress, unseen
-from experiments.recording.atomic_files import rename, write_new_file
+from experiments.recording.atomic_files import new_folders, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session import journal
 from experiments.session.files import TABLE, read_stored
@@ -57,29 +56,21 @@ def write_results(job: Job, progress: Progress = unseen) -> int:
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.
     """
-    if job.folder.exists():
-        raise InputError(f"{job.folder}: exists already, the results need a new folder")
-    partial = job.partial
     here = Path(os.path.relpath(job.data_dir, job.folder)).as_posix()
     try:
-        partial.mkdir(parents=True)
-        if job.report:
-            for number, session in enumerate(job.sessions, start=1):
-                name = f"{session.parent.name}_{session.name}_report.pdf"
-                write_session_report(session, partial / name)
-                progress(number / len(job.sessions))
-        else:
-            shown = charts(job.page, job.rows, job.view, job.answers)
-            draw_charts(shown, job.rows, partial, job.note, job.view, progress)
-            write_table(partial / TABLE, [row.seen_from(here) for row in job.rows])
-            write_answers_and_notes(partial, *answers_and_notes(job.sessions))
-        count = len(list(partial.iterdir()))
-        rename(partial, job.folder)
+        with new_folders([job.folder], "a folder of results") as (folder,):
+            if job.report:
+                for number, session in enumerate(job.sessions, start=1):
+                    write_session_report(session, folder / f"{session.parent.name}_{session.name}_report.pdf")
+                    progress(number / len(job.sessions))
+            else:
+                shown = charts(job.page, job.rows, job.view, job.answers)
+                draw_charts(shown, job.rows, folder, job.note, job.view, progress)
+                write_table(folder / TABLE, [row.seen_from(here) for row in job.rows])
+                write_answers_and_notes(folder, *answers_and_notes(job.sessions))
+            return len(list(folder.iterdir()))
     except OSError as error:
         raise InputError(f"{job.folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-    return count
 
 
 def write_session_report(session: Path, out: Path) -> None:

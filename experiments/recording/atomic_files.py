@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their place, brought to the disk, named in one step.
+"""Files and folders that appear whole or not at all: written beside their place, then named in one step.
 
 On Windows a file that another program (a virus scanner, OneDrive) has open for a moment can be neither renamed nor
 removed: `patiently` tries again.
@@ -8,8 +8,9 @@ import contextlib
 import errno
 import itertools
 import os
+import shutil
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,37 @@ def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -
             raise InputError(f"{folder}: is not empty, {needs}")
 
 
+def partial_name(target: Path) -> Path:
+    """What a file or folder is called until it is whole."""
+    return target.with_name(f".{target.name}.partial")
+
+
+@contextlib.contextmanager
+def new_folders(places: Sequence[Path], needs: str) -> Iterator[list[Path]]:
+    """A folder to be filled for each place; all get their names at the end, or none is left after an error.
+
+    needs: what needs a new folder, for the refusal. InputError if something stands at a place, other than an empty
+    folder, or nothing can be made there. OSError if a disk is full.
+    """
+    filled = [partial_name(place) for place in places]
+    try:
+        for place, partial in zip(places, filled, strict=True):
+            with refusing(place, "cannot be created"):
+                if os.path.lexists(place) and (not place.is_dir() or any(place.iterdir())):
+                    wrong = "is not empty" if place.is_dir() else "is a file"
+                    raise InputError(f"{place}: {wrong}; {needs} needs a new or empty folder")
+                shutil.rmtree(partial, ignore_errors=True)  # left by a kill
+                partial.mkdir(parents=True)
+        yield filled
+        for place, partial in zip(places, filled, strict=True):
+            with contextlib.suppress(FileNotFoundError):
+                place.rmdir()  # Windows gives no name that an empty folder has
+            rename(partial, place)
+    finally:
+        for partial in filled:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
 def first_free(folder: Path, name: str) -> Path:
     """NAME-1, -2, .. in a folder: the first that is not there."""
     return next(place for number in itertools.count(1) if not (place := folder / f"{name}-{number}").exists())
@@ -146,7 +178,7 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
 
     sync: wait until it is on the disk. OSError if it cannot be written.
     """
-    partial = target.with_name(f".{target.name}.partial")
+    partial = partial_name(target)
     remove(partial)  # left by a crash; it may be a second name of a file that is whole
     try:
         with partial.open("xb") as file:

@@ -20,7 +20,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, unseen
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, rename
+from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, new_folders
 from experiments.recording.writer import RecordingWriter
 from experiments.session.files import (
     LOCK,
@@ -207,15 +207,13 @@ class Run:
         note = protocol.note()
         moved = errors.result()
         for name in (FIGURES, REPORT):
-            folder = self.out / f".{name}.partial"
-            shutil.rmtree(folder, ignore_errors=True)
-            if name == FIGURES:
-                label = f"{note}, {operators.label}"
-                draw_boxplots(table, folder, label, protocol.labels(), protocol.name, pool=beside.pool)
-            else:
-                write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
             shutil.rmtree(self.out / name, ignore_errors=True)
-            rename(folder, self.out / name)
+            with new_folders([self.out / name], "a study") as (folder,):
+                if name == FIGURES:
+                    label = f"{note}, {operators.label}"
+                    draw_boxplots(table, folder, label, protocol.labels(), protocol.name, pool=beside.pool)
+                else:
+                    write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
 
 
 def run_share(out: Path, study: StudyPlan) -> Counter[str]:

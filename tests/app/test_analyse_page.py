@@ -371,7 +371,7 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypat
     monkeypatch.setattr(page._export, "begin", lambda module, given: begin(module="held_export", given=given))
     monkeypatch.setenv("PYTHONPATH", str(Path(held_export.__file__).parent))
     page.export()
-    partial = data / "results-1.partial"
+    partial = data / ".results-1.partial"
     qtbot.waitUntil(partial.exists, timeout=120_000)
     if end == "killed":
         page._export._process.kill()

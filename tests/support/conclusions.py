@@ -11,7 +11,7 @@ from experiments.study.unrecorded import simulation_errors
 
 
 def _leave_files(_table, folder: Path, *_what: object, **_options: object) -> None:
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "boxplots.png").touch()
 
 

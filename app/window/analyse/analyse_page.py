@@ -51,7 +51,7 @@ from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Job, Results, conclude, read_results
 from experiments.plan import counted
-from experiments.recording.atomic_files import first_free
+from experiments.recording.atomic_files import first_free, partial_name
 from experiments.session.files import STORED, STUDY, settled_cells
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
@@ -400,7 +400,7 @@ class AnalysePage(Page):
         folder = self._job.folder
         done = folder.exists()
         if not done:  # killed: what it had begun is removed in its place
-            shutil.rmtree(self._job.partial, ignore_errors=True)
+            shutil.rmtree(partial_name(self._job.folder), ignore_errors=True)
         self._show_busy()
         failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
         self._tell(str(end) if done else failed, "good" if done else "caution")
