@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from app import __version__
 from core.files import InputError, StrangeInput, cut
-from core.kernel_cache import tellers
+from core.kernels.cache import tellers
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.

@@ -1,7 +1,7 @@
 """`python -m app.compile_kernels`: compile what the first study, simulation and live trial need, once, for the set-up.
 
 Two processes share the work: each finds on disk the parts of kernels that the other has compiled (see
-`core.kernel_compiler`).
+`core.kernels.compiler`).
 """
 
 import subprocess
@@ -10,8 +10,8 @@ import sys
 import numpy as np
 
 from app.progress import watch_compiling
-from core.kernel import INTERPRETED
-from core.kernel_cache import cache_place, tellers
+from core.kernels import INTERPRETED
+from core.kernels.cache import cache_place, tellers
 
 
 def compile_trials() -> None:

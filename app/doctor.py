@@ -18,7 +18,7 @@ from app.progress import SCREENS_CODE
 from app.session_server.lost_time import stolen_share
 from app.session_server.preflight import check_disk
 from core.files import InputError
-from core.kernel_cache import cache_place, is_compiled, remove_unsound, why_no_room
+from core.kernels.cache import cache_place, is_compiled, remove_unsound, why_no_room
 from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from core.files import InputError
-from core.kernel import kernel
+from core.kernels import kernel
 from core.path import Path, build_path, path_from
 from core.simulator.hand import new_hand
 from core.tick_log import APPROACH, END, MOVE

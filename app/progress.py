@@ -97,7 +97,7 @@ class Compiling:
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
-        """As `kernel_cache.watchers` are called: before each kernel of an entry, and after the last with no name."""
+        """As `watchers` of the cache are called: before each kernel of an entry, and after the last with no name."""
         if self._began is None:
             self._began = time.perf_counter()
         if name:
@@ -109,7 +109,7 @@ class Compiling:
 
 def watch_compiling() -> Compiling:
     """From here on a bar shows each compilation of kernels."""
-    from core.kernel_cache import watchers
+    from core.kernels.cache import watchers
 
     compiling = Compiling()
     watchers[:] = [compiling]

@@ -5,7 +5,7 @@ Currents in A, torques in N m, rates in rad/s (Eq. (4) itself is in rpm). Joint 
 
 import math
 
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 
 RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
 

@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 
 from core.files import Pair, Table
-from core.kernel import kernel
+from core.kernels import kernel
 from core.ranges import CobotInertia, CobotMass, Place, Rate
 from core.simulator.state import new_record
 

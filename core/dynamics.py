@@ -12,7 +12,7 @@ of P, and their product.
 
 from typing import NamedTuple
 
-from core.kernel import inlined
+from core.kernels import inlined
 from core.linkage import links
 
 

@@ -8,7 +8,7 @@ g_base = e2 / S (along the distal link) and g_elbow = -(e1 + e2) / S (along base
 
 import math
 
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 
 
 @inlined

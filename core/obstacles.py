@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from core.files import Table
-from core.kernel import kernel
+from core.kernels import kernel
 from core.ranges import Coordinate, Place, Radius
 
 #: Columns of an edge: its obstacle's number, start (m), unit tangent (outside is to its right), length (m; infinite:

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from core.files import InputError, Pair, from_plain
-from core.kernel import kernel
+from core.kernels import kernel
 
 #: Columns of `Path.pieces`: progress at the piece's start (m), its length (m), start (m), unit tangent there,
 #: curvature (1/m, positive to the left, 0: straight), turn from its end to the next piece (rad, positive to the left).

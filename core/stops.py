@@ -6,7 +6,7 @@ on their own joint. So a joint at a stop is a joint with an infinite yield in on
 
 import math
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.linkage import joint_angles, links
 from core.mechanism import PLACES, STOP_C, STOP_E, C, E
 

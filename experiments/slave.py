@@ -16,7 +16,7 @@ import numpy as np
 
 from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
-from core.kernel import kernel
+from core.kernels import kernel
 from core.ranges import Place
 
 TICK_S = 1e-3  # of a trial

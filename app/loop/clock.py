@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from core.kernel import kernel
+from core.kernels import kernel
 
 #: Whether the loop runs as compiled code from its first tick to its last.
 NATIVE = sys.platform in ("linux", "win32") and not numba.config.DISABLE_JIT

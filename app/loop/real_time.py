@@ -18,7 +18,7 @@ from app.ipc.ring import (
     STOPPED,
 )
 from app.loop.clock import fence, native, now_ns, sleep_until
-from core.kernel import kernel
+from core.kernels import kernel
 from core.tick_log import END, LATENESS_US, MOVE
 from experiments.trial.tick import run_ticks
 

@@ -26,7 +26,7 @@ from app.window.widgets.theme import show_whole
 from app.window.widgets.work import Verb
 from core import tick_log
 from core.files import InputError
-from core.kernel_cache import is_compiled
+from core.kernels.cache import is_compiled
 
 LARGEST = (1920, 1080)  # px, as the main window opens
 FRAME_S = 1.0 / 60.0
@@ -251,7 +251,6 @@ def by_trial(rows: np.ndarray) -> list[np.ndarray]:
 
 def load_statistics() -> None:
     """What the other pages need: kernels, plots and statistics take a second and a half to import."""
-    import_module("core.kernel_compiler")  # first: while it is imported, scipy is not (see its `spare_scipy`)
     import_module("app.window.analyse.analyse_page")
 
     gc.collect()

@@ -12,7 +12,7 @@ import numpy as np
 
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import JOINTS
 
 

@@ -32,7 +32,7 @@ from core.control.guard import NO_OBSTACLE, Seen, keep_out
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
-from core.kernel import kernel
+from core.kernels import kernel
 from core.obstacles import nearest_obstacle
 
 

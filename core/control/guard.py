@@ -23,7 +23,7 @@ from core.control.stopping import STOPPING, TICK_S, furthest, leash, look_toward
 from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, new_memory
 from core.device import Device
 from core.files import Table, choice
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles, nearest_obstacle, next_obstacle
 from core.ranges import Push, SmallLength

@@ -21,7 +21,7 @@ from core.control.algorithm import (
     lock,
     pushes_away,
 )
-from core.kernel import kernel
+from core.kernels import kernel
 from core.workspace import arm_pose
 
 if TYPE_CHECKING:

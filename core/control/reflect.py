@@ -21,7 +21,7 @@ from core.brake import current_for_torque, torque_gain
 from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
 from core.control.proportional import impending_direction, joint_sense
 from core.control.velocity_field import NEAREST, WANTED
-from core.kernel import kernel
+from core.kernels import kernel
 
 WALL_N_M = Parameter("wall_N_m", "wall stiffness", "N/m", 1.0, 0.0, (0.0, 2000.0))
 WALL = 1  # its place among the values

@@ -17,7 +17,7 @@ from core.control.algorithm import (
     lock,
     pushes_away,
 )
-from core.kernel import kernel
+from core.kernels import kernel
 
 
 @kernel

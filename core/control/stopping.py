@@ -29,7 +29,7 @@ import numpy as np
 
 from core.brake import inverse, time_constant, torque_gain
 from core.dynamics import combined, motion
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.simulator.state import MECHANISM, new_record, pack_brakes, pack_mechanism
 

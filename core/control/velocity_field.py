@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.path import Path, held_piece, measure, on_piece
 
 BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's

@@ -6,7 +6,7 @@ quickly, and where a brake would give energy. Too many events within a short tim
 are given to `stepping`, and that is counted.
 """
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.event_location import (

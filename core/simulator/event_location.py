@@ -12,7 +12,7 @@ below zero in between: two crossings inside one step must not be missed.
 
 import math
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator.hermite import hermite_zero, parabola_zero
 from core.simulator.lag import joint_acceleration

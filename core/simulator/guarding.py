@@ -12,7 +12,7 @@ from core.control.algorithm import LOCK_TOO_LATE, NONE
 from core.control.guard import AROUND, Around, Seen, keep_out, make_around
 from core.control.stopping import TICK_S
 from core.control.velocity_field import new_memory
-from core.kernel import kernel
+from core.kernels import kernel
 from core.simulator.simulation import ROW_WIDTH, Simulation, run_rows
 from core.simulator.solver_numbers import EDGE_S
 from core.simulator.state import new_record

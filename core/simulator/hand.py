@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.simulator.solver_numbers import EDGE_S, FORCE_MISSED
 from core.simulator.state import new_record
 

@@ -2,7 +2,7 @@
 
 import math
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.simulator.solver_numbers import ROUNDING
 
 

@@ -16,7 +16,7 @@ others share the rest.
 import math
 
 from core.dynamics import motion
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator.hand import hand_force
 from core.simulator.lag import age_yields, begin

@@ -11,7 +11,7 @@ All four brakes are computed side by side, those that lack nothing, too: so the 
 import math
 
 from core.brake import below_omega_0, inverse, octaves, torque_gain
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 from core.simulator.hermite import hermite_zero
 from core.simulator.solver_numbers import ARRIVED, EDGE_S, PACE_ROUNDING
 

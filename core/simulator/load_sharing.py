@@ -8,7 +8,7 @@ that it can, before any brake.
 
 import math
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator.solver_numbers import SPLIT_ROUNDING, STOP_STRENGTH
 from core.simulator.stick_slip import same_line

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from core.dynamics import combined, motion
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 from core.linkage import coupled_angle
 from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import grip_force, prescribed_force

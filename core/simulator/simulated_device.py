@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from core.device import Device
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES, STOP_E
 from core.simulator.hand import Hand
 from core.simulator.simulation import MR, Ledger, Simulation, advance, apply

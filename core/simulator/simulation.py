@@ -12,7 +12,7 @@ import numpy as np
 
 from core.brake import torque_gain
 from core.device import Device
-from core.kernel import kernel
+from core.kernels import kernel
 from core.linkage import coupled_angle, joint_angles
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots

@@ -9,7 +9,7 @@ finite. It serves by itself, and as what `event` falls back to.
 import math
 
 from core.dynamics import motion
-from core.kernel import kernel
+from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force

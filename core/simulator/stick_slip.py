@@ -17,7 +17,7 @@ Joints here are all places of core/mechanism.py: A, E, B, C, then D and elbows t
 
 import math
 
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 from core.mechanism import PLACES
 
 STILL = -2  # all held: the tip does not move

@@ -7,7 +7,7 @@
 import math
 
 from core.dynamics import combined, motion
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 from core.linkage import coupled_angle, links
 from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import hand_force

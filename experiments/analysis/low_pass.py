@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from core.kernel import kernel
+from core.kernels import kernel
 
 ORDER = 4
 PADDED = 15  # samples at each end, as `sosfiltfilt` takes for two sections

@@ -1,7 +1,7 @@
 """The compiled loop that `phd bench` times. In a file of its own, so that changes elsewhere compile no kernel anew."""
 
 from core.dynamics import motion
-from core.kernel import kernel
+from core.kernels import kernel
 from core.simulator.stick_slip import solve_mass
 
 

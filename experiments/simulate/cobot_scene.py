@@ -25,7 +25,7 @@ from core.files import (
     read_text,
     shipped_or_file,
 )
-from core.kernel import kernel
+from core.kernels import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
 from core.ranges import Angle, Coordinate, Force, Place, Push, Torque

@@ -13,7 +13,7 @@ from core.cobot import advance, path_goal, place, velocity
 from core.control.algorithm import STEER
 from core.device import Device
 from core.device_file import Castor
-from core.kernel import kernel
+from core.kernels import kernel
 from core.simulator.hand import hand_force
 from core.simulator.stick_slip_mode import look
 from core.stops import stop_gap

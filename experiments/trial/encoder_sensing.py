@@ -17,7 +17,7 @@ import numpy as np
 from core.control.guard import Sensed
 from core.device import Device
 from core.device_interface import encoder_step, velocity_noise
-from core.kernel import kernel
+from core.kernels import kernel
 from core.linkage import joint_angles
 from core.simulator.state import new_record, new_state
 from core.simulator.stick_slip_mode import look

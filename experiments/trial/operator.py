@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from core.kernel import kernel
+from core.kernels import kernel
 from core.path import Path, nearest, point_at
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE

@@ -30,7 +30,7 @@ from core.cobot import COBOT
 from core.control.algorithm import OFF, release
 from core.control.controllers import decide
 from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
-from core.kernel import inlined, kernel
+from core.kernels import inlined, kernel
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
 from core.path import nearest

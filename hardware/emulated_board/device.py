@@ -13,7 +13,7 @@ import numpy as np
 
 from core.device import Device
 from core.files import InputError
-from core.kernel import kernel
+from core.kernels import kernel
 from core.linkage import joint_angles
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice

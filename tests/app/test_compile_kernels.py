@@ -10,7 +10,7 @@ import pytest
 from protocols import short
 
 from app.progress import watch_compiling
-from core.kernel_cache import watchers
+from core.kernels.cache import watchers
 
 SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
 COUNTED = """

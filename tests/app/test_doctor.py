@@ -14,7 +14,7 @@ from app.cli import main
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.session_server import preflight
 from app.session_server.lost_time import stolen_share
-from core.kernel_cache import Place, keep
+from core.kernels.cache import Place, keep
 
 
 @pytest.fixture
@@ -133,7 +133,7 @@ def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(
         line = doctor.kernels()
         assert line.state == CAUTION and "it belongs to another user" in line.text
     monkeypatch.setattr(doctor, "cache_place", lambda: Place(tmp_path))
-    monkeypatch.setattr("core.kernel_cache.tempfile.TemporaryFile", full)
+    monkeypatch.setattr("core.kernels.cache.tempfile.TemporaryFile", full)
     line = doctor.kernels()
     assert line.state == CAUTION and "No space left on device" in line.text and "Make room" in line.advice
 

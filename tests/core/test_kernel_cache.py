@@ -6,15 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-from core.kernel_cache import source_hash
+from core.kernels.cache import source_hash
 
 ROOT = Path(__file__).resolve().parents[2]
 CALLEE = (
-    "from core.kernel import kernel\nfrom core.number import NUMBER\n\n\n"
+    "from core.kernels import kernel\nfrom core.number import NUMBER\n\n\n"
     "@kernel\ndef inner(x):\n    return {} * x + NUMBER\n"
 )
 CALLER = (
-    "from core.callee import inner\nfrom core.kernel import kernel\n\n\n@kernel\ndef outer(x):\n    return inner(x)\n"
+    "from core.callee import inner\nfrom core.kernels import kernel\n\n\n@kernel\ndef outer(x):\n    return inner(x)\n"
 )
 
 
@@ -22,8 +22,7 @@ def small_tree(folder: Path) -> Path:
     """A tree with two kernels in two files, and a constant in a third that holds no kernel."""
     core = folder / "core"
     core.mkdir(parents=True)
-    for name in ("kernel.py", "kernel_cache.py", "kernel_compiler.py"):
-        shutil.copy(ROOT / "core" / name, core)
+    shutil.copytree(ROOT / "core" / "kernels", core / "kernels")
     (core / "__init__.py").touch()
     (core / "caller.py").write_text(CALLER)
     (core / "callee.py").write_text(CALLEE.format("1.0"))
@@ -35,7 +34,7 @@ def small_tree(folder: Path) -> Path:
 def answer(tree: Path) -> tuple[float, bool]:
     """What the caller's kernel gives for 1.0 in a new process, and whether it had to be compiled."""
     code = (
-        "from core.kernel_cache import is_compiled\ncold = not is_compiled('outer')\n"
+        "from core.kernels.cache import is_compiled\ncold = not is_compiled('outer')\n"
         "from core.caller import outer\nprint(outer(1.0), cold)"
     )
     value, cold = run(tree, code).split()
@@ -80,7 +79,7 @@ def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
 def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
     tree = small_tree(tmp_path)
     code = (
-        "from core.kernel_cache import watchers\n"
+        "from core.kernels.cache import watchers\n"
         "watchers.append(lambda number, of, name: print(number, of, name))\n"
         "from core.caller import outer\nouter(1.0)"
     )
@@ -91,6 +90,6 @@ def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
 def test_a_process_finds_the_parts_that_another_compiled(tmp_path):
     tree = small_tree(tmp_path)
     (tree / "core" / "caller.py").write_text(CALLER + "\n\n@kernel\ndef beside(x):\n    return 3.0 * inner(x)\n")
-    watching = "from core import kernel_cache\nkernel_cache.watchers.append(lambda done, of, name: print(name))\n"
+    watching = "from core.kernels import cache\ncache.watchers.append(lambda done, of, name: print(name))\n"
     assert run(tree, watching + "from core.caller import outer\nprint(outer(1.0))") == "outer\ninner\n\n11.0\n"
     assert run(tree, watching + "from core.caller import beside\nprint(beside(1.0))") == "beside\n\n33.0\n"

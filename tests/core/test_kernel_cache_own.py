@@ -12,13 +12,13 @@ import pytest
 from disks import flip_a_bit
 from test_kernel_cache import small_tree
 
-from core import kernel_cache
-from core.kernel_cache import HANDED_DOWN, Place, keep, make_own, read_kept, remove_unsound
+from core.kernels import cache
+from core.kernels.cache import HANDED_DOWN, Place, keep, make_own, read_kept, remove_unsound
 
 CALL = (
-    "import sys\nfrom core import kernel_cache\n"
-    "kernel_cache.tellers.append(lambda said: print(said, file=sys.stderr))\n"
-    "kernel_cache.watchers.append(lambda number, of, name: print('compiles', name))\n"
+    "import sys\nfrom core.kernels import cache\n"
+    "cache.tellers.append(lambda said: print(said, file=sys.stderr))\n"
+    "cache.watchers.append(lambda number, of, name: print('compiles', name))\n"
     "from core.caller import outer\nprint(outer(1.0))\n"
 )
 COMPILED, FROM_DISK = "compiles outer\ncompiles inner\ncompiles \n11.0\n", "11.0\n"
@@ -39,22 +39,22 @@ class Planted:
 
 @pytest.fixture(autouse=True)
 def untold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "problems", kernel_cache.Counter())
+    monkeypatch.setattr(cache, "problems", cache.Counter())
     monkeypatch.delenv(HANDED_DOWN, raising=False)
 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(kernel_cache, "source_hash", lambda: "0123456789abcdef")
+    monkeypatch.setattr(cache, "source_hash", lambda: "0123456789abcdef")
     (tmp_path / "temporary").mkdir()
-    monkeypatch.setattr(kernel_cache.tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path / "temporary"))
     return tmp_path / "cache" / "phd" / "kernels"
 
 
 def place() -> Place:
     """As a new process finds it."""
-    return kernel_cache.cache_place.__wrapped__()
+    return cache.cache_place.__wrapped__()
 
 
 def run(tree: Path, code: str = CALL, **more: str) -> tuple[str, str]:
@@ -88,7 +88,7 @@ def test_the_cache_is_a_folder_of_this_user_alone_whatever_it_was_and_whatever_i
 def test_what_is_not_this_users_own_folder_is_not_used_and_said(
     what: str, level: int, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planted = [home.parent, home, home / kernel_cache.source_hash()][level]
+    planted = [home.parent, home, home / cache.source_hash()][level]
     planted.parent.mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     if what == "another user's":
@@ -101,7 +101,7 @@ def test_what_is_not_this_users_own_folder_is_not_used_and_said(
                 return about
             return os.stat_result((*about[:4], about.st_uid + 1, *about[5:]))
 
-        monkeypatch.setattr(kernel_cache.os, "fstat", fstat)
+        monkeypatch.setattr(cache.os, "fstat", fstat)
     elif "link" in what:
         planted.symlink_to(tmp_path / ("elsewhere" if what == "link" else "nowhere"))
     elif what == "file":
@@ -109,7 +109,7 @@ def test_what_is_not_this_users_own_folder_is_not_used_and_said(
     else:
         os.mkfifo(planted)
     said: list[str] = []
-    monkeypatch.setattr(kernel_cache, "tellers", [said.append])
+    monkeypatch.setattr(cache, "tellers", [said.append])
     found = place()
     assert (
         found.wrong
@@ -120,7 +120,7 @@ def test_what_is_not_this_users_own_folder_is_not_used_and_said(
     assert private is not None and private.parent == tmp_path / "temporary" and private.stat().st_mode & 0o777 == 0o700
     assert not list((tmp_path / "elsewhere").iterdir())
     assert place() == Place(private, found.wrong, True) and len(said) == 1  # a process that this one starts
-    kernel_cache._remove(private, os.getpid())
+    cache._remove(private, os.getpid())
     assert not private.exists()
 
 
@@ -131,7 +131,7 @@ def test_no_folder_that_was_handed_down_is_trusted_that_is_not_this_users_own(ho
         os.environ[HANDED_DOWN] = lie
         found = place()
         assert found.folder is not None and not found.handed_down and found.folder.parent == tmp_path / "temporary"
-        kernel_cache._remove(found.folder, os.getpid())
+        cache._remove(found.folder, os.getpid())
     (tmp_path / "link").symlink_to(tmp_path / "temporary")
     os.environ[HANDED_DOWN] = str(tmp_path / "link")
     found = place()
@@ -143,8 +143,8 @@ def test_where_nothing_can_be_written_kernels_are_not_kept_and_all_goes_on(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home.parent.parent.touch()
-    monkeypatch.setattr(kernel_cache.tempfile, "tempdir", "/dev/null")
-    assert place().folder is None and kernel_cache.problems["folder"] == 1
+    monkeypatch.setattr(cache.tempfile, "tempdir", "/dev/null")
+    assert place().folder is None and cache.problems["folder"] == 1
     for home_less in ({"XDG_CACHE_HOME": "relative/place"}, {"XDG_CACHE_HOME": "", "HOME": "relative"}):
         for name, value in home_less.items():
             monkeypatch.setenv(name, value)
@@ -160,7 +160,7 @@ def kept(home: Path) -> Iterator[Path]:
     assert folder is not None
     file = folder / "core" / "one.kernel"
     keep(file, random.Random(1).randbytes(5000))
-    assert read_kept(file) == random.Random(1).randbytes(5000) and not kernel_cache.problems
+    assert read_kept(file) == random.Random(1).randbytes(5000) and not cache.problems
     yield file
 
 
@@ -176,16 +176,16 @@ def test_no_file_is_read_that_is_not_as_it_was_kept(kept: Path) -> None:
     for wrong in (*pieces, *flipped, *others):
         kept.write_bytes(wrong)
         assert read_kept(kept) is None
-    assert kernel_cache.problems["file"] == len(pieces) + len(flipped) + len(others)
+    assert cache.problems["file"] == len(pieces) + len(flipped) + len(others)
     keep(kept, b"again")
     assert read_kept(kept) == b"again"
 
 
 def test_where_files_have_no_owners_the_checksum_decides_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on Windows, whose folder for caches is private by its place."""
-    monkeypatch.setattr(kernel_cache, "_USERS", False)
-    monkeypatch.delattr(kernel_cache.os, "fchmod", raising=False)
-    monkeypatch.delattr(kernel_cache.os, "geteuid", raising=False)
+    monkeypatch.setattr(cache, "_USERS", False)
+    monkeypatch.delattr(cache.os, "fchmod", raising=False)
+    monkeypatch.delattr(cache.os, "geteuid", raising=False)
     folder = place().folder
     assert folder is not None and folder.parent == home
     keep(folder / "core" / "one.kernel", b"code")
@@ -207,7 +207,7 @@ def test_no_file_is_read_that_others_may_have_made(kept: Path, monkeypatch: pyte
         beside.unlink()
         make()
         assert read_kept(beside) is None
-    monkeypatch.setattr(kernel_cache.os, "geteuid", lambda: os.getuid() + 1)
+    monkeypatch.setattr(cache.os, "geteuid", lambda: os.getuid() + 1)
     assert read_kept(kept) is None and make_own(kept.parent) != ""
 
 
@@ -226,19 +226,19 @@ def test_a_disk_that_takes_no_more_keeps_nothing_half_and_is_told_once(
 ) -> None:
     resource = pytest.importorskip("resource")
     said: list[str] = []
-    monkeypatch.setattr(kernel_cache, "tellers", [said.append])
+    monkeypatch.setattr(cache, "tellers", [said.append])
     limit, after = kept.with_name("two.kernel"), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, after[1]))
     try:
         for _ in range(3):
             keep(limit, bytes(5000))
-        no_room = kernel_cache.why_no_room(kept.parent)
+        no_room = cache.why_no_room(kept.parent)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, after)
     assert said == [f"compiled kernels cannot be kept, each command compiles them again: {kept.parent}: File too large"]
-    assert kernel_cache.problems["room"] == 3 and no_room == f"{kept.parent}: File too large"
+    assert cache.problems["room"] == 3 and no_room == f"{kept.parent}: File too large"
     assert [file.name for file in kept.parent.iterdir()] == ["one.kernel"]
-    assert kernel_cache.why_no_room(kept.parent) == ""
+    assert cache.why_no_room(kept.parent) == ""
 
 
 # ------------------------------------------------------------------------------------------------- with real kernels

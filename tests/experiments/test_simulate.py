@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from app.cli import main
 from core.files import InputError
-from core.kernel_cache import watchers
+from core.kernels.cache import watchers
 from core.simulator import simulation
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene

@@ -9,7 +9,7 @@ from core.control.controllers import Controller, Preset, decide, make_controller
 from core.control.guard import Around, Guard, make_around
 from core.control.velocity_field import HOLDS, LOCKED, new_memory
 from core.device import Device
-from core.kernel import kernel
+from core.kernels import kernel
 from core.obstacles import ObstacleFile, nearest_obstacle
 from core.path import Path, line
 from core.simulator.hand import spring_hand

@@ -25,7 +25,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-_ROOT = Path(__file__).resolve().parent.parent
+#: An environment variable: 1 leaves the compiler to numba alone.
+PLAIN = os.environ.get("PHD_PLAIN_NUMBA", "0") not in ("", "0")
+
+_ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
@@ -277,4 +280,8 @@ def why_no_room(folder: Path) -> str:
 def is_compiled(name: str) -> bool:
     """Whether a kernel that Python calls is on disk, compiled from these sources; if not, the next call compiles it."""
     folder = cache_folder()
-    return folder is not None and any(read_kept(file) is not None for file in folder.rglob(f"*.{name}-*.kernel"))
+    if folder is None:
+        return False
+    if PLAIN:
+        return any(folder.rglob(f"*.{name}-*.nbi"))
+    return any(read_kept(file) is not None for file in folder.rglob(f"*.{name}-*.kernel"))

@@ -5,54 +5,28 @@ that call each other, the smallest went through LLVM a dozen times. Here a kerne
 in LLVM's intermediate code and no further. A kernel as Python calls it is an *entry*: its part, linked once with the
 parts that it calls, optimised once. Both are kept on disk: a process compiles an entry from the parts that it finds.
 
-This leans on what numba keeps to itself (libraries, dispatchers, passes): constraints.txt pins the version.
+This leans on what numba keeps to itself (libraries, dispatchers): constraints.txt pins the version.
 """
 
-import contextlib
 import functools
-import gc
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
 from llvmlite import binding
-from numba.core import compiler, config, typed_passes, untyped_passes
+from numba.core import compiler
 from numba.core.caching import _Cache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
-from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
-from core.kernel_cache import cache_folder, keep, read_kept, watchers
-
-#: LLVM may do the same arithmetic on several numbers at once, which numba leaves out: a tick takes a tenth less. Each
-#: number is rounded as before.
-config.SLP_VECTORIZE = 1
-
-#: Passes of numba for what no kernel has: closures, `with`, literals that steer the typing, inlined Python, array
-#: expressions. numba refuses a kernel that has them; branches never taken are LLVM's to drop.
-NOT_NEEDED = (
-    untyped_passes.WithLifting,
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.RewriteSemanticConstants,
-    untyped_passes.DeadBranchPrune,
-    untyped_passes.RewriteDynamicRaises,
-    untyped_passes.MakeFunctionToJitFunction,
-    untyped_passes.InlineInlinables,
-    untyped_passes.FindLiterallyCalls,
-    untyped_passes.LiteralUnroll,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    typed_passes.InlineOverloads,
-    typed_passes.NopythonRewrites,
-    typed_passes.DumpParforDiagnostics,
-)
+from core.kernels.cache import cache_folder, keep, read_kept, watchers
 
 
 class _Count:
@@ -67,45 +41,6 @@ class _Count:
             watcher(min(cls.done, cls.of), cls.of, name)
 
 
-def spare_scipy() -> None:
-    """A fifth of a second less: numba imports scipy only to see whether there is a BLAS, and our kernels need none."""
-    if "scipy.linalg" in sys.modules:
-        return
-    scipy = sys.modules.get("scipy")
-    sys.modules["scipy"] = None  # type: ignore[assignment]
-    try:
-        import numba.np.arraymath  # noqa: F401  (it asks once)
-    finally:
-        del sys.modules["scipy"]  # to be imported afterwards as ever
-        if scipy is not None:
-            sys.modules["scipy"] = scipy
-
-
-spare_scipy()
-
-
-def remember_call_types() -> None:
-    """Let numba work out once what an operator or function gives for some types, not at each of a thousand uses.
-
-    It asks some twenty overloads each time: a quarter of the compilation.
-    """
-    work_out = BaseFunction.get_call_type
-    known: dict = {}
-
-    def get_call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws:
-            return work_out(function, context, args, kws)
-        key = function, *(argument._code for argument in args)
-        if key not in known:
-            known[key] = work_out(function, context, args, kws)
-        return known[key]
-
-    BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
-
-
-remember_call_types()
-
-
 def name_records_by_their_fields() -> None:
     """Let the symbols of two processes agree: numba names a record type by its number in the process."""
 
@@ -116,18 +51,6 @@ def name_records_by_their_fields() -> None:
 
 
 name_records_by_their_fields()
-
-
-@contextlib.contextmanager
-def no_garbage_collection() -> Iterator[None]:
-    """Keep Python from looking for cycles among the compiler's millions of objects: a tenth of the compilation."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 class PartLibrary(JITCodeLibrary):
@@ -191,20 +114,15 @@ class PartCompiler(compiler.Compiler):
         self.state.flags.no_compile = True
 
     def define_pipelines(self) -> list:
-        state, build = self.state, compiler.DefaultPassBuilder
+        state = self.state
         _Count.tell(state.func_id.func_name)
         state.func_id.unique_id = identity(state.func_id.func)  # numba's own numbers are those of one process
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        stages = build.define_untyped_pipeline, build.define_typed_pipeline, build.define_nopython_lowering_pipeline
-        passes = PassManager("kernel")
-        for stage in stages:
-            passes.passes += [step for step in stage(state).passes if step[0] not in NOT_NEEDED]
-        passes.finalize()
-        return [passes]
+        return super().define_pipelines()
 
 
 def entry_of(value: Any) -> "Entry | None":
-    """The entry of a kernel (`core.kernel.Kernel`); None for any other value."""
+    """The entry of a kernel (`core.kernels.decorators.Kernel`); None for any other value."""
     entry = getattr(value, "entry", None)
     return entry if isinstance(entry, Entry) else None
 
@@ -365,9 +283,8 @@ class EntryCompiler:
 
     def compile_extra(self, function: Callable) -> Any:
         _Count.done, _Count.of = 0, len(self.part.to_compile())
-        with no_garbage_collection():
-            self.part.compile(self.args)
-            result = self.link(self.part.overloads[self.args])
+        self.part.compile(self.args)
+        result = self.link(self.part.overloads[self.args])
         _Count.tell("")
         return result
 
