@@ -10,10 +10,12 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 
+from app.window.canvas.force_view import BRAKES, HAND
 from app.window.canvas.layers import (
     OFF,
     SLIPPING,
     STUCK,
+    Doing,
     Instant,
     directions,
     extent_of_linkages,
@@ -24,27 +26,8 @@ from app.window.canvas.layers import (
     needles,
     wedge,
 )
-from app.window.canvas.linkage_view import (
-    DIRECTIONS,
-    LAYERS,
-    WHOLE,
-    Workspace,
-)
-from app.window.canvas.marks import (
-    ARMS,
-    ARROW_MOST_PX,
-    BELOW,
-    BRAKES,
-    HAND,
-    LEFT_OF,
-    RIGHT_OF,
-    arrow_of,
-    box_at,
-    free_box,
-    points_along,
-    points_in,
-    rings_of,
-)
+from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, WHOLE, Readout, Workspace
+from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from core import tick_log
@@ -75,6 +58,11 @@ def add(workspace: Workspace, rows: np.ndarray) -> None:
     """Ticks, with the numbers of the last one."""
     workspace.view.add(rows)
     workspace.view.show_numbers(rows[-1])
+
+
+def names_of(line: list[Readout]) -> list[str]:
+    """Of the read-outs in a line."""
+    return [readout.name for readout in line]
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):
@@ -256,13 +244,17 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
     rows[:30, tick_log.CURRENT + 2] = 0.0  # B is without current for less than half of it
     rows[:10, tick_log.CURRENT + 3] = 0.5  # C has some for less than half of it
     add(workspace, rows)
-    states = {joint: doing.state for joint, doing in workspace.view.labels.doing.items()}
+    states = {joint: doing.state for joint, doing in workspace.view.doing.items()}
     assert states == {"A": OFF, "E": STUCK, "B": SLIPPING, "C": OFF}
-    assert workspace.view.labels.words["E"] == "stuck 3.9 N m"
-    assert workspace.view.labels.words["B"] == "slipping 1.1 N m"
+    assert [brake.text for brake in workspace.view.readouts(FOUR.labels)[1]] == [
+        OFF,
+        "stuck 3.9 N m",
+        "slips 1.1 N m",
+        OFF,
+    ]
     workspace.view.grab()
     workspace.view.rest(TIP)
-    assert set(workspace.view.labels.words.values()) == {OFF}
+    assert set(workspace.view.doing.values()) == {Doing()}
 
 
 def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> None:
@@ -295,13 +287,14 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
 def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:
     workspace.set_blind(True)
     add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
-    assert set(workspace.view.labels.words) == {HAND} and workspace.view.instant.brakes == (0.0, 0.0)
+    assert [names_of(line) for line in workspace.view.readouts(FOUR.labels)] == [[HAND], []]
+    assert workspace.view.instant.brakes == (0.0, 0.0)
     blind = workspace.view.grab().toImage()
     other = quiet(CURRENT_B=0.4, TORQUE_B=-2.0, STUCK=0, HAND_FX=5.0)
     add(workspace, other)
     assert workspace.view.grab().toImage() == blind  # another controller looks the same
     workspace.set_blind(False)
-    assert BRAKES in workspace.view.labels.words and workspace.view.grab().toImage() != blind
+    assert BRAKES in workspace.view.force_texts and workspace.view.grab().toImage() != blind
 
 
 def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
@@ -332,42 +325,22 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
 
 
 @BOTH
-@pytest.mark.parametrize("size", ((560, 520), (1200, 900)))
-def test_no_label_lies_on_an_arm_another_label_or_the_edge(qtbot, device: Device, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", ((430, 420), (1200, 900)))
+def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
+    qtbot, device: Device, size: tuple[int, int]
+) -> None:
     workspace = shown(qtbot, workspace_of(device), *size)
-    view = workspace.view
-    for path in PATHS.values():
-        workspace.view.show_trial(device, path, path.start_m)
-        for share in np.linspace(0.0, 1.0, 9):
+    view, boxes = workspace.view, []
+    for whole, path in itertools.product((True, False), PATHS.values()):
+        workspace.buttons[WHOLE].setChecked(whole)
+        view.show_trial(device, path, path.start_m)
+        for share in np.linspace(0.0, 1.0, 5):
             tip = (1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m)
-            view.labels.sides.clear()
             add(workspace, quiet(TIP_X=tip[0], TIP_Y=tip[1], **{f"CURRENT_{joint}": 0.5 for joint in device.braked}))
-            view.word()
-            view.grab()
-            at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
-            boxes = {name: box for name, box in view.labels.boxes.items() if name in JOINTS}
-            assert set(boxes) == set(device.braked)
-            for name, box in boxes.items():
-                assert QRectF(view.rect()).contains(box), (name, share)
-                for a, b in ARMS:
-                    along = [at[a] + (at[b] - at[a]) * part for part in np.linspace(0.0, 1.0, 500)]
-                    assert not any(box.contains(point) for point in along), (name, share)
-                assert not any(box.intersects(other) for key, other in boxes.items() if key != name)
-
-
-def test_a_label_keeps_off_what_is_drawn_and_takes_the_least_evil_where_all_is_full() -> None:
-    mark, room = QPointF(100.0, 100.0), QRectF(0.0, 0.0, 200.0, 200.0)
-    boxes = [box_at(mark, side, 10.0, 40.0, 15.0) for side in (RIGHT_OF, LEFT_OF, BELOW)]
-    assert (boxes[0].left(), boxes[1].right(), boxes[2].top()) == (110.0, 90.0, 110.0)
-    nothing, line = np.empty((0, 2)), points_along(QPointF(130.0, 0.0), QPointF(130.0, 200.0))
-    right, everywhere = points_in(boxes[0]), np.vstack([points_in(box) for box in boxes])
-    assert free_box(boxes, nothing, nothing, room)[0] == 0
-    assert free_box(boxes, nothing, line, room)[0] == 1
-    assert free_box(boxes, nothing, right, room)[0] == 1
-    assert free_box(boxes, nothing, right, QRectF(80.0, 0.0, 100.0, 200.0))[0] == 2
-    assert free_box(boxes, nothing, np.vstack((line, everywhere)), room)[0] == 1
-    assert free_box(boxes, right, points_in(boxes[1]), room)[0] == 2
-    assert free_box(boxes, points_in(boxes[2]), np.vstack((line, right)), QRectF(92.0, 0.0, 108.0, 200.0))[0] == 0
+            assert [names_of(line) for line in view.readouts(device.labels)] == [[HAND, BRAKES], list(device.braked)]
+            boxes.append(view.readout_box)
+            assert not any(boxes[-1].contains(view.to_screen(place)) for place in view.outline)
+    assert len(set(map(QRectF.getRect, boxes))) == 1 and QRectF(view.rect()).contains(boxes[0])
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

@@ -111,7 +111,7 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
 
 def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
-    traces.word()
+    traces.refresh_text()
     assert traces.error.value == "10.0 mm"
     assert traces.force.value == "5.0 N" and traces.speed.value == "0.10 m/s"
     assert (traces.currents.title.text(), traces.currents.value) == ("Currents, A", "A 0.00 E 0.80 B 0.00 C 0.25")
@@ -119,10 +119,10 @@ def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
 
 def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
     traces.add(quiet(phase=tick_log.HOLD))
-    traces.word()
+    traces.refresh_text()
     assert traces.error.value == f"{NOTHING} mm" and traces.force.value == "0.0 N"
     traces.add(quiet(start_s=0.2))
-    traces.word()
+    traces.refresh_text()
     assert traces.error.value == "10.0 mm"
 
 
@@ -140,7 +140,7 @@ def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_wh
     traces.show_trial(load_device(device))
     assert traces.currents.value.count(NOTHING) == value.count("0.") + value.count("2.")
     traces.add(quiet(**tick))
-    traces.word()
+    traces.refresh_text()
     assert traces.currents.value == value
     assert traces.currents.title.text() == f"Currents, {load_device(device).command_unit}"
 
@@ -196,7 +196,7 @@ def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
     rows = trial(FOUR)
     for begin in range(0, len(rows), 16):
         panel.add(rows[begin : begin + 16])
-    panel.word()
+    panel.refresh_text()
     ledger = panel.ledger
     assert ledger.hand == pytest.approx(ledger.brakes + ledger.kinetic + ledger.stops) and ledger.brakes > 0.0
     assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.proof.text()
@@ -217,5 +217,5 @@ def test_heat_that_falls_is_said_in_red(qtbot) -> None:
     rows = quiet(200)
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003
     panel.add(rows)
-    panel.word()
+    panel.refresh_text()
     assert "a brake added 3 mJ" in panel.proof.text() and "no brake" not in panel.proof.text()

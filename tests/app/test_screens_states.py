@@ -13,14 +13,15 @@ from screens import Screens, cut_texts, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
 
 from app.ipc import messages as m
+from app.window.canvas.force_view import HAND
 from app.window.canvas.layers import OFF
 from app.window.canvas.linkage_view import REACHABLE
-from app.window.canvas.marks import HAND
 from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED
 from app.window.widgets import theme, words
 from app.window.widgets.parts import Figures, wide
+from app.window.widgets.plots import NOTHING
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
 from experiments.language import ENGLISH_WORDS, FOLDER, language_text
@@ -171,9 +172,9 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
     for begin in range(0, len(rows), 16):
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
-        labels, read = screens.run.workspace.view.labels, screens.run.traces
-        assert HAND not in labels.words or read.force.value.split()[0] in labels.words[HAND]
-        for joint, doing in labels.doing.items():
+        view, read = screens.run.workspace.view, screens.run.traces
+        assert read.force.value.split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
+        for joint, doing in view.doing.items():
             current = read.currents.value.split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
 

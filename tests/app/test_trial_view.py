@@ -125,7 +125,7 @@ def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_a
     rows[-150:, tick_log.CURRENT] = 1.0
     view.trial.ticks[:] = rows
     view.go_to(view.trial.t[-1])
-    states = {joint: doing.state for joint, doing in view.workspace.view.labels.doing.items()}
+    states = {joint: doing.state for joint, doing in view.workspace.view.doing.items()}
     assert states["A"] != "off" and states["E"] == "off"
 
 

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
-from PySide6.QtCore import QEvent, QPoint, QRectF, Qt
+from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, point, settle
 
 from app.ipc import messages as m
 from app.ipc.ring import GRASP_RADIUS_M
-from app.window.canvas.marks import arrow_of
+from app.window.canvas.force_view import BRAKES, FORCES, HAND
 from app.window.sandbox.dials import DIALS, Dial
+from app.window.sandbox.pass_view import FOOT_PX
 from app.window.sandbox.try_page import BACK, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
@@ -238,36 +239,21 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
     assert left
 
 
-def test_the_forces_labels_never_lie_on_each_other_on_an_arrow_on_the_dot_or_outside(held: Held) -> None:
-    canvas, generator = held.page.canvas, np.random.default_rng(1)
-    canvas.show_gap(0.005)
+def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:
+    canvas = held.page.canvas
     for size in ((1000, 490), (1256, 610), (1896, 970)):
         held.page.resize(*size)
         QApplication.processEvents()
-        for _ in range(50):
-            tip = np.array((0.0, 0.4)) + generator.uniform(-1.0, 1.0, 2) * (0.11, 0.03)
-            hand, brakes = generator.normal(scale=8.0, size=2), generator.normal(scale=4.0, size=4)
-            canvas.pointer = canvas.to_plane(canvas.to_screen(tip + 0.005 * hand))
-            rows = movement(1, "AEB", 0.05)
-            rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1] = tip
-            rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = hand
-            rows[:, tick_log.TORQUE : tick_log.TORQUE + 4] = brakes * (1.0, 1.0, 1.0, 0.0)
-            taken = bool(generator.random() < 0.7)
-            canvas.add(rows, taken)
-            if generator.random() < 0.3:  # between two of these the words stay, and only their places change
-                canvas.word()
-            canvas.grab()
-            boxes, handle = list(canvas.labels.boxes.values()), canvas.to_screen(canvas.instant.tip)
-            ends = [canvas.to_screen(canvas.pointer)] if taken else [handle + arrow_of(canvas.instant.hand)]
-            ends.append(handle + arrow_of(canvas.instant.brakes))
-            seen = QRectF(canvas.rect())
-            for at, box in enumerate(boxes):
-                assert seen.contains(box) and not box.contains(handle)
-                assert not any(box.intersects(other) for other in boxes[:at])
-                for end in ends:
-                    along = [handle + (end - handle) * part for part in np.linspace(0.0, 1.0, 200)]
-                    assert not any(box.contains(place) for place in along if seen.contains(place))
-                assert not box.intersects(QRectF(canvas.inset.geometry()))
+        for number, path in PATHS.items():
+            held.page.show_snapshot(tried(INITIAL._replace(path=number)))
+            held.page.show_ticks(movement(number, "AEB", 0.5), True)
+            assert set(canvas.force_texts) == {HAND, BRAKES} and canvas.path == path
+            foot = canvas.rect().adjusted(0, canvas.height() - round(FOOT_PX), -canvas.width() // 2, 0)
+            assert not any(foot.contains(canvas.to_screen(place).toPoint()) for place in canvas.outline)
+            shown = canvas.grab(foot).toImage()
+            canvas.show_layer(FORCES, False)
+            assert canvas.grab(foot).toImage() != shown
+            canvas.show_layer(FORCES, True)
 
 
 def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:

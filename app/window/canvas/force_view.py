@@ -5,13 +5,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF
+from PySide6.QtCore import QMarginsF, QRectF
 from PySide6.QtGui import QKeySequence, QPainter, QShortcut
 from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
-from app.window.canvas.marks import BRAKES, HAND, Labels, arrow_of, paint_arrow, points_along, points_in
-from app.window.canvas.plane import AT_DESK, Plane, Sizes
+from app.window.canvas.marks import arrow_of, paint_arrow
+from app.window.canvas.plane import Plane, Sizes
 from app.window.widgets import theme
 from app.window.widgets.parts import Flow, Panel, column, row, toggle
 from core import tick_log
@@ -19,6 +19,8 @@ from core.device import Device
 from core.path import PathFile
 
 TRAIL, FORCES = "trail", "forces"
+HAND, BRAKES = "hand", "brakes"  # whose force
+FORCE_COLOUR = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 
 
@@ -42,20 +44,20 @@ def way_of(rows: np.ndarray) -> np.ndarray:
 
 
 class ForceView(Plane):
-    """One device on one path. A subclass adds what else it shows of `instant`, and what its labels keep off."""
+    """One device on one path. A subclass adds what else it shows of `instant`, and where its read-outs stand."""
 
     def __init__(
-        self, extent: QRectF, keep_free: QMarginsF, labels: Labels, sizes: Sizes = AT_DESK, grid: bool = False,
-        follows_mouse: bool = False,
-    ) -> None:  # fmt: skip
+        self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, grid: bool = False, follows_mouse: bool = False
+    ) -> None:
         super().__init__(extent, sizes, keep_free, grid, follows_mouse)
         self.instant: Instant | None = None  # of the device; none before the first trial
         self.phase, self.began_s = -1, 0.0  # of the running trial, and when it began; -1: none runs
         self.shown = {TRAIL, FORCES}
         self.blind = False
-        self.labels = labels
-        self._ticks: np.ndarray | None = None  # since the last words (n, WIDTH), n > 0; none between trials
-        self._worded = False  # words have been made of these
+        self.doing: dict[str, Doing] = {}  # joint -> what its brake does
+        self.force_texts: dict[str, str] = {}  # HAND, BRAKES -> how large its force is
+        self._ticks: np.ndarray | None = None  # since the text was made (n, WIDTH), n > 0; none between trials
+        self._text_current = False  # the text is of these
         self._went = False  # the movement of the running trial has begun
 
     # what to show
@@ -73,7 +75,7 @@ class ForceView(Plane):
     def _rest(self, device: Device, tip: Point) -> None:
         self.begin()
         self._show(device, tip, None)
-        self.word()
+        self.refresh_text()
 
     def begin(self) -> None:
         """Another trial: the next ticks are its first. The trail stays to be looked at until its movement begins."""
@@ -91,13 +93,13 @@ class ForceView(Plane):
             self._went = True
             self.clear_trail()
         self.extend_trail(way)
-        before = None if self._worded else self._ticks
+        before = None if self._text_current else self._ticks
         self._show_newest(rows, rows.copy() if before is None else np.concatenate((before, rows)), taken)
 
     def show_until(self, ticks: np.ndarray, near: int) -> None:
         """As if these ticks (n, WIDTH) of a trial, its first among them, had just been added; n > 0.
 
-        Words are made of those from `near` on.
+        The read-outs are of those from `near` on.
         """
         way = way_of(ticks)
         self.begin()
@@ -105,17 +107,17 @@ class ForceView(Plane):
         self.show_way(way)
         self._show_newest(ticks, ticks[near:])
 
-    def _show_newest(self, rows: np.ndarray, words_of: np.ndarray, taken: bool | None = None) -> None:
-        """The last of some ticks; words_of: those that words are to be made of."""
+    def _show_newest(self, rows: np.ndarray, read_of: np.ndarray, taken: bool | None = None) -> None:
+        """The last of some ticks; read_of: those that the read-outs are to be of."""
         if self.instant is None:
             return
         if (phase := int(rows[-1, tick_log.PHASE])) != self.phase:
             self.phase, self.began_s = phase, float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-        self._show(self.instant.device, tip, words_of, taken)
+        self._show(self.instant.device, tip, read_of, taken)
 
     def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
-        self._ticks, self._worded = ticks, False
+        self._ticks, self._text_current = ticks, False
         self.instant = now = Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
         if not self._follows_mouse:
             self.pointer = now.wanted
@@ -132,65 +134,19 @@ class ForceView(Plane):
             self.blind = blind
             if self.instant is not None:
                 self._show(self.instant.device, self.instant.tip, self._ticks, self.taken)
-            self.word()
+            self.refresh_text()
 
-    def word(self) -> None:
-        """Bring the words up to date and find each a place; a few times a second, for they must be read."""
+    def refresh_text(self) -> None:
+        """Bring the read-outs up to date; a few times a second, for they must be read."""
         if (now := self.instant) is None:
             return
         nothing = dict.fromkeys(now.device.braked, Doing())
         does = doing(now.device, self._ticks) if self._ticks is not None else nothing
-        self.labels.word(now, {} if self.blind else does)
-        self._worded = True
-        if self.labelled:
-            self.place_labels(now)
+        self.doing = {} if self.blind else does
+        forces = {HAND: now.hand} if self.blind else {HAND: now.hand, BRAKES: now.brakes}
+        self.force_texts = {name: f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
+        self._text_current = True
         self.update()
-
-    # labels: a subclass adds to these
-
-    @property
-    def labelled(self) -> bool:
-        return FORCES in self.shown
-
-    def marks(self, now: Instant) -> dict[str, QPointF]:
-        """The points (px) beside which labels stand: the heads of both forces' arrows, of a spring its end."""
-        handle = self.to_screen(now.tip)
-        hand = handle + arrow_of(now.hand)
-        if self.taken and self.pointer is not None:
-            hand = self.to_screen(self.pointer)
-        return {HAND: hand, BRAKES: handle + arrow_of(now.brakes)}
-
-    def solid(self, now: Instant) -> np.ndarray:
-        """Points (n, 2), px, that no label covers: handle, pointer, arrows, spring."""
-        handle, marks, r = self.to_screen(now.tip), self.marks(now), self.handle_px
-        rings = [QRectF(handle.x() - r, handle.y() - r, 2.0 * r, 2.0 * r)]
-        if self.pointer is not None:
-            at, r = self.to_screen(self.pointer), self.sizes.pointer + 1.0
-            rings.append(QRectF(at.x() - r, at.y() - r, 2.0 * r, 2.0 * r))
-        return np.concatenate([
-            points_along(handle, marks[HAND]), points_along(handle, marks[BRAKES]), *map(points_in, rings),
-        ])  # fmt: skip
-
-    def drawn(self, now: Instant) -> np.ndarray:
-        """Points (n, 2), px, that labels keep off where they can: the path and its ends."""
-        ends = [self.to_screen(end) for end in (*self.outline[:1], *self.outline[-1:])]
-        radii = [radius + self.sizes.ring_pen for radius in self.rings_px]
-        boxes = [QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r) for p, r in zip(ends, radii, strict=False)]
-        path, away = self.pixels(self.outline[::3]), self.path_px
-        beside = [path + shift for shift in ((away, 0.0), (-away, 0.0), (0.0, away), (0.0, -away))]
-        return np.concatenate([path, *beside, *map(points_in, boxes)])
-
-    @property
-    def path_px(self) -> float:
-        """How far the path and what belongs to it reach to each side."""
-        return self.sizes.path
-
-    def room(self) -> QRectF:
-        """Where labels may stand, px."""
-        return QRectF(self.rect()).adjusted(4.0, 36.0, -4.0, -2.0)
-
-    def place_labels(self, now: Instant) -> None:
-        self.labels.place(now, self.marks(now), self.solid(now), self.drawn(now), self.room())
 
     # painting
 
@@ -199,13 +155,9 @@ class ForceView(Plane):
         if FORCES not in self.shown:
             return
         handle, width = self.to_screen(now.tip), self.sizes.path
-        paint_arrow(painter, handle, arrow_of(now.brakes), theme.BRAKE_SLIPPING, width)
+        paint_arrow(painter, handle, arrow_of(now.brakes), FORCE_COLOUR[BRAKES], width)
         if not self.taken:
-            paint_arrow(painter, handle, arrow_of(now.hand), theme.GOOD, width)
-
-    def paint_over_handle(self, painter: QPainter) -> None:
-        if self.instant is not None and self.tip is not None and self.labelled:
-            self.labels.paint(painter, self.marks(self.instant), self.room())
+            paint_arrow(painter, handle, arrow_of(now.hand), FORCE_COLOUR[HAND], width)
 
 
 class Layered(Panel):

@@ -138,7 +138,7 @@ def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> We
     return Wedge(min(spokes), max(spokes), tuple(spokes)) if spokes else None
 
 
-OFF, SLIPPING, STUCK = "off", "slipping", "stuck"
+OFF, SLIPPING, STUCK = "off", "slips", "stuck"
 
 
 class Doing(NamedTuple):

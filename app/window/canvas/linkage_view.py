@@ -1,16 +1,17 @@
 """The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
-from app.window.canvas.force_view import FORCES, TRAIL, ForceView, Layered
+from app.window.canvas.force_view import FORCE_COLOUR, FORCES, TRAIL, ForceView, Layered
 from app.window.canvas.plane import AT_DESK, RIGHT, Sizes
 from app.window.widgets import theme
-from app.window.widgets.theme import font, pen, shade, text_width
+from app.window.widgets.theme import font, pen, shade, text_px, text_width, write_from
 from core import tick_log
 from core.control.velocity_field import Field
 from core.device import Device
@@ -20,18 +21,28 @@ FIELD, DIRECTIONS, REACHABLE, LINKAGE = "field", "directions", "force", "linkage
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-FIELD_PX = 40.0, 62.0  # from the top, where its first needles may stand: without and with "parameters assumed" above
+FIELD_PX = 70.0  # from the top, where its first needles may stand
 ARM_PX = 7.0  # width of an arm
+#: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
+READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+
+
+class Readout(NamedTuple):
+    """A number that stands in a fixed place."""
+
+    name: str
+    text: str
+    colour: str
 
 
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
     def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
-        """worded: with the line above, a grid, and labels; a small view has no room for them."""
+        """worded: with the line above, a grid, and read-outs; a small view has no room for them."""
         free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, marks.Labels(), sizes, grid=worded)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, sizes, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
@@ -76,7 +87,7 @@ class LinkageView(ForceView):
             numbers.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
         numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
         self.show_text(PHASE_NAMES[self.phase], " · ".join(numbers))
-        self.word()
+        self.refresh_text()
 
     def show_layer(self, layer: str, shown: bool) -> None:
         if layer == WHOLE:
@@ -88,31 +99,6 @@ class LinkageView(ForceView):
         self.title, self.line = title, line
         self.update()
 
-    @property
-    def labelled(self) -> bool:
-        return self._worded_view and LINKAGE in self.shown
-
-    def marks(self, now: layers.Instant) -> dict[str, QPointF]:
-        """The middles of the joints' rings too, as far as they are seen."""
-        seen = QRectF(self.rect())
-        return {joint: at for joint, at in self._joints(now)[1].items() if seen.contains(at)} | super().marks(now)
-
-    def drawn(self, now: layers.Instant) -> np.ndarray:
-        """Arms, rings and directions too."""
-        seen, (at, _) = self.marks(now), self._joints(now)
-        lines = [(at[a], at[b]) for a, b in marks.ARMS] if at else []
-        labels = now.device.labels
-        places = [(seen[joint], marks.ring_radius(labels[joint])) for joint in labels if joint in seen]
-        if at and DIRECTIONS in self.shown and self._field is not None:
-            handle = self.to_screen(now.tip)
-            for one in layers.directions(now.device, now.g, self._field):
-                reach = QPointF(one.p_x, -one.p_y) * marks.LETTER_PX
-                lines.append((handle - reach, handle + reach))
-                places += [(handle - reach, 9.0), (handle + reach, 9.0)]
-        drawn = [super().drawn(now), *(marks.points_along(*line) for line in lines)]
-        drawn += [marks.points_in(QRectF(p.x() - r, p.y() - r, 2.0 * r, 2.0 * r)) for p, r in places]
-        return np.concatenate(drawn)
-
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
@@ -121,14 +107,14 @@ class LinkageView(ForceView):
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
                 self.to_plane(QPointF(60.0, self.height())),
-                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX[assumed])),
+                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX)),
             )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
-            painter.drawText(QRectF(0.0, 36.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+            painter.drawText(QRectF(0.0, 11.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
@@ -140,11 +126,12 @@ class LinkageView(ForceView):
         if at and DIRECTIONS in self.shown and self._field is not None:
             found = layers.directions(now.device, now.g, self._field)
             marks.paint_directions(painter, handle, found, self._field, now.device.labels)
-        marks.paint_joints(painter, rings, now.device.labels, self.labels.doing, self.blind)
+        marks.paint_joints(painter, rings, now.device.labels, self.doing, self.blind)
         self.paint_forces(painter, now)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        super().paint_over_handle(painter)
+        if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
+            self._paint_readouts(painter, self.instant.device.labels)
         x = 16.0
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, theme.TEXT),
@@ -154,6 +141,32 @@ class LinkageView(ForceView):
             painter.setPen(shade(colour))
             painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
+
+    def readouts(self, labels: Mapping[str, str]) -> tuple[list[Readout], list[Readout]]:
+        """The size of both forces; what each brake does, and its torque. labels: joint -> what its brake is called."""
+        forces = [Readout(name, text, FORCE_COLOUR[name]) for name, text in self.force_texts.items()]
+        brakes = []
+        for joint, (state, torque) in self.doing.items():
+            text = state if state == layers.OFF else f"{state} {torque:.1f} N m"
+            colour = theme.QUIET if state == layers.OFF else marks.SHADE[state]
+            brakes.append(Readout(labels[joint], text, colour))
+        return forces, brakes
+
+    @property
+    def readout_box(self) -> QRectF:
+        """Two lines above the path, px."""
+        return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, 2.0 * READOUT_STEP_PX)
+
+    def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
+        box = self.readout_box
+        painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where an arm is under it
+        for down, line in enumerate(self.readouts(labels)):
+            apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
+            for across, (name, text, colour) in enumerate(line):
+                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * READOUT_STEP_PX)
+                write_from(painter, at, name, theme.SMALL, True, colour)
+                gap = text_width(f"{name} ", theme.SMALL, bold=True)
+                write_from(painter, at + QPointF(gap, 0.0), text, theme.SMALL, False, colour)
 
     def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
         """Where the joints and their rings are, px; none where the linkage is hidden."""
@@ -197,7 +210,7 @@ class Workspace(Layered):
     view: LinkageView
 
     def __init__(self, whole: bool = True) -> None:
-        """whole: with the line above, labels and buttons, for which a small one has no room."""
+        """whole: with the line above, read-outs and buttons, for which a small one has no room."""
         super().__init__(LinkageView(whole), LAYERS if whole else {})
 
     def set_blind(self, blind: bool) -> None:

@@ -300,7 +300,7 @@ class Plane(QWidget):
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named."""
         left, right = 58.0, self.width() - 14.0
-        top, bottom = 0.7 * self._keep_free.top() + 8.0, self.height() - 8.0
+        top, bottom = self._keep_free.top() + 5.0, self.height() - 8.0
         painter.setFont(font(theme.SMALL))
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))

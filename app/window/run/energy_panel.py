@@ -65,7 +65,7 @@ class EnergyPanel(Panel):
         self.balance, self.proof = Figures(), Figures()
         title = word("Energy this trial", bold=True)
         self.setLayout(column(title, self._bar, self.balance, self.proof, spacing=4, margins=(12, 6, 12, 8)))
-        self.word()
+        self.refresh_text()
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial."""
@@ -74,9 +74,9 @@ class EnergyPanel(Panel):
     def clear(self) -> None:
         """A new trial."""
         self.ledger = Ledger()
-        self.word()
+        self.refresh_text()
 
-    def word(self) -> None:
+    def refresh_text(self) -> None:
         """Bring the words and the bar up to date: a few times a second, for they must be read."""
         ledger = self.ledger
         balance = [

@@ -277,8 +277,8 @@ class RunPage(Page):
             now = rows[-1, tick_log.T]
             if self._numbers.due(float(now)) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
-                self.traces.word()
-                self.energy.word()
+                self.traces.refresh_text()
+                self.energy.refresh_text()
                 if self.snapshot.running is not None:
                     self.workspace.view.show_numbers(rows[-1])
 

@@ -4,13 +4,12 @@ import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
 
-from app.window.canvas.force_view import FORCES, TRAIL, ForceView
-from app.window.canvas.layers import Instant, Point, extent_of_paths
+from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, TRAIL, ForceView
+from app.window.canvas.layers import Point, extent_of_paths
 from app.window.canvas.linkage_view import LINKAGE, SmallView
-from app.window.canvas.marks import Labels, points_in
 from app.window.canvas.plane import Sizes
 from app.window.widgets import theme
-from app.window.widgets.theme import pen, shade, write
+from app.window.widgets.theme import pen, shade, text_px, write, write_from
 from core.device import Device
 from core.path import PathFile
 
@@ -25,6 +24,8 @@ LAYERS = {
 }
 INSET_PX = 180  # wide, at most
 HEAD_PX, FOOT_PX = 70.0, 26.0  # for what stands there in words
+NAMES = {HAND: "your hand", BRAKES: "brakes"}
+READOUT_PX = 180  # from one force's read-out to the next, at a text size of 1
 IN_CORNER = Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)
 
 
@@ -33,9 +34,8 @@ class PassView(ForceView):
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
-        labels = Labels("your hand", theme.TITLE, bold=True)
         free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
-        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), free, labels, sizes, follows_mouse=True)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), free, sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
         self.inset = SmallView(IN_CORNER)
@@ -79,26 +79,14 @@ class PassView(ForceView):
         if self.inset.isVisible():
             self.inset.add(rows)
 
-    def word(self) -> None:
-        super().word()
-        self.inset.word()
+    def refresh_text(self) -> None:
+        super().refresh_text()
+        self.inset.refresh_text()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
         super().resizeEvent(event)
-
-    def solid(self, now: Instant) -> np.ndarray:
-        """The linkage's corner too: it may come back at any time."""
-        corner = [points_in(QRectF(self.inset.geometry()))] if LINKAGE in self.shown else []
-        return np.concatenate([super().solid(now), *corner])
-
-    @property
-    def path_px(self) -> float:
-        return max(super().path_px, self.gap_m * self.scale if GAP in self.shown else 0.0)
-
-    def room(self) -> QRectF:
-        return QRectF(self.rect()).adjusted(4.0, HEAD_PX, -4.0, -4.0)
 
     def paint_under_path(self, painter: QPainter) -> None:
         if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
@@ -122,7 +110,8 @@ class PassView(ForceView):
             self.paint_forces(painter, self.instant)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        now = self.instant
-        if now is not None and self.labelled and self.labels.cover(self.marks(now), self.solid(now), self.room()):
-            self.place_labels(now)  # something has moved under one of them
-        super().paint_over_handle(painter)
+        """How large both forces are, at the foot."""
+        left = QPointF(20.0, self.height() - 0.5 * FOOT_PX)
+        for name, text in self.force_texts.items() if FORCES in self.shown and self.tip is not None else ():
+            write_from(painter, left, f"{NAMES[name]} {text}", theme.TITLE, True, FORCE_COLOUR[name])
+            left += QPointF(text_px(READOUT_PX), 0.0)

@@ -204,7 +204,7 @@ class TryPage(Page):
         by_pointer = words.hand_is_mouse(self.opened)
         self.canvas.add(rows, taken if by_pointer else None)
         if self._reading.due(float(now[tick_log.T])):
-            self.canvas.word()
+            self.canvas.refresh_text()
         held = taken or not by_pointer
         said = words.moving(phase, held, words.language_of(self.opened)) or BACK
         self._say(said if held or self.canvas.handle_seen else AWAY)

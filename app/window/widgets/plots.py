@@ -296,7 +296,7 @@ class Traces(QWidget):
         self.currents.add(t, currents_of(rows, self.currents.names))
         self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
 
-    def word(self) -> None:
+    def refresh_text(self) -> None:
         """The values of the last tick that was added, beside the titles."""
         for trace in self.all:
             trace.show_newest()

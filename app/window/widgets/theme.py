@@ -243,6 +243,11 @@ def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, 
     painter.drawPixmap(QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap)
 
 
+def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: bool, name: str) -> None:
+    """As `write`, from the middle of its left edge (px) on."""
+    write(painter, left + QPointF(0.5 * text_width(text, size, bold), 0.0), text, size, bold, name)
+
+
 FRAME = (8, 44)  # px across, down. Our choice: what borders and title bar of the common desktops take at most
 
 
