@@ -4,10 +4,9 @@ A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks 
 session starts, a board is connected or a data folder is chosen.
 """
 
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
@@ -21,6 +20,16 @@ from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
+from app.window.home.start import (
+    NO_BOARD,
+    Loaded,
+    Wanted,
+    load,
+    session_blocker,
+    standing_of,
+    start_blockers,
+    start_text,
+)
 from app.window.widgets import theme
 from app.window.widgets.page import HOME, RUN, TRY, Page
 from app.window.widgets.parts import (
@@ -40,53 +49,19 @@ from app.window.widgets.parts import (
     word,
 )
 from app.window.widgets.preflight import Checklist
-from app.window.widgets.words import LEAVE
 from app.window.widgets.work import Work
 from core.device import shipped_devices
 from core.files import InputError
 from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
-from experiments.plan import counted, make_plan, plan_summary, print_plan
-from experiments.protocol import Protocol, load_protocol, shipped_protocols
-from experiments.session.files import free_participant
-from experiments.session.overview import look_into
+from experiments.plan import print_plan
+from experiments.protocol import Protocol, shipped_protocols
 
 LINE_PX = 32  # high, a line of the form at most
 SIMULATED, BOARD = "Simulated", "Board"
-NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
 PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 HANDS = {name: INPUTS[name].title for name in CHOICES}
-
-
-class Loaded(NamedTuple):
-    """A protocol that can be run, and what is to be read of it before anyone sits down."""
-
-    protocol: Protocol
-    summary: str
-    trials: int  # of a participant
-    participant: str  # that was asked for, else whose session goes on or comes next; "": none is left
-
-
-def load(setup: m.Setup) -> Loaded:
-    """The protocol of a setup. InputError if it cannot be run."""
-    protocol = load_protocol(
-        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
-    )
-    protocol.refuse_unsettled()
-    participant = setup.participant or proposed(setup.data_dir, protocol)
-    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
-
-
-def proposed(data_dir: Path, protocol: Protocol) -> str:
-    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
-    overview = look_into(data_dir)
-    for newest in overview.sessions[:1]:
-        if not (newest.complete or newest.problem or overview.operators):
-            return newest.participant
-    with contextlib.suppress(InputError):
-        return free_participant(data_dir, protocol.participants)
-    return ""
 
 
 class HomePage(Page):
@@ -320,29 +295,6 @@ class HomePage(Page):
     def _session_open(self) -> str:
         return self.opened.participant if self.opened is not None else ""
 
-    def _why_not(self) -> str:
-        """Why no session can start or go on, one sentence; "": one can."""
-        label = self.participant.text()
-        if not (label.isascii() and label.isalnum()):
-            return "Name the participant, with letters a to z and digits." if label else "Name the participant."
-        there = self.data.session_of(label)
-        if there is not None and there.problem:
-            return there.problem
-        if there is None and (why := self._why_no_new_session(label)):
-            return why
-        return self._hindrance()
-
-    def _hindrance(self) -> str:
-        """Why no session can be opened whatever it is, one sentence; "": nothing stands in the way."""
-        snapshot = self.snapshot
-        if self._session_open:
-            return f"The session of {self._session_open} is open: close it to open or choose another. {LEAVE}"
-        if snapshot.stage == m.PREPARING:
-            return "Waiting for the session server and its control loop to start …"
-        if snapshot.stage == m.FAILED and not self._no_board:
-            return ""  # the start begins with another session server
-        return snapshot._replace(checks=self._checks).why_no_session(bool(self.setup.link))
-
     @property
     def _no_board(self) -> bool:
         """Whether a board was chosen, and none is connected yet."""
@@ -356,18 +308,6 @@ class HomePage(Page):
         others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
         return (NO_BOARD, *others) if self._no_board else others
 
-    def _why_no_new_session(self, label: str) -> str:
-        loaded, overview = self.loaded, self.data.overview
-        if overview is not None and overview.operators:
-            study = f"a study of {counted(overview.operators, 'simulated operator')}"
-            return f"This folder holds {study}, which takes no other session. Choose another folder."
-        if not isinstance(loaded, Loaded):
-            return "This protocol cannot be run." if loaded else "Reading the protocol …"
-        if loaded.protocol.participants and label not in loaded.protocol.participants:
-            return f"The protocol's participants are {', '.join(loaded.protocol.participants)}."
-        missing = self.form.missing() if self._asks_a_person else []
-        return f"Fill in {' and '.join(missing)}." if missing else ""
-
     @property
     def _asks_a_person(self) -> bool:
         """Whether a person is to be at the handle, who can be asked what a protocol asks for."""
@@ -378,38 +318,43 @@ class HomePage(Page):
         """Whether the session server that is there is the chosen one."""
         return self.setup == self.chosen and self.snapshot.stage != m.FAILED
 
+    def _wanted(self) -> Wanted:
+        """The session that the button would start."""
+        label, overview = self.participant.text(), self.data.overview
+        missing = self.form.missing() if self._asks_a_person else []
+        operators = overview.operators if overview is not None else 0
+        return Wanted(label, self.data.session_of(label), self.loaded, operators, missing)
+
     def _refresh(self) -> None:
         """Whether a session can start, and what the button then does."""
-        label, is_open, why = self.participant.text(), self._session_open, self._why_not()
-        there = self.data.session_of(label)
-        trials = self.loaded.trials if isinstance(self.loaded, Loaded) else 0
-        if is_open:
-            text, why = f"Go to the session   {is_open}", self._hindrance()
-        elif there is None:
-            text = f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
-        elif there.complete:
-            text = f"Open session   {label} · complete"
-        else:
-            text = f"Resume session   {label} · {counted(there.planned - there.done, 'trial')} left"
-        self.standing.setText("" if not label else f"{there.done} of {there.planned} done" if there else "new")
-        self.start.setText(text)
-        self.start.setEnabled(bool(is_open) or not why)
-        bad = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
-        wrong = self.snapshot.notice if bad else ""
-        self.why.setText(breakable("\n".join(filter(None, (wrong, why)))))
-        self.why.setVisible(bool(wrong or why))
+        wanted, is_open, real_device = self._wanted(), self._session_open, bool(self.setup.link)
+        snapshot = self.snapshot._replace(checks=self._checks)
+        blockers = start_blockers(wanted, is_open, snapshot, real_device)
+        self._show_start(wanted, blockers)
+        self._show_choices(wanted)
+        self.checks.show_checks(snapshot.checks)
+        self.data.show_session(is_open, session_blocker(is_open, snapshot, real_device), snapshot.can_leave)
+
+    def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
+        self.standing.setText(standing_of(wanted))
+        self.start.setText(start_text(wanted, self._session_open))
+        self.start.setEnabled(bool(self._session_open) or not blockers)
+        failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
+        sentences = [self.snapshot.notice, *blockers] if failed and self.snapshot.notice else blockers
+        self.why.setText(breakable("\n".join(sentences)))
+        self.why.setVisible(bool(sentences))
+
+    def _show_choices(self, wanted: Wanted) -> None:
+        """What can be chosen now."""
         for choice in (self.protocol, self.devices, self.hand, self.link, self.ports.port, self.participant):
-            choice.setEnabled(not is_open)
-        new = there is None and not is_open  # of a session that is there both were settled when it began
-        self.blind.setEnabled(new)
+            choice.setEnabled(not self._session_open)
+        new = wanted.found is None and not self._session_open  # blind and form are settled when a session begins
+        always_blind = isinstance(self.loaded, Loaded) and self.loaded.protocol.blind
+        self.blind.setEnabled(new and not always_blind and is_person(self.hand.value()))
         self.form.setVisible(new and self._asks_a_person and bool(self.form.fields))
-        if isinstance(self.loaded, Loaded) and (self.loaded.protocol.blind or not is_person(self.hand.value())):
-            self.blind.setEnabled(False)
         self.ports.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
-        self.checks.show_checks(self._checks)
-        self.data.show_session(is_open, self._hindrance(), self.snapshot.can_leave)
 
     def _start(self) -> None:
         if self._session_open:

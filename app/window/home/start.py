@@ -1,0 +1,119 @@
+"""The session that Home would start, and what keeps it from starting."""
+
+import contextlib
+from pathlib import Path
+from typing import NamedTuple
+
+from app.ipc import messages as m
+from app.window.widgets.words import LEAVE
+from core.files import InputError
+from experiments.plan import counted, make_plan, plan_summary
+from experiments.protocol import Protocol, load_protocol
+from experiments.session.files import free_participant
+from experiments.session.overview import SessionOverview, look_into
+
+NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
+
+
+class Loaded(NamedTuple):
+    """A protocol that can be run, and what is to be read of it before anyone sits down."""
+
+    protocol: Protocol
+    summary: str
+    trials: int  # of a participant
+    participant: str  # that was asked for, else whose session goes on or comes next; "": none is left
+
+
+def load(setup: m.Setup) -> Loaded:
+    """The protocol of a setup. InputError if it cannot be run."""
+    protocol = load_protocol(
+        setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
+    )
+    protocol.refuse_unsettled()
+    participant = setup.participant or proposed(setup.data_dir, protocol)
+    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
+
+
+def proposed(data_dir: Path, protocol: Protocol) -> str:
+    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
+    overview = look_into(data_dir)
+    for newest in overview.sessions[:1]:
+        if not (newest.complete or newest.problem or overview.operators):
+            return newest.participant
+    with contextlib.suppress(InputError):
+        return free_participant(data_dir, protocol.participants)
+    return ""
+
+
+class Wanted(NamedTuple):
+    """The session that is asked for."""
+
+    participant: str  # as typed
+    found: SessionOverview | None  # the participant's session in the data folder
+    loaded: Loaded | InputError | None  # the chosen protocol, or why it cannot be run; None: being read
+    operators: int  # simulated operators whose study the data folder holds
+    missing: list[str]  # fields of the form that are still empty
+
+
+def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
+    """Why the session cannot start or go on, a sentence each; []: it can.
+
+    is_open: the participant whose session is open. snapshot: with the checks of the chosen setup.
+    """
+    found: list[str] = []
+    label = wanted.participant
+    if is_open:
+        pass  # nothing is asked of another one
+    elif wanted.found is not None:
+        found = [wanted.found.problem]
+    elif wanted.loaded is None:
+        found = ["Loading …"]
+    elif not (label.isascii() and label.isalnum()):
+        found = ["Name the participant, with letters a to z and digits." if label else "Name the participant."]
+    else:
+        found = new_session_blockers(wanted)
+    return list(filter(None, [*found, session_blocker(is_open, snapshot, real_device)]))
+
+
+def new_session_blockers(wanted: Wanted) -> list[str]:
+    """Why no session of a new participant can begin with this protocol in this folder."""
+    if wanted.operators:
+        study = f"a study of {counted(wanted.operators, 'simulated operator')}"
+        return [f"This folder holds {study}, which takes no other session. Choose another folder."]
+    if not isinstance(wanted.loaded, Loaded):
+        return ["This protocol cannot be run."]
+    known = wanted.loaded.protocol.participants
+    if known and wanted.participant not in known:
+        return [f"The protocol's participants are {', '.join(known)}."]
+    return [f"Fill in {' and '.join(wanted.missing)}."] if wanted.missing else []
+
+
+def session_blocker(is_open: str, snapshot: m.Snapshot, real_device: bool) -> str:
+    """Why no session at all can be opened; "": nothing stands in the way."""
+    if is_open:
+        return f"The session of {is_open} is open: close it to open or choose another. {LEAVE}"
+    if snapshot.stage == m.PREPARING:
+        return "Waiting for the session server and its control loop to start …"
+    if snapshot.stage == m.FAILED and NO_BOARD not in snapshot.checks:
+        return ""  # the start begins with another session server
+    return snapshot.why_no_session(real_device)
+
+
+def standing_of(wanted: Wanted) -> str:
+    """How far the participant's session is."""
+    if not wanted.participant:
+        return ""
+    return f"{wanted.found.done} of {wanted.found.planned} done" if wanted.found else "new"
+
+
+def start_text(wanted: Wanted, is_open: str) -> str:
+    """What the button does, in words."""
+    label, found = wanted.participant, wanted.found
+    trials = wanted.loaded.trials if isinstance(wanted.loaded, Loaded) else 0
+    if is_open:
+        return f"Go to the session   {is_open}"
+    if found is None:
+        return f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
+    if found.complete:
+        return f"Open session   {label} · complete"
+    return f"Resume session   {label} · {counted(found.planned - found.done, 'trial')} left"

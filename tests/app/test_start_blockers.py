@@ -1,0 +1,71 @@
+"""What keeps a session from starting, as Home says it: each reason by itself, and all of them together."""
+
+from pathlib import Path
+
+import pytest
+from fake_client import GREEN, RED, before, paper
+
+from app.ipc import messages as m
+from app.window.home.start import NO_BOARD, Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
+from core.files import InputError
+from experiments.session.overview import SessionOverview
+
+LOADED = Loaded(paper(), "", 60, "01")
+WANTED = Wanted("01", None, LOADED, 0, [])
+BEGUN = SessionOverview(Path("data/sub-01/ses-01"), "01", "paper", 14, 60, 1.7e9)
+ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    (
+        ({"participant": ""}, "Name the participant."),
+        ({"participant": "P-1"}, "Name the participant, with letters a to z and digits."),
+        ({"participant": "é"}, "Name the participant, with letters a to z and digits."),
+        ({"participant": "", "loaded": None}, "Loading …"),
+        ({"loaded": None}, "Loading …"),
+        ({"loaded": InputError("blocks must be at least 1")}, "This protocol cannot be run."),
+        ({"loaded": ONLY_TWO}, "The protocol's participants are A, B."),
+        ({"missing": ["age", "handedness"]}, "Fill in age and handedness."),
+        ({"operators": 2}, "This folder holds a study of 2 simulated operators"),
+        ({"found": BEGUN._replace(problem="session.json cannot be read")}, "session.json cannot be read"),
+    ),
+)
+def test_each_reason_is_a_sentence_of_its_own_and_stands_before_what_the_checks_say(
+    changes: dict, sentence: str
+) -> None:
+    wanted = WANTED._replace(**changes)
+    (found,) = start_blockers(wanted, "", before(), False)
+    assert found.startswith(sentence)
+    both = start_blockers(wanted, "", before(checks=RED), False)
+    assert both[0] == found and len(both) == 2 and "no answer for 3 s" in both[1]
+
+
+def test_nothing_keeps_a_whole_choice_or_a_session_that_is_there_from_going_on() -> None:
+    assert start_blockers(WANTED, "", before(), False) == []
+    unread = Wanted("01", BEGUN, None, 3, ["age"])  # what a new session needs does not matter to it
+    assert start_blockers(unread, "", before(), False) == []
+
+
+def test_while_a_session_is_open_that_is_the_only_reason() -> None:
+    (only,) = start_blockers(WANTED._replace(participant="", missing=["age"]), "02", before(checks=RED), False)
+    assert only.startswith("The session of 02 is open: close it to open or choose another.")
+
+
+def test_a_dead_session_server_is_replaced_by_the_start_unless_a_board_is_still_to_be_connected() -> None:
+    dead = m.Snapshot(m.FAILED, checks=GREEN)
+    assert session_blocker("", dead, False) == "" and session_blocker("", dead._replace(checks=(NO_BOARD,)), False)
+    assert session_blocker("", m.Snapshot(m.PREPARING), False).startswith("Waiting for the session server")
+
+
+def test_the_button_says_what_it_does() -> None:
+    done = BEGUN._replace(done=60)
+    for wanted, is_open, text, standing in (
+        (WANTED, "", "Start session   01 · 60 trials", "new"),
+        (WANTED._replace(participant=""), "", "Start session", ""),
+        (WANTED._replace(loaded=None), "", "Start session", "new"),
+        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done"),
+        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done"),
+        (WANTED, "02", "Go to the session   02", "new"),
+    ):
+        assert (start_text(wanted, is_open), standing_of(wanted)) == (text, standing)
