@@ -39,6 +39,7 @@ from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, unseen
+from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored
@@ -100,10 +101,11 @@ def force_hand(recording: Recording, first: int) -> RecordedHand:
 
 
 def recorded_arm(recording: Recording) -> RecordedHand:
-    """The recorded arm, exactly as it was. InputError if a number of it is not finite."""
+    """The recorded arm, exactly as it was. InputError if a number of it is none, or not finite."""
     hand = new_hand()
-    for name, value in recording.metadata["start"]["arm"].items():
-        hand.grips[name][0] = value
+    with reading_stored(recording.path):
+        for name, value in recording.metadata["start"]["arm"].items():
+            hand.grips[name][0] = value
     wants = {
         "target": _finite(recording, 0, "target_x_m", "target_y_m", "target_vx_m_s", "target_vy_m_s"),
         "stiffness": _finite(recording, 0, *(f"arm_stiffness_{axes}_N_per_m" for axes in ("xx", "xy", "yy"))),
@@ -119,8 +121,9 @@ def has_arm(recording: Recording) -> bool:
 
 
 def has_start(recording: Recording) -> bool:
-    """Whether everything is recorded that a trial depends on, as this version has it."""
-    return has_arm(recording) and is_start(recording.metadata["start"])
+    """Whether everything is recorded that a trial depends on, as this version has it. InputError if it is damaged."""
+    with reading_stored(recording.path):
+        return has_arm(recording) and is_start(recording.metadata["start"])
 
 
 def _finite(recording: Recording, first: int, *names: str) -> np.ndarray:
@@ -146,7 +149,8 @@ class ReplayedDevice(SimulatedDevice):
         """As the trial before had left it; or as the recorded movement found it, as far as tip and hand show it."""
         recording, first, state = self.recorded.recording, self.recorded.first, self.state
         if self.whole:
-            start_again(self, recording.metadata["start"])
+            with reading_stored(recording.path):
+                start_again(self, recording.metadata["start"])
         else:
             state["tip"][0, 2:] = [recording.column(name)[first] for name in ("tip_vx_m_s", "tip_vy_m_s")]
             start(self.mechanism, self.brakes, state, self.fidelity)

@@ -219,6 +219,26 @@ def test_a_recording_resealed_with_odd_values_is_named_and_the_others_are_used(d
     assert json.loads(capsys.readouterr().out)["trials"] in (1, 2)
 
 
+STARTS = {
+    "none": (lambda start: None, "'NoneType' object"),
+    "of no state": (lambda start: start | {"state": 5}, "'int' object"),
+    "of rows of two lengths": (lambda start: start | {"state": {"tip": [[0.0], 1.0]}}, "inhomogeneous"),
+    "of texts": (lambda start: start | {"state": start["state"] | {"tip": ["x"] * 4}}, "could not convert"),
+    "of an arm of texts": (lambda start: start | {"arm": {"mass": "much"}}, "could not convert"),
+    "of an arm that no hand has": (lambda start: start | {"arm": {"wing": 1.0}}, "no field of name wing"),
+}
+
+
+@pytest.mark.parametrize("change, says", STARTS.values(), ids=STARTS)
+def test_a_start_of_odd_values_is_one_sentence_of_a_replay(data, capsys, change, says):
+    path = of(data) / "trials" / "run-002.parquet"
+    resealed(data, 2, {"start": change(read_recording(path).metadata["start"])})
+    assert main(["replay", str(path), "--json"]) == 2
+    answer = capsys.readouterr()
+    assert answer.out == "" and "run-002.parquet: is damaged (" in answer.err and says in answer.err
+    assert answer.err.count("\n") == 1
+
+
 def places(value, path=()):
     """Every place in lists and dictionaries."""
     inner = value.items() if isinstance(value, dict) else enumerate(value[:3]) if isinstance(value, list) else ()
