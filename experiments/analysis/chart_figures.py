@@ -28,7 +28,7 @@ from experiments.analysis.charts import (
     legend,
     pooled,
 )
-from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, Metric
+from experiments.analysis.metrics import BY_NAME, FIGURES, JUDGED, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     LINE,
@@ -122,7 +122,7 @@ def draw_boxplots(
     for metric in FIGURES:
         name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
         calls.append((rows, [metric.name], 6.4, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
-    wide = [metric.name for metric in DRAWN]
+    wide = [metric.name for metric in JUDGED]
     calls.append((rows, wide, 5.0 * len(wide), note, view, [folder / "boxplots.png"]))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}

@@ -26,7 +26,7 @@ import numpy as np
 
 from core.control.controllers import Preset
 from experiments.analysis.charts import QUARTILE_METHOD
-from experiments.analysis.metrics import BY_NAME, DRAWN
+from experiments.analysis.metrics import BY_NAME, JUDGED
 from experiments.analysis.statistics import (
     PAPER_CONFIGURATIONS,
     Interval,
@@ -46,11 +46,14 @@ SIMILAR_SHARE = 0.15  # of the uncontrolled median
 LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
+DEPENDS = "depends on how the cut is treated"
+#: The two sums of smoothness, as the acceleration is cut and without the ramp that the cut leaves.
+SUMS = ("acceleration_dft_sum", "acceleration_dft_sum_ramp_removed")
 #: What judges the statements within each participant, fixed with the rules: a further measure changes no verdict.
 #: The exact acceleration is none of them, a real device has no accelerometer.
 ERROR, FORCE = ("path_error_m",), ("mean_tip_force_N", "force_over_progress_N")
 ROUGHNESS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
-IN_BOXES = tuple(metric.name for metric in DRAWN)  # the measures that have boxes
+IN_BOXES = tuple(metric.name for metric in JUDGED)  # the measures that have boxes
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
 Controllers = tuple[int, ...]  # several: their mean
@@ -374,9 +377,14 @@ class BoxFinding(NamedTuple):
     """A statement's verdict by boxes."""
 
     statement: Statement
-    verdict: str  # HOLDS, FAILS, CANNOT_TELL
-    margin: float  # the least of its claims, in units of U; nan: one cannot tell
+    verdict: str  # HOLDS, FAILS, CANNOT_TELL; DEPENDS where the two sums do not agree
+    margins: tuple[float, float]  # by either of SUMS: the least of its claims, in units of U; nan: one cannot tell
     sentence: str
+
+    @property
+    def margin(self) -> float:
+        """The lesser by the two sums: not under 0 where the statement holds by both; nan: one cannot tell."""
+        return math.nan if math.isnan(sum(self.margins)) else min(self.margins)
 
 
 def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple[str, str, int], PooledBox]:
@@ -398,21 +406,31 @@ def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0
     """All eleven. bands: factor on 15 % and 30 %, to see what hangs on them."""
     found = []
     for statement in STATEMENTS:
-        compared = [
-            Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
-            for claim in statement.claims
-            for measure in claim.measures
-            if measure in IN_BOXES
-            for place in claim.places(configurations)
-        ]
-        decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)
-        if decisive is None or math.isnan(decisive.margin):
-            why = _why_missing(decisive, boxes) if decisive else "No trials."
-            found.append(BoxFinding(statement, CANNOT_TELL, math.nan, why))
-        else:
-            verdict = HOLDS if decisive.margin >= 0.0 else FAILS
-            found.append(BoxFinding(statement, verdict, decisive.margin, _sentence(decisive, boxes, bands)))
+        by_sum = [_judged(statement, total, boxes, configurations, bands) for total in SUMS]
+        (verdict, margin, sentence), (other, other_margin, why) = by_sum
+        if CANNOT_TELL in (verdict, other):  # a box is missing
+            verdict, sentence = (verdict, sentence) if verdict == CANNOT_TELL else (other, why)
+        elif other != verdict:
+            sentence = f"As cut, {verdict}: {sentence} Without the ramp, {other}: {why}"
+            verdict = DEPENDS
+        found.append(BoxFinding(statement, verdict, (margin, other_margin), sentence))
     return found
+
+
+def _judged(
+    statement: Statement, total: str, boxes: Boxes, configurations: Sequence[str], bands: float
+) -> tuple[str, float, str]:
+    """Verdict, margin and sentence of a statement with smoothness by this sum."""
+    compared = [
+        Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
+        for claim in statement.claims
+        for measure in [total if claim.measures == ROUGHNESS else claim.measures[0]]
+        for place in claim.places(configurations)
+    ]
+    decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)
+    if decisive is None or math.isnan(decisive.margin):
+        return CANNOT_TELL, math.nan, _why_missing(decisive, boxes) if decisive else "No trials."
+    return HOLDS if decisive.margin >= 0.0 else FAILS, decisive.margin, _sentence(decisive, boxes, bands)
 
 
 def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[BoxFinding]:

@@ -63,6 +63,17 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 
 
+def without_ramp(acceleration: np.ndarray) -> np.ndarray:
+    """Acceleration (n, 2) less the straight line from its first sample to its last.
+
+    Our choice: the paper names no window. `move` begins at rest and is cut while the hand still moves, and the DFT
+    takes what it is given as one period of something that repeats. A jump da from the end to the start of the period
+    has the amplitude da / (pi k) at its k-th frequency, whatever happened between: weighted and summed (100 / pi) da.
+    """
+    share = np.linspace(0.0, 1.0, len(acceleration))[:, np.newaxis]
+    return acceleration - share * (acceleration[-1:] - acceleration[:1])
+
+
 def weighted_amplitudes(acceleration: np.ndarray, highest_hz: float = DFT_HIGHEST_HZ, power: float = 1.0) -> np.ndarray:
     """(f / 1 Hz)^power times the amplitude at each f from 1/T to the highest, m/s2; acceleration (n, 2).
 
@@ -406,6 +417,14 @@ METRICS = (
         lambda m: m.share_of_ticks(RELEASED),
         needs_progress=False, tells_controller=True,
     ),
+    Metric(
+        "acceleration_dft_sum_ramp_removed", "m/s^2", "Acceleration, weighted DFT sum, ramp removed",
+        "DFT sum, ramp removed",
+        "acceleration_dft_sum less the straight line between the first and the last sample of the acceleration: "
+        "without the jump from the end of the movement to its start, which the DFT takes for vibration",
+        lambda m: amplitude_sum(weighted_amplitudes(without_ramp(m.acceleration))),
+        shown_unit="m/s²", decimals=1, figure="fig18_acceleration_ramp_removed", stands_for="smoothness", compared=True,
+    ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}
 FIGURES = tuple(metric for metric in METRICS if metric.figure)
@@ -413,6 +432,8 @@ FIGURES = tuple(metric for metric in METRICS if metric.figure)
 DRAWN = tuple(
     next(metric for metric in FIGURES if metric.stands_for == thing) for thing in ("accuracy", "force", "smoothness")
 )
+#: The same three, and the sum without the ramp: the paper's statements are judged by either sum.
+JUDGED = (*DRAWN, BY_NAME["acceleration_dft_sum_ramp_removed"])
 
 
 Metrics = dict[str, float | None]  # the measures of one trial, by name

@@ -1,18 +1,28 @@
 """Whether the order of the controllers depends on how a measure is defined, and how rough each is by which definition.
 
 Definitions that the table holds: path error over progress, over time, at its peak; force over time, over progress;
-weighted DFT sum, weighted rms, SPARC, weighted DFT sum of the exact acceleration. Definitions that need the recordings
-(weights of the DFT, its highest frequency, the filter before differentiation, the source of the acceleration) stand in
-`SMOOTHNESS`.
+weighted DFT sum, as the acceleration is cut and without the ramp, weighted rms, SPARC, weighted DFT sum of the exact
+acceleration. Definitions that need the recordings (weights of the DFT, its highest frequency, its window, the filter
+before differentiation, the source of the acceleration) stand in `SMOOTHNESS`; of force and smoothness also that without
+the reaction time, from the tick on at which the tip has moved 1 mm.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import BY_NAME, METRICS, amplitude_sum, columns, tip_acceleration, weighted_amplitudes
+from experiments.analysis.metrics import (
+    BY_NAME,
+    METRICS,
+    SAMPLE_RATE_HZ,
+    amplitude_sum,
+    columns,
+    tip_acceleration,
+    weighted_amplitudes,
+    without_ramp,
+)
 from experiments.analysis.statistics import Result, configurations_of
 from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
@@ -25,15 +35,32 @@ DEFINITIONS = {
 }
 
 
+MOVED_M = 1e-3  # the reaction is over once the tip is so far from where `move` found it
+
+
+def as_it_is(acceleration: np.ndarray) -> np.ndarray:
+    """No window: cut where `move` begins and ends."""
+    return acceleration
+
+
+def hann(acceleration: np.ndarray) -> np.ndarray:
+    """Acceleration (n, 2) less its mean under a Hann window, which keeps the mean square of a steady vibration."""
+    n = len(acceleration)
+    window = np.hanning(n + 1)[:n, np.newaxis]  # n samples of one period
+    return np.sqrt(8.0 / 3.0) * window * (acceleration - acceleration.mean(axis=0))
+
+
 class Smoothness(NamedTuple):
     """One definition of the weighted DFT sum."""
 
     cutoff_hz: float | None = 20.0  # of the low-pass on position; None: the simulator's own acceleration, unfiltered
     highest_hz: float = 100.0
     power: float = 1.0  # weight (f / 1 Hz)^power
+    window: Callable[[np.ndarray], np.ndarray] = as_it_is
+    reaction: bool = True  # from the first tick of `move`; else from the first millimetre on
 
 
-#: One thing changed at a time.
+#: One thing changed at a time, but that the last three are without the ramp besides.
 SMOOTHNESS = {
     "dft_sum, no weights": Smoothness(power=0.0),
     "dft_sum, weights f^2": Smoothness(power=2.0),
@@ -45,7 +72,28 @@ SMOOTHNESS = {
     "dft_sum, exact, up to 20 Hz": Smoothness(None, highest_hz=20.0),
     "dft_sum, exact, up to 50 Hz": Smoothness(None, highest_hz=50.0),
     "dft_sum, exact, up to 250 Hz": Smoothness(None, highest_hz=250.0),
+    "dft_sum, Hann window": Smoothness(window=hann),
+    "dft_sum, from the first mm": Smoothness(reaction=False),
+    "dft_sum, exact, ramp removed": Smoothness(None, window=without_ramp),
+    "dft_sum, filter 160 Hz, ramp removed": Smoothness(160.0, window=without_ramp),
+    "dft_sum, ramp removed, from the first mm": Smoothness(window=without_ramp, reaction=False),
 }
+DURATION_MOVING, FORCE_MOVING = "duration_s, from the first mm", "mean_tip_force_N, from the first mm"
+#: A measure, and the same without the reaction time.
+MOVING = {
+    "duration_s": DURATION_MOVING,
+    "mean_tip_force_N": FORCE_MOVING,
+    "acceleration_dft_sum": "dft_sum, from the first mm",
+    "acceleration_dft_sum_ramp_removed": "dft_sum, ramp removed, from the first mm",
+}
+
+
+def ticks_moving(recording: Recording) -> np.ndarray:
+    """The ticks of `move` from the one on at which the tip is `MOVED_M` from where `move` found it; none: it stays."""
+    ticks = np.flatnonzero(recording.in_phase("move"))
+    tip = columns(recording, "tip_x_m", "tip_y_m")[ticks]
+    away = np.hypot(*(tip - tip[:1]).T) >= MOVED_M
+    return ticks[np.argmax(away) :] if away.any() else ticks[:0]
 
 
 def dft_sum(recording: Recording, how: Smoothness) -> float | None:
@@ -54,9 +102,21 @@ def dft_sum(recording: Recording, how: Smoothness) -> float | None:
         acceleration = None if recording.sensors else columns(recording, "tip_ax_m_s2", "tip_ay_m_s2")
     else:
         acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), how.cutoff_hz)
-    if acceleration is None:
+    ticks = np.flatnonzero(recording.in_phase("move")) if how.reaction else ticks_moving(recording)
+    if acceleration is None or not len(ticks):
         return None
-    return amplitude_sum(weighted_amplitudes(acceleration[recording.in_phase("move")], how.highest_hz, how.power))
+    return amplitude_sum(weighted_amplitudes(how.window(acceleration[ticks]), how.highest_hz, how.power))
+
+
+def _from_recording(recording: Recording) -> dict[str, float | None]:
+    """The definitions that need the recording."""
+    moving = ticks_moving(recording)
+    force = np.hypot(*columns(recording, "hand_fx_N", "hand_fy_N")[moving].T)
+    return {
+        **{name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()},
+        FORCE_MOVING: float(np.mean(force)) if len(moving) else None,
+        DURATION_MOVING: (len(moving) - 1) / SAMPLE_RATE_HZ if len(moving) else None,
+    }
 
 
 def sensitivity(
@@ -66,18 +126,18 @@ def sensitivity(
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
     definition's order (1: the same order, -1: reversed). folder: rows name their recordings relative to it, from which
-    the definitions of `SMOOTHNESS` are taken as well. timeouts: trials whose time was up count as well.
+    those of `_from_recording` are taken as well. timeouts: trials whose time was up count as well.
     Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
     rows = to_compare(rows, timeouts)
     values = [dict(vars(row)) for row in rows]
     for row, of_row in zip(rows, values, strict=True):
         if folder and row.duration_s:
-            recording = read_recording(folder / row.recording)
-            of_row |= {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
+            of_row |= _from_recording(read_recording(folder / row.recording))
+    further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if folder else {}
     results = []
     for thing, named in DEFINITIONS.items():
-        definitions = (*named, *SMOOTHNESS) if thing == "smoothness" and folder else named
+        definitions = (*named, *further.get(thing, ()))
         for configuration in configurations_of(rows):
             here = [of_row for of_row in values if of_row["configuration"] == configuration]
             people = len({of_row["participant"] for of_row in here})
@@ -93,6 +153,20 @@ def sensitivity(
                 results.append(Result(*about, tau))
                 if thing == "smoothness" and not _higher_is_better(definition):
                     results += _roughness(here, definition, configuration, people, none)
+    return results + _without_reaction(values) if folder else results
+
+
+def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
+    """What leaving the reaction time out does to a trial: the median ratio of all trials on a device."""
+    results = []
+    for configuration in dict.fromkeys(of_row["configuration"] for of_row in values):
+        here = [of_row for of_row in values if of_row["configuration"] == configuration]
+        people = len({of_row["participant"] for of_row in here})
+        for measure, moving in MOVING.items():
+            ratios = [of_row[moving] / of_row[measure] for of_row in here if of_row.get(moving) and of_row[measure]]
+            if ratios:
+                about = ("reaction", measure, configuration, "", "", people, "median_ratio")
+                results.append(Result(*about, float(np.median(ratios))))
     return results
 
 

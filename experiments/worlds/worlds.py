@@ -15,7 +15,7 @@ import numpy as np
 
 from core.files import InputError
 from experiments.analysis.findings import IN_BOXES, STATEMENTS, PooledBox, box_findings, pooled_boxes, why_no_findings
-from experiments.analysis.metrics import DRAWN
+from experiments.analysis.metrics import JUDGED
 from experiments.analysis.trials_table import to_compare
 from experiments.plan import make_plan
 from experiments.progress import Progress, unseen
@@ -48,7 +48,7 @@ class World:
             protocol = settled(protocol, population)
         except InputError:  # no low gain is without vibration: one cannot tell of such a world
             return Done(self._row({}, math.nan), 0)
-        rows, ticks = zip(*study_trials(protocol, population, self.ranges.operators, DRAWN), strict=True)
+        rows, ticks = zip(*study_trials(protocol, population, self.ranges.operators, JUDGED), strict=True)
         return Done(self._row(pooled_boxes(rows), len(to_compare(rows)) / len(rows)), sum(ticks))
 
     def _row(self, boxes: Mapping[tuple[str, str, int], PooledBox], share_done: float) -> bytes:

@@ -15,6 +15,7 @@ from experiments.analysis.findings import (
     AT_MOST,
     BELOW,
     CANNOT_TELL,
+    DEPENDS,
     FAILS,
     HOLDS,
     IN_BOXES,
@@ -62,6 +63,7 @@ def study(people=12, devices=DEVICES, table=PAPER, wider=2.0, noise=0.02, seed=0
                             mean_tip_force_N=own["force"] * force,
                             force_over_progress_N=1.1 * own["force"] * force,
                             acceleration_dft_sum=own["acceleration"] * acceleration,
+                            acceleration_dft_sum_ramp_removed=0.7 * own["acceleration"] * acceleration,
                             acceleration_weighted_rms_m_s2=0.1 * own["acceleration"] * acceleration,
                             duration_s=3.0,
                         )
@@ -345,7 +347,7 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     assert not (tmp_path / "d").exists()
 
 
-ERROR, FORCE, ROUGHNESS = IN_BOXES
+ERROR, FORCE, ROUGHNESS, WITHOUT_RAMP = IN_BOXES
 #: As the paper's text has them: median and length of the box, of path error, force and roughness.
 BOXED = {
     1: ((8.0, 2.0), (2.0, 0.4), (10.0, 2.0)),
@@ -356,17 +358,20 @@ BOXED = {
 }
 
 
-def made(changes=(), wider=1.5):
-    """Boxes on both devices; changes: (measure, controller, median, length[, devices]) in place of the paper's."""
+def made(changes=(), wider=1.5, both=True):
+    """Boxes on both devices; changes: (measure, controller, median, length[, devices]) in place of the paper's;
+    both: a change of the sum as cut is one of that without the ramp.
+    """
     boxes = {}
     for device in DEVICES:
         for controller, of_it in BOXED.items():
-            for measure, (median, length) in zip(IN_BOXES, of_it, strict=True):
+            for measure, (median, length) in zip(IN_BOXES, (*of_it, of_it[-1]), strict=True):
                 length *= wider if (device, controller, measure) == ("four-brake", 1, ERROR) else 1.0
                 boxes[measure, device, controller] = around(median, length)
     for measure, controller, median, length, *devices in changes:
         for device in devices or DEVICES:
-            boxes[measure, device, controller] = around(median, length)
+            for one in (ROUGHNESS, WITHOUT_RAMP) if measure == ROUGHNESS and both else (measure,):
+                boxes[one, device, controller] = around(median, length)
     return boxes
 
 
@@ -412,12 +417,21 @@ def test_each_rule_has_its_bound_and_knows_no_unit(number, inside, outside, marg
     assert judged(made(inside))[number].verdict == HOLDS
     found = judged(made(outside))[number]
     assert found.verdict == FAILS and found.margin == pytest.approx(margin, abs=1e-9)
-    factor = {ERROR: 1e-3, FORCE: 7.0, ROUGHNESS: 1.0}
+    factor = {ERROR: 1e-3, FORCE: 7.0, ROUGHNESS: 1.0, WITHOUT_RAMP: 1.0}
     for changes in (inside, outside):
         boxes = made(changes)
         scaled = {cell: PooledBox(*(factor[cell[0]] * q for q in box)) for cell, box in boxes.items()}
         before, after = ([one.margin for one in judged(some).values()] for some in (boxes, scaled))
         assert after == pytest.approx(before, abs=1e-9)
+
+
+@pytest.mark.parametrize("measure", [ROUGHNESS, WITHOUT_RAMP])
+def test_where_the_two_sums_disagree_the_verdict_depends_on_how_the_cut_is_treated(measure):
+    found = judged(made([(measure, 3, 59.0, 9.0)], both=False))
+    assert {number for number, one in found.items() if one.verdict == DEPENDS} == {4}
+    assert found[4].margins[measure == WITHOUT_RAMP] == found[4].margin == pytest.approx(-0.05)
+    assert found[4].margins[measure == ROUGHNESS] >= 0.0
+    assert all(word in found[4].sentence for word in ("As cut, ", "Without the ramp, ", "59.00", "45.00"))
 
 
 def test_wider_bands_ask_more_of_a_difference_and_less_of_a_likeness():

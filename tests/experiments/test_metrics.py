@@ -294,6 +294,19 @@ def test_locked_and_released_ticks_are_counted_apart_and_not_without_a_controlle
     assert (found.locked_share, found.released_share) == (None, None)
 
 
+@given(st.floats(-3.0, 3.0), st.integers(1, 40), st.floats(0.1, 2.0))
+@settings(max_examples=30)
+def test_a_ramp_adds_nothing_to_the_sum_without_it_and_its_jump_times_100_over_pi_to_the_sum_as_cut(jump, f, amplitude):
+    """A vibration of whole periods over 2 s, which begins and ends alike, with a ramp laid over it."""
+    t = np.arange(2001) / 1000.0
+    wave = np.column_stack([amplitude * np.sin(2 * np.pi * f * t), 0.0 * t])
+    ramp = jump * (t / 2.0)[:, None] * np.array([[0.6, -0.8]])
+    calm, without = (m.amplitude_sum(m.weighted_amplitudes(m.without_ramp(a))) for a in (wave, wave + ramp))
+    assert without == pytest.approx(calm, rel=1e-9)
+    alone = m.amplitude_sum(m.weighted_amplitudes(ramp))
+    assert alone == pytest.approx(100.0 / np.pi * abs(jump), rel=0.02, abs=1e-9)
+
+
 def vibrating(frequency, amplitude=0.5):
     """A movement along the path with a vibration across it: its tip and its exact acceleration (m/s2)."""
     t = np.arange(5200) / 1000.0

@@ -13,15 +13,17 @@ from scipy import stats
 
 from core import tick_log
 from core.tick_log import PHASES
-from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes
+from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes, without_ramp
 from experiments.analysis.report import sentences, write_report
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
     Smoothness,
     dft_sum,
+    hann,
     kendall_tau,
     sensitivity,
     swapped,
+    ticks_moving,
 )
 from experiments.analysis.statistics import (
     LEAST_PEOPLE,
@@ -293,9 +295,32 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     recording = read_recording(tmp_path / trial.recording)
     found = {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
     assert len({round(value, 6) for value in (*found.values(), own)}) == len(SMOOTHNESS) + 1
+    assert dft_sum(recording, Smoothness(window=without_ramp)) == amplitude_sum(
+        weighted_amplitudes(without_ramp(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move]))
+    )
     results = sensitivity([trial, replace(trial, controller=2)], tmp_path)
     assert {r.measure for r in results} >= set(SMOOTHNESS)
     assert all(r.people == 1 for r in results)
+
+
+def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_reaction_is_the_first_millimetre(tmp_path):
+    """A tip that rests for 0.4 s of a movement of 1 s, pushed by 1 N, then moves at 100 mm/s, pushed by 3 N."""
+    t = np.arange(1000) / 1000.0
+    wave = np.column_stack([np.sin(2 * np.pi * 20.0 * t), np.cos(2 * np.pi * 20.0 * t)])
+    assert np.mean(hann(wave) ** 2) == pytest.approx(np.mean(wave**2))
+    rows = ticks(1000)
+    rows[:, tick_log.PHASE] = PHASES.index("move")
+    rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = 0.1 * np.maximum(t - 0.3995, 0.0), 0.4
+    rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = np.where(t > 0.4, 3.0, 1.0), 0.0
+    path = record(tmp_path / "run-001.arrows", rows)
+    assert ticks_moving(read_recording(path))[0] == 410
+    trial = replace(study(people=1)[0], controller=1, recording=path.name, duration_s=0.999, mean_tip_force_N=2.199)
+    found = {r.measure: r.value for r in sensitivity([trial], tmp_path) if r.test == "reaction"}
+    assert found["mean_tip_force_N"] == pytest.approx(3.0 / 2.199) and found["duration_s"] == pytest.approx(
+        0.589 / 0.999
+    )
+    (said,) = [s for s in sentences(sensitivity([trial], tmp_path)) if "1 mm" in s]
+    assert "41 % of the movement" in said and "force over time +36 %" in said
 
 
 def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each_definition_on_each_device():

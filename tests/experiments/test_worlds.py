@@ -16,7 +16,7 @@ from refusals import refusal
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.findings import HOLDS, STATEMENTS, box_findings_of, pooled_boxes
+from experiments.analysis.findings import HOLDS, IN_BOXES, STATEMENTS, box_findings_of, pooled_boxes
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
@@ -94,7 +94,7 @@ def is_judged_as(line: dict[str, str], study: Path) -> None:
     """A study has the boxes, verdicts and margins of a world's row, digit by digit."""
     rows = write_pooled_table(study)
     boxes = pooled_boxes(rows)
-    assert len(boxes) == 2 * 5 * 3
+    assert len(boxes) == 2 * 5 * len(IN_BOXES)
     for (measure, device, controller), box in boxes.items():
         for name, value in box._asdict().items():
             assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
