@@ -28,6 +28,7 @@ from experiments.analysis.charts import (
     legend,
     pooled,
 )
+from experiments.analysis.colours import ON_LIGHT
 from experiments.analysis.metrics import BY_NAME, FIGURES, JUDGED, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
@@ -48,9 +49,8 @@ from experiments.recording.atomic_files import refuse_existing_files, write_new_
 
 FORMATS = ("png", "svg", "pdf")
 PAPER = "paper"  # the protocol whose figures these are
-#: Of Table I's five, again from the first for further ones. The screen's palette, darker where it would fade on white
-#: paper; place and label tell them apart without colour. A code has no colour of a controller.
-CONTROLLER_COLOURS = ("#6f7b87", "#d98200", "#c9a11a", "#2f7fc4", "#6cb0e6")
+#: Of the points of Table I's five, where they are told apart by colour.
+MARKERS = "os^Dv"
 TIMEOUT_COLOUR = "#c47400"
 #: As `charts.LOOKS`.
 HATCHES = ("", "", "/////", ".....")
@@ -88,8 +88,11 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
         axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
         draw_chart(axes, chart, view.logarithmic)
         named = coloured([chart], view)
-        dots = [Line2D([], [], marker="o", ls="", color=colour_of(one), label=name) for one, name in named.items()]
-        if 0 < len(dots) <= len(CONTROLLER_COLOURS):  # further ones would begin again, and have no room in a row
+        dots = [
+            Line2D([], [], marker=marker_of(one), ls="", color=colour_of(one), label=name)
+            for one, name in named.items()
+        ]
+        if 0 < len(dots) <= len(ON_LIGHT):  # further ones would begin again, and have no room in a row
             legend_at(figure, dots, 0.6, 0.1, fontsize=7.0, handletextpad=0.0, columnspacing=0.8)
         small_print(figure, lines, 0.6)
     return figure
@@ -212,7 +215,8 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
         of_it = [p for p in chart.points if (p.controller, p.look) == (controller, look)]
         colour = colour_of(controller)
         face = colour if look == 0 and not chart.boxes else "white"  # else boxes would swallow it
-        axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, edgecolors=colour, linewidths=0.8, zorder=5)
+        look_of_it: dict[str, Any] = {"edgecolors": colour, "linewidths": 0.8, "marker": marker_of(controller)}
+        axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, zorder=5, **look_of_it)
     axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
     above = axes.get_xaxis_transform()
     late = [p.x for p in chart.timeouts]
@@ -236,7 +240,12 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
 
 def colour_of(controller: int | str) -> str:
     """Table I's five colours, which begin again for further controllers; a code has none of its own."""
-    return QUIET if isinstance(controller, str) else CONTROLLER_COLOURS[(controller - 1) % len(CONTROLLER_COLOURS)]
+    return QUIET if isinstance(controller, str) else ON_LIGHT[(controller - 1) % len(ON_LIGHT)]
+
+
+def marker_of(controller: int | str) -> str:
+    """Likewise, of a point."""
+    return "o" if isinstance(controller, str) else MARKERS[(controller - 1) % len(MARKERS)]
 
 
 def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:

@@ -11,13 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from experiments.analysis.colours import ON_LIGHT
+
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
 TEXT, QUIET, LINE = "#1c2228", "#5b6672", "#d9dee4"
-BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # of Okabe and Ito's set, which the colour-blind tell apart
+BLUE, ORANGE, BROWN, PALE, GREY = ON_LIGHT.blue, ON_LIGHT.orange, ON_LIGHT.warm, ON_LIGHT.pale, ON_LIGHT.grey
 SHADED = "#e7ebef"
-SMALL, TITLE = 7.0, 9.5  # points
+COLUMN_IN, PAGE_IN = 3.5, 7.0  # widths of a figure in a journal
+SMALL, MIDDLE, TITLE = 7.0, 8.0, 9.0  # points: what journals ask for at these widths, and no other
 LINE_IN, CHARACTERS_PER_INCH = 0.15, 18.5  # of the small print
 CM = 100.0  # cm in a metre: the paper's figures are in cm
 PNG_DPI = 200
@@ -26,7 +29,7 @@ Place = Sequence[float] | np.ndarray  # x and y
 
 STYLE: "dict[RcKeyType, Any]" = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
-    "font.size": 9.0,
+    "font.size": MIDDLE,
     "axes.edgecolor": QUIET,
     "axes.labelcolor": TEXT,
     "axes.linewidth": 0.8,
@@ -36,8 +39,8 @@ STYLE: "dict[RcKeyType, Any]" = {
     "xtick.labelcolor": TEXT,
     "ytick.labelcolor": TEXT,
     "svg.hashsalt": "phd",  # else SVG names its clip paths at random
-    "svg.fonttype": "path",
-    "pdf.fonttype": 42,  # text stays text, which publishers ask for
+    "svg.fonttype": "none",  # text stays text, which publishers ask for and can still be searched
+    "pdf.fonttype": 42,
 }
 #: What each format would otherwise stamp with the time of drawing.
 _NO_DATE: dict[str, dict[str, Any]] = {

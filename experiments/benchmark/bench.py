@@ -24,7 +24,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation, run_rows
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
-from experiments.analysis.sheet import STYLE, figure_bytes, new_figure
+from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PALE, STYLE, figure_bytes, new_figure
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -300,13 +300,13 @@ def fallback_costs(repeats: int) -> list[dict]:
 
 #: step of the rows that the table shows
 TABLE_STEP_S = 1e-3
-#: Integrator and fidelity -> colour and marker: colour-blind safe, and told apart by shape too.
+#: Integrator and fidelity -> colour and marker.
 _LOOKS = {
-    ("event", "ideal"): ("#0072b2", "o"),
-    ("event", "mr"): ("#56b4e9", "s"),
-    ("stepping", "ideal"): ("#009e73", "^"),
-    ("karnopp", "ideal"): ("#e69f00", "v"),
-    ("mujoco", "ideal"): ("#d55e00", "D"),
+    ("event", "ideal"): (BLUE, "o"),
+    ("event", "mr"): (PALE, "s"),
+    ("stepping", "ideal"): (BROWN, "^"),
+    ("karnopp", "ideal"): (ORANGE, "v"),
+    ("mujoco", "ideal"): (GREY, "D"),
 }
 _SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
 

@@ -10,12 +10,22 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.analysis.sheet import LINE, QUIET, SMALL, STYLE, TEXT, figure_bytes, new_figure
+from experiments.analysis.sheet import (
+    BLUE,
+    LINE,
+    ORANGE,
+    QUIET,
+    SMALL,
+    STYLE,
+    TEXT,
+    figure_bytes,
+    new_figure,
+)
 from experiments.identify.fit import Identification, gain_row, surface_row, torque_change
 from experiments.recording.atomic_files import refuse_existing_files
 
 FORMS = ("png", "pdf")
-FITTED, MEASURED = "#2f7fc4", "#d98200"
+FITTED, MEASURED = BLUE, ORANGE
 SHADES = "viridis"
 DIRECTION_WORDS = {"rise": "rising", "fall": "falling"}
 #: Steps whose torque changes by less than this share of the largest change are drawn small: ripple blurs them.

@@ -17,14 +17,14 @@ from core.device_file import BrakeFile, parse_brake
 from core.mechanism import A
 from core.simulator.state import pack_brakes
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, GREEN, LINE, ORANGE, QUIET, TEXT, TITLE, plain, sheet, title
+from experiments.analysis.sheet import BLUE, BROWN, LINE, ORANGE, QUIET, TEXT, TITLE, plain, sheet, title
 
 TESTED_A = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])  # the paper's currents
 TESTED_RPM = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0])  # and speeds
 STEPS = ((0.0, 0.0), (0.2, 0.4), (1.2, 1.0), (2.2, 0.4), (3.2, 0.0))  # s, share of the largest current; our choice
 STEPS_END_S = 4.4
 #: rpm, colour and line of each speed in Fig. 9.
-STEP_SPEEDS = ((0.5, ORANGE, "-"), (2.0, BLUE, (0, (6, 1.5))), (16.0, GREEN, (0, (1.5, 1.2))))
+STEP_SPEEDS = ((0.5, ORANGE, "-"), (2.0, BLUE, (0, (6, 1.5))), (16.0, BROWN, (0, (1.5, 1.2))))
 AMPLITUDE_RAD, FREQUENCY_HZ, SINE_SHARE, SINE_STEP_S = math.radians(10.0), 0.5, 0.6, 1e-3  # our choice
 WHITE = {"boxstyle": "square,pad=0.2", "facecolor": "white", "edgecolor": "none"}
 

@@ -28,7 +28,7 @@ from experiments.paper_figures.workspace import JOINT_COLOURS, workspace_of
 PATH_Y_M, HALF_WIDTH_M, HALF_HEIGHT_M = 0.40, 0.14, 0.10
 APART_M = 0.02  # between arrows
 PUSH_N = 5.0  # hand force along the path
-DESIRED = "#b07d00"
+DESIRED = TEXT
 TURN = 2.0 * math.pi
 
 

@@ -35,7 +35,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.stick_slip import FREE, STILL
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, CM, GREEN, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.analysis.sheet import BLUE, BROWN, CM, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, brake_angles, draw_outline, sdof_path, workspace_of
 from experiments.plan import PlannedTrial
@@ -62,8 +62,8 @@ ARM_M = 0.6
 #: Of each place of release.
 LOOKS: tuple[dict[str, Any], ...] = (
     {"color": TEXT, "linestyle": "-"},
-    {"color": "#2f7fc4", "linestyle": (0, (6, 1.5))},
-    {"color": "#d98200", "linestyle": (0, (1.5, 1.2))},
+    {"color": BLUE, "linestyle": (0, (6, 1.5))},
+    {"color": ORANGE, "linestyle": (0, (1.5, 1.2))},
 )
 
 
@@ -179,7 +179,7 @@ def _draw_paths(axes: Axes, workspace: Workspace, releases: list[Release]) -> No
 
 # ---------------------------------------------------------------------------------------------------- stopping distance
 
-PUSHES_N = {2.0: BLUE, 10.0: GREEN, 18.0: ORANGE}  # the least is not 0: without a push a play is never turned through
+PUSHES_N = {2.0: BLUE, 10.0: BROWN, 18.0: ORANGE}  # the least is not 0: without a push a play is never turned through
 SPEEDS_M_S = np.linspace(0.0, 0.6, 13)
 STARTING_M_S = 1e-6  # in place of 0: a handle at rest has no direction
 SIMULATED_M_S = (0.0, 0.2, 0.4, 0.6)

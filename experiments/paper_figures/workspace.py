@@ -12,12 +12,12 @@ from matplotlib.lines import Line2D
 from core.device import Device
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import Array, arm_pose, free_tips, in_turn_of, joint_angles, sines
-from experiments.analysis.sheet import BLUE, CM, GREEN, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.analysis.colours import ON_LIGHT
+from experiments.analysis.sheet import CM, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 
-#: Joint -> colour and line. The colour-blind tell them apart (C is darker than in their set, for thin lines), and so
-#: does a print without colour.
-JOINT_COLOURS = {"A": BLUE, "E": ORANGE, "B": GREEN, "C": "#a8508a"}
+#: Joint -> colour and line; a print without colour tells the lines apart.
+JOINT_COLOURS = dict(zip("AEBC", ON_LIGHT.joints, strict=True))
 JOINT_LINES = {"A": "-", "E": (0, (6, 1.5)), "B": (0, (6, 1.5, 1, 1.5)), "C": (0, (1.5, 1.2))}
 GRID = 301  # points each way of a map: 2 to 3 mm
 CIRCLE_POINTS = 2881  # of an SDOF path: 1/8 degree apart

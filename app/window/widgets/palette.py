@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from experiments.analysis.colours import ON_DARK, ON_LIGHT
+
 
 class Palette(NamedTuple):
     """What each colour is for."""
@@ -38,8 +40,8 @@ class Palette(NamedTuple):
     controllers: tuple[str, ...]  # 1 ..
 
 
-#: The colours of brakes, joints and controllers are from Okabe and Ito's set, which people with any colour vision can
-#: tell apart; in the light palette the same hues are darker. Nothing is said by colour alone.
+#: The colours of brakes are from Okabe and Ito's set; in the light palette the same hues are darker. Nothing is said by
+#: colour alone.
 DARK = Palette(
     ground="#12161b", panel="#1a2027", field="#242c35", canvas="#0d1115", line="#2a323c", edge="#3d4854",
     text="#e6eaee", quiet="#8b96a3", good="#3fb68b", bad="#e5604d", caution="#e0a33e",
@@ -48,8 +50,7 @@ DARK = Palette(
     arm="#2e363f", arm_core="#505b67", pointer="#c6ced6", end_ring="#e69f00",
     trace="#58b4e8", accent="#4f9de0", accent_ground="#1f4b7a", handle="#ffffff", handle_name="white",
     wedge="#cc79a7", wedge_edge="#7d5070",
-    joints=("#8ec7f2", "#f0e442", "#3fb68b", "#cc79a7"),
-    controllers=("#9aa5b1", "#e69f00", "#f0c75e", "#4f9de0", "#8ec7f2"),
+    joints=ON_DARK.joints, controllers=ON_DARK,
 )  # fmt: skip
 LIGHT = Palette(
     ground="#e9edf1", panel="#fbfcfd", field="#e3e8ed", canvas="#f5f7f9", line="#cfd6dd", edge="#aab4be",
@@ -59,8 +60,7 @@ LIGHT = Palette(
     arm="#c3ccd5", arm_core="#8d99a5", pointer="#46505a", end_ring="#c47400",
     trace="#1c6fa8", accent="#1d6cba", accent_ground="#cde2f7", handle="#12161b", handle_name="dark",
     wedge="#b5568a", wedge_edge="#c98bad",
-    joints=("#1f6fb2", "#8a7a00", "#0b7a52", "#a8447d"),
-    controllers=("#6b7681", "#c27a00", "#9c7f10", "#1d6cba", "#3d8ac4"),
+    joints=ON_LIGHT.joints, controllers=ON_LIGHT,
 )  # fmt: skip
 PALETTES = {"dark": DARK, "light": LIGHT}
 chosen = DARK
