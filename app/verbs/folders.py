@@ -7,6 +7,7 @@ from pathlib import Path
 from app.progress import Display, import_screen
 from app.verbs.common import FOLDER, add_verb, answer, as_text, whole_number_of, with_progress
 from core.files import InputError
+from experiments.numbers import percent
 
 #: Any of these: no window.
 HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
@@ -164,7 +165,7 @@ def table(summary: dict) -> str:
     row("", "recorded", "replayed", "change")
     for name in ("device", "controller", "status"):
         row(name, before[name], after[name])
-    row("way made", f"{before['way_made']:.1%}", f"{after['way_made']:.1%}")
+    row("way made", percent(before["way_made"], 1), percent(after["way_made"], 1))
     for name, metric in summary["metrics"].items():
         row(name, number(metric["before"]), number(metric["after"]), share(metric))
     for name in ("energy_residual_J", "energy_added_max_J"):

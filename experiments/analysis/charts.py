@@ -16,6 +16,7 @@ import numpy as np
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
+from experiments.numbers import significant
 
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
 WHISKER = 1.5  # box lengths
@@ -320,7 +321,7 @@ def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: C
                 value *= metric.scale
                 status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
                 who = f"Participant {row.participant} · {view.name(row.controller)} · run {row.run}"
-                text = f"{who} · {value:.3g} {metric.shown_unit}{status}"
+                text = f"{who} · {significant(value)} {metric.shown_unit}{status}"
                 found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)
 

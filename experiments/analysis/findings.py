@@ -40,6 +40,7 @@ from experiments.analysis.statistics import (
     too_few,
 )
 from experiments.analysis.trials_table import TrialRow, to_compare
+from experiments.numbers import fixed, percent
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
 SIMILAR_SHARE = 0.15  # of the uncontrolled median
@@ -193,7 +194,7 @@ class Comparison(NamedTuple):
         if self.found is None:
             return f"{self.where} ({self.reason})"
         metric = BY_NAME[self.measure]
-        middle, low, high = (f"{round(value, 2) + 0.0:+.2f}" for value in self.found[1:])
+        middle, low, high = (fixed(value, 2, "+") for value in self.found[1:])
         inside = [f"{low} to {high}"] if self.found.is_bounded else []
         inside += [f"band {self.band:.2f}"] if self.claim.kind != BELOW else []
         return f"{self.where} {middle} {metric.shown_unit}" + (f" ({'; '.join(inside)})" if inside else "")
@@ -203,7 +204,7 @@ class Comparison(NamedTuple):
         """What the difference must be for the claim."""
         if self.claim.kind == BELOW:
             return "less than 0"
-        band = f"{100 * SIMILAR_SHARE:g} % of the uncontrolled median, the band"
+        band = f"{percent(SIMILAR_SHARE)} of the uncontrolled median, the band"
         return f"at most {band}" if self.claim.kind == AT_MOST else f"within {band}, either way"
 
     @property
@@ -290,7 +291,7 @@ def _why_not(
         if share is None:
             return f"no {of_it}"
         if share < LEAST_FINISHED:
-            return f"only {100 * share:.0f} % of the {of_it} reached the end"
+            return f"only {percent(share)} of the {of_it} reached the end"
         if (device, controller) not in measured:
             return f"nothing measured in the {of_it}"
     return ""
@@ -490,7 +491,8 @@ def _sentence(one: Compared, boxes: Boxes, bands: float) -> str:
     what = f"{'length of the box, ' if claim.spread else ''}{metric.title.lower()}"
     who = named(claim.first) if claim.devices else one.where[0]
     band = bands * _band(claim)
-    needed = {BELOW: f"lower by {band:.0%}", AT_MOST: f"at most {band:.0%} more"}.get(claim.kind, f"within {band:.0%}")
+    allowed = percent(band)
+    needed = {BELOW: f"lower by {allowed}", AT_MOST: f"at most {allowed} more"}.get(claim.kind, f"within {allowed}")
     clear = ", neither median in the other's box" if claim.clear else ""
     size = "length" if claim.spread else "median"
     text = f"{what}, {who}: {texts[0]} {metric.shown_unit} against {texts[1]} {metric.shown_unit}"

@@ -35,6 +35,7 @@ from experiments.analysis.statistics import (
     too_few,
 )
 from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
+from experiments.numbers import fixed, percent, significant
 from experiments.recording.atomic_files import write_new_files
 
 #: The measures that the report leads with, those of the figures.
@@ -185,7 +186,7 @@ def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) 
     if any(isinstance(row.controller, str) for row in rows):
         return text
     worst = sorted((share, cell) for cell, share in finished_share(rows).items() if share < 1.0)
-    listed = ", ".join(f"{_name(k, names)} on {device} {100 * share:.0f} %" for share, (device, k) in worst)
+    listed = ", ".join(f"{_name(k, names)} on {device} {percent(share)}" for share, (device, k) in worst)
     return f"{text} Reached the end{' (aborted: not)' if aborted else ''}: {listed}; all others 100 %."
 
 
@@ -195,11 +196,11 @@ def _name(controller: int | str, names: Mapping[int, str]) -> str:
 
 def _number(result: Result, scale: float, digits: int) -> str:
     """A number with its sign and, if it has one, its interval."""
-    text = f"{scale * (result.value or 0.0):+.{digits}f}"
+    text = fixed(scale * (result.value or 0.0), digits, "+")
     if result.low is None or result.high is None:
         return text
     low, high = sorted((scale * result.low, scale * result.high))
-    return f"{text} ({low:+.{digits}f} to {high:+.{digits}f})"
+    return f"{text} ({fixed(low, digits, '+')} to {fixed(high, digits, '+')})"
 
 
 def _findings_table(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> str:
@@ -287,7 +288,8 @@ def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[s
             people = max(pair.people for pair in pairs)
             why = (
                 f"no *, however they differ: the smallest p of Wilcoxon's test with {people} participants is "
-                f"{2.0 * 0.5**people:.3g}, after Holm's correction for {len(pairs)} pairs {least:.2g}"
+                f"{significant(2.0 * 0.5**people)}, after Holm's correction for {len(pairs)} pairs "
+                f"{significant(least, 2)}"
             )
             where.setdefault(why, []).append(configuration)
     return [f"On {' and '.join(dict.fromkeys(devices))} {why}." for why, devices in where.items()]
@@ -417,8 +419,11 @@ def error_table(moved: Sequence[Moved], names: Mapping[int, str]) -> str:
         cells = []
         for metric in FIGURES:
             one = of.get((controller, change, metric.name))
-            share = f" ({100.0 * one.worst_share:.2g} %)" if one and one.worst_share is not None else ""
-            cells.append(f"{metric.scale * one.median:.1g} / {metric.scale * one.worst:.1g}{share}" if one else "")
+            share = f" ({significant(100.0 * one.worst_share, 2)} %)" if one and one.worst_share is not None else ""
+            median, worst = (
+                (significant(metric.scale * of_it, 1) for of_it in (one.median, one.worst)) if one else ("", "")
+            )
+            cells.append(f"{median} / {worst}{share}" if one else "")
         name = names.get(controller, f"controller {controller}")
         lines.append(f"| {name} | {change} | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -433,7 +438,7 @@ def error_sentence(moved: Sequence[Moved]) -> str:
             median, worst = (
                 metric.scale * max(of_it) for of_it in zip(*((m.median, m.worst) for m in of_step), strict=True)
             )
-            parts.append(f"{metric.short} {median:.1g} ({worst:.1g}) {metric.shown_unit}")
+            parts.append(f"{metric.short} {significant(median, 1)} ({significant(worst, 1)}) {metric.shown_unit}")
     if not parts:
         return ""
     trials = sum(one.trials for one in moved if one.change == STEP and one.measure == DRAWN[0].name)

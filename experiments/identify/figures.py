@@ -22,6 +22,7 @@ from experiments.analysis.sheet import (
     new_figure,
 )
 from experiments.identify.fit import Identification, gain_row, surface_row, torque_change
+from experiments.numbers import significant
 from experiments.recording.atomic_files import refuse_existing_files
 
 FORMS = ("png", "pdf")
@@ -75,7 +76,7 @@ def draw_torque_gain(found: Identification) -> Figure:
         axes.grid(color=LINE, linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     each = zip(found.gain.values, found.gain.half_widths, strict=True)
-    words = [f"$k_{i}$ {value:.4g} ± {half:.1g}" for i, (value, half) in enumerate(each, 1)]
+    words = [f"$k_{i}$ {significant(value, 4)} ± {significant(half, 1)}" for i, (value, half) in enumerate(each, 1)]
     lines = ["   ".join(words[:3]), "   ".join(words[3:]) + " (half-widths of 95 % intervals)"]
     _write(figure, 0.14, "Torque gain", lines, found)
     return figure
@@ -103,10 +104,10 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     """Fig. 8: Eq. (4) as fitted to one direction, with the measured time constants."""
     fits = found.constants[direction]
     rms = np.sqrt(np.mean(np.concatenate([fits.surface.residuals, fits.average.residuals]) ** 2)) * 1e3
-    average = f"{fits.average.values[0] * 1e3:.4g} ± {fits.average.half_widths[0] * 1e3:.1g} ms"
+    average = f"{significant(fits.average.values[0] * 1e3, 4)} ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms"
     text = (
         f"$a_{{avg}}$ {average} (95 %) from $ω_0$ = {found.omega_0_rpm:g} rpm on. Dots: measured, with their distance "
-        f"from the fit, small where the torque changes little; rms residual {rms:.2g} ms."
+        f"from the fit, small where the torque changes little; rms residual {significant(rms, 2)} ms."
     )
     figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 88))
     every = [*fits.at_surface, *fits.at_average]

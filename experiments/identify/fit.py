@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from core.files import InputError
 from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step, measure
+from experiments.numbers import significant
 
 Array = npt.NDArray[np.float64]
 
@@ -443,7 +444,7 @@ class Plausible:
     def warning(self, value: float) -> str:
         """That a value is outside, and which unit it is likely in."""
         text = (
-            f"{self.column}: {self.what} would be {value:.3g} {self.unit}, plausible is {self.low:g} to "
+            f"{self.column}: {self.what} would be {significant(value)} {self.unit}, plausible is {self.low:g} to "
             f"{self.high:g} {self.unit}"
         )
         likely = {unit: value * factor for unit, factor in self.others.items()}
@@ -451,7 +452,7 @@ class Plausible:
         if not likely:
             return f"{text}: check the unit"
         unit = min(likely, key=lambda unit: abs(math.log(likely[unit] / self.paper)))
-        return f"{text}; likely unit: {unit} ({value:.3g} {unit} = {likely[unit]:.3g} {self.unit})"
+        return f"{text}; likely unit: {unit} ({significant(value)} {unit} = {significant(likely[unit])} {self.unit})"
 
 
 _SPEEDS = {"rad/s": 30.0 / math.pi, "rev/s": 60.0, "deg/s": 1.0 / 6.0}

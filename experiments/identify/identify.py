@@ -19,6 +19,7 @@ from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
+from experiments.numbers import significant
 from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -97,7 +98,8 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
     def line(key: str) -> str:
         number = f"{value[key]!r},"
         why = ": K is continuous at the knee" if key == "k_5" else ""
-        return f"    {number:16}# {key.partition('.')[2] or key} +- {rows[key].half_width:.2g} {rows[key].unit}{why}"
+        half_width = f"{significant(rows[key].half_width, 2)} {rows[key].unit}"
+        return f"    {number:16}# {key.partition('.')[2] or key} +- {half_width}{why}"
 
     def number(key: str, value: float) -> str:
         return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
@@ -122,7 +124,7 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
         lines += [
             "",
             f"[{direction}]                  # Eq. (4), s",
-            f"a_avg_s = {value[average]!r}".ljust(24) + f"# +- {rows[average].half_width:.2g} s",
+            f"a_avg_s = {value[average]!r}".ljust(24) + f"# +- {significant(rows[average].half_width, 2)} s",
             "a = [",
             *(line(f"{direction}.{key}") for key in A_NAMES),
             "]",

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from core.files import InputError
+from experiments.numbers import significant
 from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, fit_unrest, half_width
 from experiments.operator_fit.motions import LEAST_TRIALS, Motion, read_motions
 from experiments.progress import Progress, unseen
@@ -136,7 +137,9 @@ def population_text(name: str, found: list[Fitted], like: Population) -> str:
     for key in Person._fields:
         every = seen.get(key, [])
         if len(every) == len(found):
-            each = "; ".join(f"{one.value:.4g} ({one.low:.3g} to {one.high:.3g})" for one in every)
+            each = "; ".join(
+                f"{significant(one.value, 4)} ({significant(one.low)} to {significant(one.high)})" for one in every
+            )
             source = f"fitted to participant {people}: {each}; {every[0].rests_on}"
             values = [min(max(one.value, LIMITS[key][0]), LIMITS[key][1]) for one in every]
             spread = Spread(source, value=float(f"{values[0]:.6g}"))

@@ -23,6 +23,7 @@ from core.simulator.guarding import Guarded, Schedule
 from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
 from core.tick_log import STUCK_LETTERS
+from experiments.numbers import significant
 from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
@@ -155,8 +156,8 @@ def pushed_beyond(scene: Scene, allowed: float) -> tuple[str, ...]:
     if push <= allowed * (1.0 + ROUNDING):
         return ()
     return (
-        f"the hand pushes with up to {push:.4g} N, more than the {allowed:g} N (push_N) that the guard allows for: the "
-        "tip can get into an obstacle",
+        f"the hand pushes with up to {significant(push, 4)} N, more than the {allowed:g} N (push_N) that the guard "
+        "allows for: the tip can get into an obstacle",
     )
 
 
@@ -212,7 +213,7 @@ def run_beside(
         check_s += time.perf_counter() - began
         done += count
         progress(done / scene.rows)
-    far = f"up to {1e3 * differs_m:.3g} mm elsewhere" if math.isfinite(differs_m) else "beyond all bounds"
+    far = f"up to {significant(1e3 * differs_m)} mm elsewhere" if math.isfinite(differs_m) else "beyond all bounds"
     check, advice = scene.doubt
     warning = (
         f"the motion may be wrong by a millimetre or more from t = {wrong_from_s:g} s on: {check} puts it {far}; "

@@ -18,6 +18,7 @@ from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import Moved, side_by_side, write_report
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
+from experiments.numbers import percent, significant
 from experiments.progress import Progress, unseen
 from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
@@ -211,8 +212,10 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
             controller = key[0] if isinstance(key[0], str) else names.get(key[0], f"controller {key[0]}")
             counts = f"{old.n if old else 0} -> {new.n if new else 0} trials"
             if old and new:
-                share = f" ({(new.median - old.median) / old.median:+.1%})" if old.median else ""
-                change = f"median {old.median:.4g} -> {new.median:.4g} {metric.shown_unit}{share}"
+                share = f" ({percent((new.median - old.median) / old.median, 1, '+')})" if old.median else ""
+                change = (
+                    f"median {significant(old.median, 4)} -> {significant(new.median, 4)} {metric.shown_unit}{share}"
+                )
             else:
                 change = "the box is gone" if old else "a new box"
             changes.append(f"{metric.title}, {' '.join(controller.split())}, {key[1]}: {counts}, {change}")

@@ -17,6 +17,7 @@ from core.kernels import kernel
 from core.simulator.hand import hand_force
 from core.simulator.stick_slip_mode import look
 from core.stops import stop_gap
+from experiments.numbers import significant
 
 TICK_S = 1e-3  # of a trial
 
@@ -37,7 +38,7 @@ def skid_warnings(cobot: np.record, castor: Castor) -> list[str]:
     held = float(cobot["side_force"])
     if held <= castor.grip_N:
         return []
-    return [f"the castor held {held:.3g} N sideways, more than its grip of {castor.grip_N:g} N: it would skid"]
+    return [f"the castor held {significant(held)} N sideways, more than its grip of {castor.grip_N:g} N: it would skid"]
 
 
 @kernel

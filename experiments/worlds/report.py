@@ -33,6 +33,7 @@ from experiments.analysis.sheet import (
     title,
 )
 from experiments.analysis.trials_table import csv_bytes
+from experiments.numbers import percent, significant
 from experiments.protocol_writer import whole_text
 from experiments.worlds.ranges import Range, Ranges, Value, problem
 
@@ -146,8 +147,8 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
         "![shares of worlds](overview.png)",
         "## In how many worlds each statement holds",
         _shares(worlds, other),
-        f"Bands: a difference counts from {LITTLE_OF_U:.0%} of the uncontrolled box on, similar is within "
-        f"{SIMILAR_OF_U:.0%}; the last columns halve and double both.",
+        f"Bands: a difference counts from {percent(LITTLE_OF_U)} of the uncontrolled box on, similar is within "
+        f"{percent(SIMILAR_OF_U)}; the last columns halve and double both.",
         "## Jointly",
         _jointly(holds),
     ]
@@ -177,7 +178,7 @@ def report_files(table: Path, ranges: Ranges, seed: int) -> tuple[dict[str, byte
     }
     most = int(holds.sum(axis=1).max())
     return files, {
-        "all_hold": f"{holds.all(axis=1).mean():.2%} of the worlds",
+        "all_hold": f"{percent(holds.all(axis=1).mean(), 2)} of the worlds",
         "most_hold": f"{most} of {len(STATEMENTS)} statements, in world {nearest + 1}",
         "measure_first": names[order[0]] if doubt.any() else NOTHING_FIRST,
     }
@@ -223,9 +224,9 @@ def _shares(worlds: Worlds, other: dict[str, np.ndarray]) -> str:
     for i, statement in enumerate(STATEMENTS):
         low, high = wilson(int(holds[:, i].sum()), n)
         unclear = np.isnan(worlds.margins[:, i]).mean()
-        again = [f"{verdicts[:, i].mean():.1%}" for verdicts in other.values()]
-        share = f"**{holds[:, i].mean():.1%}** ({low:.1%} to {high:.1%})"
-        lines.append((statement.number, statement.text, share, f"{unclear:.1%}", *again))
+        again = [percent(verdicts[:, i].mean(), 1) for verdicts in other.values()]
+        share = f"**{percent(holds[:, i].mean(), 1)}** ({percent(low, 1)} to {percent(high, 1)})"
+        lines.append((statement.number, statement.text, share, percent(unclear, 1), *again))
     return _table(("", "the paper says", "holds in", "cannot tell", *other), lines)
 
 
@@ -235,26 +236,28 @@ def _in_short(holds: np.ndarray, nearest: int, settles: Sequence[tuple[str, floa
         ", ".join(str(one.number) for one, yes in zip(STATEMENTS, which, strict=True) if yes) or "none"
         for which in (p > 0.5, p < 0.1)
     )
-    first = ", ".join(f"{name} ({share:.0%})" for name, share in settles[:DECIDING]) or NOTHING_FIRST
+    first = ", ".join(f"{name} ({percent(share)})" for name, share in settles[:DECIDING]) or NOTHING_FIRST
     return (
         f"**In short.** Statements that hold in more than half of the worlds: {often}; in less than a tenth: {seldom}. "
-        f"All eleven hold in {holds.all(axis=1).mean():.2%}; at most {holds.sum(axis=1).max()} do, in world "
+        f"All eleven hold in {percent(holds.all(axis=1).mean(), 2)}; at most {holds.sum(axis=1).max()} do, in world "
         f"{nearest + 1}. What to measure first, with the share of all doubt that it settles: {first}."
     )
 
 
 def _jointly(holds: np.ndarray) -> str:
     count = holds.sum(axis=1)
-    at_least = ", ".join(f"{k} or more {np.mean(count >= k):.1%}" for k in range(int(count.max()), 3, -1))
+    at_least = ", ".join(f"{k} or more {percent(np.mean(count >= k), 1)}" for k in range(int(count.max()), 3, -1))
     at_least = at_least or "never four"
     but_one = []
     for i, statement in enumerate(STATEMENTS):
         others = np.delete(holds, i, axis=1).all(axis=1)
         if others.any():
-            but_one.append(f"{statement.number}: {others.mean():.2%}, and it in {holds[others, i].mean():.0%} of these")
+            of_these = percent(holds[others, i].mean())
+            but_one.append(f"{statement.number}: {percent(others.mean(), 2)}, and it in {of_these} of these")
     without = "; ".join(but_one) or "none: in no world do any ten hold"
     return (
-        f"All eleven hold in **{holds.all(axis=1).mean():.2%}** of the worlds. Of the eleven hold: {at_least}.\n\n"
+        f"All eleven hold in **{percent(holds.all(axis=1).mean(), 2)}** of the worlds. "
+        f"Of the eleven hold: {at_least}.\n\n"
         f"All but one, by the one left out: {without}. Each pair: jointly.csv."
     )
 
@@ -282,7 +285,7 @@ def where_it_holds(one: Range, shares: np.ndarray, holds: np.ndarray) -> str:
     """In how many worlds a statement holds: with each choice, or in each half of the range."""
     parts = 2 if one.choices is None else len(one.choices)
     place = np.minimum((shares * parts).astype(int), parts - 1)
-    words = (f"up to {float(one.at(0.5)):.3g}", "above") if one.choices is None else map(str, one.choices)
+    words = (f"up to {significant(float(one.at(0.5)))}", "above") if one.choices is None else map(str, one.choices)
     return ", ".join(f"{word} {_share(holds[place == part])}" for part, word in enumerate(words))
 
 
@@ -305,7 +308,7 @@ def _measure_first(
         of_it = np.where(found.clear[:, j], found.first[:, j], 0.0) * p * (1.0 - p)
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
         one = list(ranges.ranges.values())[j]
-        lines.append((names[j], f"{doubt[j]:.1%}", ", ".join(main), one.settled_by or "-", one.source))
+        lines.append((names[j], percent(doubt[j], 1), ", ".join(main), one.settled_by or "-", one.source))
     heads = "assumption", "settles of all doubt", "of statements, mainly", "how to settle it", "what it rests on now"
     return _table(heads, lines) + rest
 
@@ -445,7 +448,7 @@ def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray
     else:
         axes.fill_between(middles, low, high, color=SHADED, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
-        axes.set_xticks((0.0, 0.5, 1.0), [f"{float(f'{one.at(share):.3g}'):g}" for share in (0.0, 0.5, 1.0)])
+        axes.set_xticks((0.0, 0.5, 1.0), [significant(float(one.at(share))) for share in (0.0, 0.5, 1.0)])
     top = 1.0 if holds.mean() > RARE or p.max() > 2.0 * RARE else 2.0 * RARE
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
     axes.tick_params(labelsize=SMALL)
