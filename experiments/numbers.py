@@ -1,5 +1,7 @@
 """Numbers as people read them: "10" and never "1e+01", "0" and never "-0", "15 %" with its space."""
 
+from collections.abc import Sequence
+
 
 def significant(value: float, digits: int = 3) -> str:
     """A number of so many digits; powers of ten only from a million on and below 0.0001."""
@@ -15,3 +17,9 @@ def fixed(value: float, decimals: int, sign: str = "") -> str:
 def percent(share: float, decimals: int = 0, sign: str = "") -> str:
     """A share (0 .. 1) in percent."""
     return f"{fixed(100.0 * share, decimals, sign)} %"
+
+
+def place_cm(tip: Sequence[float], decimals: int = 0) -> str:
+    """A place (m) in a figure, in cm, with the sign of mathematics."""
+    x, y = (fixed(100.0 * of_it, decimals).replace("-", "−") for of_it in tip)
+    return f"({x}, {y}) cm"

@@ -30,6 +30,10 @@ DEVICES: dict[str, Any] = {
     "nargs": "+", "action": "extend", "metavar": "NAME|PATH",
     "help": f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
 }  # fmt: skip
+FIGURES: dict[str, Any] = {
+    "choices": ("screen", "journal"),
+    "help": "journal: box plots 3.5 and 7 inches wide, text of 7 to 9 points at that size (default: screen, wider)",
+}  # fmt: skip
 PORTS: dict[str, Any] = {
     "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
 }  # fmt: skip

@@ -5,7 +5,7 @@ import getpass
 from pathlib import Path
 
 from app.progress import Display, import_screen
-from app.verbs.common import FOLDER, add_verb, answer, as_text, whole_number_of, with_progress
+from app.verbs.common import FIGURES, FOLDER, add_verb, answer, as_text, whole_number_of, with_progress
 from core.files import InputError
 from experiments.numbers import percent
 
@@ -53,6 +53,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "--beside", type=Path, nargs="+", default=[], metavar="DIR",
         help="further studies: the findings of all, from their trials.csv, side by side in OUT/side-by-side.md",
     )  # fmt: skip
+    option("--figures", **FIGURES)
     timeouts = "put trials whose time was up into boxes and statistics, which leave them out otherwise"
     option("--timeouts", action="store_true", help=timeouts)
     option = add_verb(
@@ -87,11 +88,13 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def analyze_verb(args: argparse.Namespace) -> None:
+    from experiments.analysis.chart_figures import SCREEN
     from experiments.study.analyze import analyze, read_studies, write_side_by_side
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     unblinded_by = getpass.getuser() if args.unblind else ""
-    summary = with_progress("analyzing", analyze, args.dir, args.out, unblinded_by, args.timeouts)
+    asked = args.dir, args.out, unblinded_by, args.timeouts, args.figures or SCREEN
+    summary = with_progress("analyzing", analyze, *asked)
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     answer(args, summary, as_text(summary))

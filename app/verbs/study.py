@@ -3,7 +3,17 @@
 import argparse
 from pathlib import Path
 
-from app.verbs.common import DEVICES, RULES, add_verb, answer, as_text, low_gain, whole_number_of, with_progress
+from app.verbs.common import (
+    DEVICES,
+    FIGURES,
+    RULES,
+    add_verb,
+    answer,
+    as_text,
+    low_gain,
+    whole_number_of,
+    with_progress,
+)
 from core.files import InputError
 
 #: Of a study that is new; one that is resumed has as many as it had.
@@ -34,6 +44,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "detectable vibration, found on simulated trials (default: the protocol's; Table I: 5)",
     )  # fmt: skip
     option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
+    option("--figures", **FIGURES)
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")
     option(
         "--sweep", type=Path, metavar="FILE.toml",
@@ -70,16 +81,18 @@ def study(args: argparse.Namespace) -> None:
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
     protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
     population = load_population(args.population or "average")
+    from experiments.analysis.chart_figures import SCREEN
     from experiments.study.study import resume_study, run_study
 
     if args.resume:
         given = {"operators": args.operators, "devices": args.device and protocol.devices}
         given |= {"protocol": args.protocol and protocol, "population": args.population and population}
         asked = overrides | {name: value for name, value in given.items() if value}
-        summary = with_progress("study", resume_study, args.out, asked, compiles=True)
+        summary = with_progress("study", resume_study, args.out, asked, args.figures or SCREEN, compiles=True)
     else:
         operators = args.operators or OPERATORS
-        summary = with_progress("study", run_study, args.out, operators, protocol, population, compiles=True)
+        new = args.out, operators, protocol, population, args.figures or SCREEN
+        summary = with_progress("study", run_study, *new, compiles=True)
     doubt = (
         f"{args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which may be wrong; "
         "phd verify names them"
@@ -90,6 +103,8 @@ def study(args: argparse.Namespace) -> None:
 def sweep(args: argparse.Namespace) -> None:
     from experiments.study.sweep import load_sweep, run_sweep
 
+    if args.figures:
+        raise InputError("--figures: a sweep draws none")
     for name in IN_SWEEP_FILE:
         if getattr(args, name) is not None:
             option = "PROTOCOL.toml" if name == "protocol" else f"--{name.replace('_', '-')}"

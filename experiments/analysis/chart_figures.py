@@ -1,10 +1,11 @@
 """The charts of the pages of results, printed: what is seen on the screen as PNG, SVG and PDF."""
 
+import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from core.files import InputError
@@ -29,11 +31,14 @@ from experiments.analysis.charts import (
     pooled,
 )
 from experiments.analysis.colours import ON_LIGHT
-from experiments.analysis.metrics import BY_NAME, FIGURES, JUDGED, Metric
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
+    COLUMN_IN,
     LINE,
     LINE_IN,
+    MIDDLE,
+    PAGE_IN,
     QUIET,
     SMALL,
     STYLE,
@@ -54,9 +59,25 @@ MARKERS = "os^Dv"
 TIMEOUT_COLOUR = "#c47400"
 #: As `charts.LOOKS`.
 HATCHES = ("", "", "/////", ".....")
-LEAST_WIDTH, BOX_IN, HEIGHT = 6.4, 0.24, 4.8  # inches; a box takes so much of the width
+LEAST_WIDTH, BOX_IN, HEIGHT = PAGE_IN, 0.24, 4.8  # inches; a box takes so much of the width
 LABEL_IN, LABEL_LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
+LETTER_IN, TITLE_LETTER_IN = 0.059, 0.072  # inches: of a name under a box, of a title; about
 LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
+SLANT_DEG = 60.0  # of names that have no room side by side
+
+
+class Sizes(NamedTuple):
+    """Of box plots: their widths (inches), and the formats of all measures beside each other."""
+
+    one: float
+    beside: float
+    forms_beside: Sequence[str] = FORMATS
+    grows: bool = False  # with the number of controllers, beyond Table I's five
+
+
+SCREEN, JOURNAL = "screen", "journal"
+#: What figures are for.
+SIZES = {SCREEN: Sizes(6.4, 20.0, ("png",), grows=True), JOURNAL: Sizes(COLUMN_IN, PAGE_IN)}
 
 
 def draw_charts(
@@ -93,7 +114,7 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
             for one, name in named.items()
         ]
         if 0 < len(dots) <= len(ON_LIGHT):  # further ones would begin again, and have no room in a row
-            legend_at(figure, dots, 0.6, 0.1, fontsize=7.0, handletextpad=0.0, columnspacing=0.8)
+            legend_at(figure, dots, 0.6, 0.1, fontsize=SMALL, handletextpad=0.0, columnspacing=0.8)
         small_print(figure, lines, 0.6)
     return figure
 
@@ -104,17 +125,19 @@ def draw_boxplots(
     note: str,
     labels: Mapping[Controller, str],
     protocol: str,
+    *,
     timeouts: bool = False,
     pool: Executor | None = None,
+    purpose: str = SCREEN,
 ) -> list[Path]:
-    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide PNG; returns the paths.
+    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide figure; returns the paths.
 
     note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
     Configurations are drawn as `charts.LOOKS` in the order in which the table first names them.
     labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
     protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
-    pool: processes that draw as well.
+    pool: processes that draw as well. purpose: one of `SIZES`.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
     folder = Path(out_folder)
@@ -122,11 +145,16 @@ def draw_boxplots(
     if not rows:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
     calls: list[tuple] = []
+    sizes = SIZES[purpose]
+    more = max(1.0, len(controllers_shown(rows, view.names)) / 5.0) if sizes.grows else 1.0
     for metric in FIGURES:
         name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
-        calls.append((rows, [metric.name], 6.4, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
-    wide = [metric.name for metric in JUDGED]
-    calls.append((rows, wide, 5.0 * len(wide), note, view, [folder / "boxplots.png"]))
+        calls.append(
+            (rows, [metric.name], sizes.one * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
+        )
+    wide = [metric.name for metric in (JUDGED if sizes.grows else DRAWN)]
+    paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
+    calls.append((rows, wide, sizes.beside * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
     for of_it in _drawn(calls, pool):
@@ -152,24 +180,29 @@ def _sheet(
 
 
 def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
-    """One figure with a panel for each metric; more than five controllers make it wider."""
+    """One figure with a panel for each metric."""
     shown = controllers_shown(rows, view.names)
-    names = max((len(name.splitlines()) for name in shown.values()), default=0)
-    room = LABEL_IN * max(0, names - 2)  # what names of more than two lines need besides
-    width, height = width_in * max(1.0, len(shown) / 5.0), 4.5 + room
-    inside = width - LEFT_IN - RIGHT_IN
     found = [pooled(rows, metric, view) for metric in metrics]
+    inside = width_in - LEFT_IN - RIGHT_IN
+    each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
+    lines_of_names = [name.splitlines() for name in shown.values()]
+    names = max(map(len, lines_of_names), default=0)
+    longest = LETTER_IN * max((len(line) for lines in lines_of_names for line in lines), default=0)
+    slanted = longest > each / max(len(shown), 1)
+    # what names need besides two lines
+    room = longest * math.sin(math.radians(SLANT_DEG)) - LABEL_IN if slanted else LABEL_IN * max(0, names - 2)
+    top = TOP_IN + LABEL_IN * max(title_of(chart, each).count("\n") for chart in found)
+    width, height = width_in, min(4.5, 0.6 * each + 2.6) + room
     counts = {placed.box.n for chart in found for placed in chart.boxes}
     texts = (_method(counts), left_out(rows, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
     bottom = 0.66 + LABEL_LINE_IN * len(lines) + room
-    each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
     with matplotlib.rc_context(STYLE):
         figure = new_figure(width, height)
         for i, chart in enumerate(found):
-            place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - TOP_IN - bottom)
+            place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - top - bottom)
             axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
-            _draw_panel(axes, chart, show_counts=len(counts) > 1)
+            _draw_panel(axes, chart, show_counts=len(counts) > 1, slanted=slanted)
         if len(view.configurations) > 1:
             handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in view.configurations]
             for patch, look in zip(handles, map(view.look, view.configurations), strict=True):
@@ -191,19 +224,25 @@ def _method(counts: set[int]) -> str:
     )
 
 
-def _draw_panel(axes: Axes, chart: Chart, show_counts: bool) -> None:
+def _draw_panel(axes: Axes, chart: Chart, show_counts: bool, slanted: bool) -> None:
     """One metric's boxes on `axes`: a group for each controller, a box for each configuration."""
+    below = 24 if show_counts else 15  # points
 
     def under(x: float, text: str, points: float, **look: Any) -> None:
-        axes.annotate(text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", ha="center", **look)
+        axes.annotate(
+            text, (x, 0.0), (0, -points), ("data", "axes fraction"), "offset points", **{"ha": "center"} | look
+        )
 
     draw_chart(axes, chart)
     axes.set(xticks=[])
     for placed in chart.boxes if show_counts else ():
         under(placed.x, f"{placed.box.n}", 4, va="top", fontsize=SMALL, color=QUIET)
     for x, name in chart.ticks:
+        if slanted:
+            under(x, name, below - 9, ha="right", va="top", rotation=SLANT_DEG, rotation_mode="anchor", fontsize=SMALL)
+            continue
         for j, line in enumerate(name.splitlines()):  # line by line: a tick label's lines shift with their letters
-            under(x, line, (24 if show_counts else 15) + 72.0 * LABEL_IN * j, va="baseline", fontsize=8.0)
+            under(x, line, below + 72.0 * LABEL_IN * j, va="baseline")
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
@@ -230,12 +269,18 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
         axes.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 2.5, 5, 10]))
     axes.set_xlim(*chart.span)
     if chart.ticks:
-        axes.set_xticks([x for x, _ in chart.ticks], [text for _, text in chart.ticks], fontsize=8.0)
+        axes.set_xticks([x for x, _ in chart.ticks], [text for _, text in chart.ticks], fontsize=MIDDLE)
     axes.set_xlabel(chart.x_title)
     axes.grid(axis="y", color=LINE, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_title(f"{chart.title} ({chart.unit})", loc="left", fontsize=10.5, pad=14)
+    title = title_of(chart, axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth())
+    axes.set_title(title, loc="left", pad=14)
+
+
+def title_of(chart: Chart, width_in: float) -> str:
+    """What a chart shows, with its unit, in lines that have room over axes of this width."""
+    return textwrap.fill(f"{chart.title} ({chart.unit})", max(12, int(width_in / TITLE_LETTER_IN)))
 
 
 def colour_of(controller: int | str) -> str:
@@ -258,6 +303,7 @@ def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: in
     axes.bar(x, box.q3 - box.q1, width, box.q1, zorder=3, **body)
     axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
-    axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, linewidth=1.8, zorder=4)
+    seen: dict[str, Any] = {"linewidth": 1.6, "path_effects": [withStroke(linewidth=2.8, foreground="white")]}
+    axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, zorder=4, **seen)
     if box.outliers:
         axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, mfc="none", mec=colour, mew=1.1, zorder=3)

@@ -30,6 +30,12 @@ Place = Sequence[float] | np.ndarray  # x and y
 STYLE: "dict[RcKeyType, Any]" = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
     "font.size": MIDDLE,
+    "axes.titlesize": TITLE,
+    "axes.labelsize": MIDDLE,
+    "figure.titlesize": TITLE,
+    "legend.fontsize": MIDDLE,
+    "xtick.labelsize": MIDDLE,
+    "ytick.labelsize": MIDDLE,
     "axes.edgecolor": QUIET,
     "axes.labelcolor": TEXT,
     "axes.linewidth": 0.8,

@@ -24,7 +24,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation, run_rows
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
-from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PALE, STYLE, figure_bytes, new_figure
+from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -388,7 +388,7 @@ def work_precision(result: dict) -> dict[str, bytes]:
     rows = result["rows"]
     devices = list(dict.fromkeys(row["device"] for row in rows))
     with matplotlib.rc_context(STYLE):
-        figure = new_figure(3.1 * len(_SCENES_DRAWN), 2.7 * len(devices) + 0.5)
+        figure = new_figure(PAGE_IN, 2.1 * len(devices) + 0.7)
         axes = figure.subplots(len(devices), len(_SCENES_DRAWN), sharex=True, sharey=True, squeeze=False)
         for device, line in zip(devices, axes, strict=True):
             for scene, ax in zip(_SCENES_DRAWN, line, strict=True):

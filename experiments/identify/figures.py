@@ -13,11 +13,14 @@ from matplotlib.figure import Figure
 from experiments.analysis.sheet import (
     BLUE,
     LINE,
+    MIDDLE,
     ORANGE,
+    PAGE_IN,
     QUIET,
     SMALL,
     STYLE,
     TEXT,
+    TITLE,
     figure_bytes,
     new_figure,
 )
@@ -48,7 +51,7 @@ def draw_identification(found: Identification, folder: Path) -> dict[Path, bytes
 @matplotlib.rc_context(STYLE)
 def draw_torque_gain(found: Identification) -> Figure:
     """Fig. 6: steady torque of each averaged step, its mean at each current, and Eq. (2); residuals below."""
-    figure = new_figure(5.4, 5.0)
+    figure = new_figure(PAGE_IN, 5.4)
     top = figure.add_axes((0.14, 0.45, 0.82, 0.47))
     below = figure.add_axes((0.14, 0.23, 0.82, 0.17), sharex=top)
     current = np.array([one.step.current_to for one in found.measured])
@@ -66,7 +69,7 @@ def draw_torque_gain(found: Identification) -> Figure:
         top.plot(value, torque[current == value].mean(), "s", mew=1.0, zorder=4, **square)
     top.plot([], [], "s", label="mean at that current", **square)
     top.plot([], [], "o", ms=4, color=QUIET, mew=0, label="one averaged step, dark: slow, light: fast")
-    top.legend(frameon=False, loc="upper left", fontsize=8)
+    top.legend(frameon=False, loc="upper left", fontsize=MIDDLE)
     top.set(ylabel="Steady torque (N m)", ylim=(min(0.0, torque.min()), None))
     top.tick_params(labelbottom=False)
     below.axhline(0.0, color=FITTED, linewidth=1.0)
@@ -109,7 +112,7 @@ def draw_surface(found: Identification, direction: str) -> Figure:
         f"$a_{{avg}}$ {average} (95 %) from $ω_0$ = {found.omega_0_rpm:g} rpm on. Dots: measured, with their distance "
         f"from the fit, small where the torque changes little; rms residual {significant(rms, 2)} ms."
     )
-    figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 88))
+    figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 115))
     every = [*fits.at_surface, *fits.at_average]
     edge = math.log2(found.omega_0_rpm)
     i = np.linspace(currents[0], currents[-1], 11)
@@ -142,7 +145,7 @@ def _room(
     """
     import mpl_toolkits.mplot3d  # noqa: F401  (makes the projection known)
 
-    figure = new_figure(5.4, 4.9)
+    figure = new_figure(PAGE_IN, 5.6)
     with matplotlib.rc_context({"grid.color": LINE, "grid.linewidth": 0.6}):
         axes: Any = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")
     axes.computed_zorder = False  # dots over surfaces, also those just below
@@ -169,7 +172,7 @@ def _room(
 
 def _write(figure: Figure, left: float, title: str, lines: Sequence[str], found: Identification) -> None:
     """The title, and at the foot some lines and where the numbers come from."""
-    figure.text(left, 0.955, title, fontsize=11, color=TEXT)
+    figure.text(left, 0.955, title, fontsize=TITLE, color=TEXT)
     origin = f"{found.source}: {found.steps} steps averaged to {len(found.measured)}."
     for k, text in enumerate(reversed([*lines, origin])):
         figure.text(left, 0.025 + 0.035 * k, text, fontsize=SMALL, color=QUIET)

@@ -17,7 +17,20 @@ from core.device_file import BrakeFile, parse_brake
 from core.mechanism import A
 from core.simulator.state import pack_brakes
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, BROWN, LINE, ORANGE, QUIET, TEXT, TITLE, plain, sheet, title
+from experiments.analysis.sheet import (
+    BLUE,
+    BROWN,
+    LINE,
+    MIDDLE,
+    ORANGE,
+    PAGE_IN,
+    QUIET,
+    TEXT,
+    TITLE,
+    plain,
+    sheet,
+    title,
+)
 
 TESTED_A = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])  # the paper's currents
 TESTED_RPM = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0])  # and speeds
@@ -84,7 +97,7 @@ def draw_torque_gain(brake: Brake) -> Figure:
     measured = brake.file.command_unit == "A"  # a field is no current of the paper's
     circles = " Circles: the currents at which the paper measured the brake." if measured else ""
     text = f"{parameters_of(brake)} Model only.{circles}"
-    figure, [[axes]] = sheet(text, (5.6, 4.0), (0.65, 0.2, 0.5, 0.45))
+    figure, [[axes]] = sheet(text, (PAGE_IN, 4.2), (0.65, 0.2, 0.5, 0.45))
     plain(axes)
     current, unit = np.linspace(0.0, largest, 401), brake.file.command_unit
     gain = brake.torque_gain(current)
@@ -103,7 +116,7 @@ def draw_torque_gain(brake: Brake) -> Figure:
     above = f"I ≥ {knee:g} {unit}:   K = {k3:g} I²{_plus(k4)} I{_plus(k5)}"
     axes.text(
         0.98, 0.26, f"{below}{above}".replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
-        linespacing=1.7, fontsize=8.5, bbox=WHITE,
+        linespacing=1.7, fontsize=MIDDLE, bbox=WHITE,
     )  # fmt: skip
     axes.set(xlim=(-0.02 * largest, 1.03 * largest), ylim=(0.0, top))
     axes.set(xlabel=f"{brake.command} I ({unit})", ylabel="torque gain K (N m)")
@@ -122,7 +135,7 @@ def draw_time_constants(brake: Brake) -> Figure:
         f"{brake.file.omega_0_rpm:g} rpm on the constant is a_avg. Current: the one stepped to."
     )
     projection = {"projection": "3d", "computed_zorder": False}
-    figure, [row] = sheet(text, (7.4, 4.1), (0.35, 0.15, -0.05, 0.3), columns=2, subplot_kw=projection)
+    figure, [row] = sheet(text, (PAGE_IN, 4.0), (0.35, 0.15, -0.05, 0.3), columns=2, subplot_kw=projection)
     fine_rpm = np.geomspace(TESTED_RPM[0], TESTED_RPM[-1], 43)  # 6 between neighbours: the tested ones are among them
     x, y = np.meshgrid(np.linspace(0.0, brake.file.current_max_A, 31), np.log2(fine_rpm))
     constant_ms = np.vectorize(lambda i, w, rising: 1e3 * brake.time_constant(i, 2.0**w, rising))
@@ -175,10 +188,16 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
     return torque
 
 
-def _over_time(text: str, size_in: tuple[float, float]) -> tuple[Figure, Axes, Axes]:
+def _over_time(text: str, height_in: float) -> tuple[Figure, Axes, Axes]:
     """What is commanded above, the torque below, over the same time."""
     figure, grid = sheet(
-        text, size_in, (0.6, 0.2, 0.5, 0.4), rows=2, between_in=(0.0, 0.55), height_ratios=(1, 2.2), sharex=True
+        text,
+        (PAGE_IN, height_in),
+        (0.6, 0.2, 0.5, 0.4),
+        rows=2,
+        between_in=(0.0, 0.55),
+        height_ratios=(1, 2.2),
+        sharex=True,
     )
     upper, lower = grid[:, 0]
     lower.set(xlabel="time (s)", ylabel="torque (N m)")
@@ -190,7 +209,7 @@ def _over_time(text: str, size_in: tuple[float, float]) -> tuple[Figure, Axes, A
 def draw_current_steps(brake: Brake) -> Figure:
     """Fig. 9, the model's output."""
     text = f"{parameters_of(brake)} Model only, Eqs. (1), (2) and (4), at constant speed."
-    figure, upper, lower = _over_time(text, (6.4, 5.0))
+    figure, upper, lower = _over_time(text, 5.0)
     largest = brake.file.current_max_A
     steps = [(t, share * largest) for t, share in STEPS]
     upper.step([*(t for t, _ in steps), STEPS_END_S], [*(i for _, i in steps), 0.0], where="post", color=TEXT)
@@ -265,7 +284,7 @@ def draw_sinusoidal_motion(brake: Brake) -> Figure:
     seen = times >= 0.0  # the first period settles
     times, angles, ours, worded = times[seen], angles[seen], ours[seen], worded[seen]
 
-    figure, upper, lower = _over_time(text, (6.8, 5.2))
+    figure, upper, lower = _over_time(text, 5.2)
     upper.plot(times, np.degrees(angles), color=TEXT)
     upper.set_ylabel("angle (°)")
     title(upper, "Joint angle")

@@ -21,7 +21,22 @@ from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.path import line
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, CM, ORANGE, QUIET, SHADED, TEXT, Place, arrow, plain, sheet, title
+from experiments.analysis.sheet import (
+    BLUE,
+    CM,
+    ORANGE,
+    PAGE_IN,
+    QUIET,
+    SHADED,
+    TEXT,
+    TITLE,
+    Place,
+    arrow,
+    plain,
+    sheet,
+    title,
+)
+from experiments.numbers import place_cm
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import JOINT_COLOURS, workspace_of
 
@@ -38,7 +53,7 @@ def draw_velocity_field() -> Figure:
         "Directions only. Shaded: the 5 cm boundary, within which the direction is blended linearly (its angle) from "
         "straight to the path to along it. The sense along the path is that of the hand force, here to the right."
     )
-    figure, [[axes]] = sheet(text, (6.4, 5.3), (0.6, 0.5, 0.5, 0.75))
+    figure, [[axes]] = sheet(text, (PAGE_IN, 5.6), (0.6, 0.5, 0.5, 0.75))
     plain(axes, grid=False)
     axes.axhspan(CM * (PATH_Y_M - BLEND_WIDTH), CM * (PATH_Y_M + BLEND_WIDTH), color=SHADED, linewidth=0)
     axes.axhline(CM * PATH_Y_M, color=ORANGE, linewidth=2.0, zorder=3)
@@ -122,7 +137,7 @@ def _beside(axes: Axes, text: str, at: Place, colour: str = TEXT, **more: Any) -
 
 def _schematic(text: str, height_in: float, words: str) -> tuple[Figure, Axes]:
     """A sheet with one drawing without scales."""
-    figure, [[axes]] = sheet(text, (6.0, height_in), (0.1, 0.1, 0.1, 0.4))
+    figure, [[axes]] = sheet(text, (PAGE_IN, height_in), (0.1, 0.1, 0.1, 0.4))
     title(axes, words)
     axes.set_aspect("equal")
     axes.axis("off")
@@ -134,7 +149,7 @@ def draw_sdof_choice(device: Device) -> Figure:
     choice = clearest_choice(device)
     field = choice.field
     text = (
-        f"{parameters_of(device)} Tip at ({100 * choice.tip[0]:.1f}, {100 * choice.tip[1]:.1f}) cm, "
+        f"{parameters_of(device)} Tip at {place_cm(choice.tip, 1)}, "
         f"{100 * field.distance:.1f} cm from a path at α = {math.degrees(choice.alpha):.0f}°. Lines p: the local SDOF "
         "path of each brake, at right angles to its force. Valid (solid, with arrow): within the 90° from the path's "
         "direction t to n, towards the path (shaded). Selected: the valid one nearest the desired velocity."
@@ -152,7 +167,7 @@ def draw_sdof_choice(device: Device) -> Figure:
     for joint, p in choice.directions.items():
         _draw_sdof_line(axes, joint, device.labels[joint], p, choice.senses[joint], joint == choice.selected)
     arrow(axes, (0, 0), _polar(0.85, beta), DESIRED, 2.6)
-    _beside(axes, r"$v_{des}$", _polar(0.94, beta), DESIRED, fontsize=11)
+    _beside(axes, r"$v_{des}$", _polar(0.94, beta), DESIRED, fontsize=TITLE)
     axes.plot([0, 0.4], [0, 0], color=QUIET, linewidth=0.8, linestyle=(0, (2, 2)))
     low, high = sorted((0.0, math.degrees(beta)))
     axes.add_patch(Arc((0, 0), 0.6, 0.6, theta1=low, theta2=high, color=DESIRED, linewidth=1.2))
@@ -168,7 +183,7 @@ def _draw_path(axes: Axes, field: Field, t: float, alpha: float) -> None:
     along, across = np.array([field.t_x, field.t_y]), np.array([field.n_x, field.n_y])
     corner, far = (away * across + s * along for s in (-1.25, 0.8))
     axes.plot(*zip(corner, far, strict=True), color=TEXT, linewidth=2.4, zorder=2)
-    x, y = away * across - 0.55 * along + 0.07 * across
+    x, y = away * across - 0.92 * along + 0.07 * across
     axes.text(
         x, y, "desired path", rotation=math.degrees(t),
         rotation_mode="anchor", ha="center", va="bottom", zorder=4,
@@ -251,14 +266,14 @@ def draw_five_forces() -> Figure:
     tip_v = scale * np.array(example.v)
     on_x = scale * example.v_beta[0] * along
     arrow(axes, (0, 0), 0.95 * along, DESIRED, 3.4)
-    _beside(axes, r"$v_{des}$", 0.9 * along + (0.05, -0.11), DESIRED, fontsize=11)
+    _beside(axes, r"$v_{des}$", 0.9 * along + (0.05, -0.11), DESIRED, fontsize=TITLE)
     parts = ((on_x, r"$v_{\beta x}$", (0.02, -0.1)), (tip_v - on_x, r"$v_{\beta y}$", (-0.13, 0.0)))
     for part, letter, shift in parts:
         axes.plot(*zip(tip_v, part, strict=True), color=BLUE, linewidth=0.9, linestyle=(0, (4, 3)), zorder=2)
         arrow(axes, (0, 0), part, BLUE, 1.4)
-        _beside(axes, letter, part + shift, BLUE, fontsize=10)
+        _beside(axes, letter, part + shift, BLUE, fontsize=TITLE)
     arrow(axes, (0, 0), tip_v, BLUE, 2.6)
-    _beside(axes, "$v$", _polar(0.93, direction), BLUE, fontsize=12)
+    _beside(axes, "$v$", _polar(0.93, direction), BLUE, fontsize=TITLE)
     for i, force in enumerate(example.directions):
         chosen = i == example.selected
         colour = ORANGE if chosen else TEXT if example.ranks[i] else QUIET

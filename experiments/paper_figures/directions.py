@@ -30,8 +30,23 @@ from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
 from core.workspace import Array, brake_rows, held_in_any_direction
 from experiments.analysis.metrics import trial_metrics
-from experiments.analysis.sheet import BLUE, CM, QUIET, SHADED, SMALL, TEXT, arrow, plain, sheet, title
-from experiments.paper_figures.brake import parameters_of
+from experiments.analysis.sheet import (
+    BLUE,
+    CM,
+    MIDDLE,
+    PAGE_IN,
+    QUIET,
+    SHADED,
+    SMALL,
+    TEXT,
+    TITLE,
+    arrow,
+    plain,
+    sheet,
+    title,
+)
+from experiments.numbers import fixed
+from experiments.paper_figures.brake import WHITE, parameters_of
 from experiments.paper_figures.workspace import Workspace, draw_outline, in_cm, workspace_of
 from experiments.plan import PlannedTrial
 from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
@@ -42,7 +57,7 @@ from experiments.trial.trial import Trial
 
 HALF_TURN = math.pi
 LEVELS_DEG = np.arange(220.0, 321.0, 10.0)  # of the maps' common scale; beyond it: the end's colour
-LABEL_APART_M = 0.045
+LABEL_APART_M = 0.06
 
 
 def gaps(lines: npt.ArrayLike) -> Array:
@@ -80,7 +95,7 @@ def draw_sketch() -> Figure:
         "Dark: directions in which the brakes cannot push while the tip moves along v, although a passive device "
         "could. Light: they would add energy, no passive device can push there. White: any force, by brakes together."
     )
-    figure, [row] = sheet(text, (6.4, 3.8), (0.15, 0.15, 0.1, 0.4), columns=2, between_in=(0.2, 0.0))
+    figure, [row] = sheet(text, (PAGE_IN, 4.1), (0.15, 0.15, 0.1, 0.4), columns=2, between_in=(0.2, 0.0))
     words = ("(a) Two actuators", "(b) Four actuators, evenly spaced")
     for axes, count, label in zip(row, (2, 4), words, strict=True):
         _draw_directions(axes, HALF_TURN * (np.arange(count) + 0.5) / count)
@@ -99,10 +114,10 @@ def _draw_directions(axes: Axes, lines: Array) -> None:
         arrow(axes, (0, 0), (0.86 * c, 0.86 * s), BLUE, 2.0)
         axes.text(1.11 * c, 1.11 * s, f"$F_{i + 1}$", ha="center", va="center")
     arrow(axes, (0, 0), (0.8, 0), TEXT, 2.0)
-    axes.text(0.88, 0.0, "$v$", ha="center", va="center", fontsize=11)
+    axes.text(0.88, 0.0, "$v$", ha="center", va="center", fontsize=TITLE)
     axes.plot(0, 0, "o", color=TEXT, markersize=5)
     total = 360.0 - math.degrees(high - low)
-    axes.text(0.5, -0.5, f"unachievable:\n{total:g}°", ha="center", va="center", linespacing=1.4, fontsize=8.0)
+    axes.text(0.5, -0.5, f"unachievable:\n{total:g}°", ha="center", va="center", linespacing=1.4, fontsize=MIDDLE)
     axes.set(xlim=(-1.22, 1.05), ylim=(-1.15, 1.15), aspect="equal")
     axes.axis("off")
 
@@ -115,7 +130,7 @@ def draw_maps(devices: Sequence[Device]) -> Figure:
         "SDOF paths; the mean is over all directions of velocity. Grey: the limit set by the hard stops."
     )
     workspaces = [workspace_of(device.mechanism) for device in devices]
-    width, margins, between, rows = 7.4, (0.6, 1.0, 0.5, 0.4), (0.3, 0.85), len(devices)
+    width, margins, between, rows = PAGE_IN, (0.6, 1.0, 0.5, 0.4), (0.3, 0.85), len(devices)
     each = 0.5 * (width - margins[0] - margins[1] - between[0])
     inner = max(workspace.height_in(each, bases=False) for workspace in workspaces) * rows + between[1] * (rows - 1)
     figure, grid = sheet(text, (width, inner), margins, rows, 2, between, inside=True)
@@ -131,7 +146,7 @@ def draw_maps(devices: Sequence[Device]) -> Figure:
     bar = figure.add_axes((1.0 - 0.75 / width, bottom, 0.15 / width, (inner - 0.25) / height))
     figure.colorbar(filled, cax=bar, ticks=LEVELS_DEG)
     bar.set_yticks(LEVELS_DEG, [f"{level:g}°" for level in LEVELS_DEG])
-    bar.set_title("unachievable", fontsize=8.0, pad=6)
+    bar.set_title("unachievable", fontsize=MIDDLE, pad=6)
     bar.tick_params(length=0)
     return figure
 
@@ -232,13 +247,13 @@ def draw_displays() -> Figure:
         "Left: range along the segments, worst value as text. Right: each trial a circle, median (path error) or mean "
         "(share of ticks with a felt hand and no valid brake) as text."
     )
-    size = 9.0, 1.6 + 0.35 * len(found)
-    figure, [axes] = sheet(text, size, (1.15, 0.25, 0.5, 0.4), columns=4, between_in=(0.35, 0.0))
+    size = PAGE_IN, 1.8 + 0.5 * len(found)
+    figure, [axes] = sheet(text, size, (1.0, 0.15, 0.5, 0.55), columns=4, between_in=(0.2, 0.0))
     panels: tuple[tuple[str, str, list[np.ndarray], Callable[[np.ndarray], float]], ...] = (
-        ("Widest gap of force lines", "°", [np.degrees(one.widest_gap) for one in found], np.max),
-        ("A full lock holds", "N", [one.holds for one in found], np.min),
-        ("SDOF path error", "mm", [1e3 * one.path_error for one in found], np.median),
-        ("SDOF, no valid brake", "%", [1e2 * one.unreachable for one in found], np.mean),
+        ("Widest gap\nof force lines", "°", [np.degrees(one.widest_gap) for one in found], np.max),
+        ("A full lock\nholds", "N", [one.holds for one in found], np.min),
+        ("SDOF\npath error", "mm", [1e3 * one.path_error for one in found], np.median),
+        ("SDOF,\nno valid brake", "%", [1e2 * one.unreachable for one in found], np.mean),
     )
     for place, (panel, (words, unit, values, one_number)) in enumerate(zip(axes, panels, strict=True)):
         plain(panel)
@@ -248,9 +263,11 @@ def draw_displays() -> Figure:
                 panel.plot([series.min(), series.max()], [row, row], "-|", color=BLUE, linewidth=2.0, markersize=9)
             else:
                 panel.plot(series, np.full(len(series), row), "o", color=BLUE, markersize=4, alpha=0.5, mew=0.0)
-            shown = f"{one_number(series):.1f} {unit}" if unit in ("mm", "%") else f"{one_number(series):.0f} {unit}"
-            panel.text(1.0, row + 0.33, shown, transform=panel.get_yaxis_transform(), ha="right", va="center")
-        panel.set(ylim=(len(found) - 0.5, -0.6), xlabel=unit, xlim=(0.0, 1.1 * max(series.max() for series in values)))
+            number = fixed(one_number(series), 1 if unit in ("mm", "%") else 0)
+            shown = f"{number}°" if unit == "°" else f"{number} {unit}"
+            place = panel.get_yaxis_transform()
+            panel.text(1.0, row + 0.4, shown, transform=place, ha="right", va="center", bbox=WHITE)
+        panel.set(ylim=(len(found) - 0.35, -0.5), xlabel=unit, xlim=(0.0, 1.1 * max(series.max() for series in values)))
         names = [one.device.name for one in found] if place == 0 else []
         panel.set_yticks(range(len(found)), names or [""] * len(found))
     return figure

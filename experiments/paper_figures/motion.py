@@ -35,7 +35,22 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.stick_slip import FREE, STILL
 from core.workspace import Array
-from experiments.analysis.sheet import BLUE, BROWN, CM, ORANGE, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.analysis.sheet import (
+    BLUE,
+    BROWN,
+    CM,
+    ORANGE,
+    PAGE_IN,
+    QUIET,
+    SHADED,
+    TEXT,
+    TITLE,
+    legend_at,
+    plain,
+    sheet,
+    title,
+)
+from experiments.numbers import place_cm
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, brake_angles, draw_outline, sdof_path, workspace_of
 from experiments.plan import PlannedTrial
@@ -47,7 +62,7 @@ from experiments.trial.trial import Trial
 def _heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
     """What the figure shows, and under it the legend of all its panels."""
     width, height = figure.get_size_inches()
-    figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=10.5, parse_math=False)
+    figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=TITLE, parse_math=False)
     legend_at(figure, handles, 0.65, 0.36, columnspacing=1.5, **legend)
 
 
@@ -115,14 +130,14 @@ def draw_releases(device: Device) -> Figure:
     locks = ("", *device.braked)
     text = (
         f"{parameters_of(device)} Simulation only (integrator event, full brake model with backlash). Our choice: "
-        f"{FORCE_N:g} N towards an anchor at ({CM * anchor[0]:.0f}, {CM * anchor[1]:.0f}) cm; the handle is let go at "
+        f"{FORCE_N:g} N towards an anchor at {place_cm(anchor)}; the handle is let go at "
         "rest at three places (circles), the locked brake at full current for long before, the others off. Thin: the "
         "SDOF path of the locked brake through each place; the tip may leave it by the backlash, some mm. Grey: the "
         "limit set by the hard stops."
     )
-    size = max(1.0 + 1.62 * len(locks), 6.4), 4.75  # at least the legend's width
+    size = PAGE_IN, 4.75
     figure, grid = sheet(
-        text, size, (0.65, 0.15, 0.5, 0.95), 3, len(locks), (0.16, 0.42), inside=True, height_ratios=(1.5, 1, 1)
+        text, size, (0.65, 0.15, 0.5, 0.95), 3, len(locks), (0.16, 0.45), inside=True, height_ratios=(1.5, 1, 1)
     )
     motions = [[release(device, start, anchor, locked) for start in starts] for locked in locks]
     _same_frame(grid[0], np.concatenate([motion.tip for column in motions for motion in column]))
@@ -146,8 +161,8 @@ def draw_releases(device: Device) -> Figure:
         middle.tick_params(labelbottom=False)
         lower.set_xlabel("time (s)")
     handles = [
-        Line2D([], [], linewidth=1.4, label=f"from ({CM * x:.0f}, {CM * y:.0f}) cm".replace("-", "−"), **look)
-        for (x, y), look in zip(starts, LOOKS, strict=True)
+        Line2D([], [], linewidth=1.4, label=f"from {place_cm(start)}", **look)
+        for start, look in zip(starts, LOOKS, strict=True)
     ]
     _heading(figure, f"Spring release, {device.name}", handles, handlelength=2.8)
     figure.align_ylabels(grid[:, 0])
@@ -232,13 +247,13 @@ def draw_stopping(device: Device) -> Figure:
     tip = (float(workspace.home[0]), float(workspace.home[1]))
     held = least_held(device.mechanism, device.brakes, np.array([tip]))
     text = (
-        f"{parameters_of(device)} Handle at ({round(100.0 * tip[0])}, {round(100.0 * tip[1])}) cm, where a full lock "
+        f"{parameters_of(device)} Handle at {place_cm(tip)}, where a full lock "
         f"holds {held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for "
         "a hand that does whatever it wants with no more than that push, brakes off until now, in the worst direction "
         "of its motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed "
         "straight on, in its worst direction, with the play."
     )
-    figure, [axes] = sheet(text, (8.0, 3.9), (0.65, 0.25, 0.5, 0.95), 1, 2, (0.6, 0.0), sharey=True)
+    figure, [axes] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.25, 0.5, 0.95), 1, 2, (0.6, 0.0), sharey=True)
     for panel, play, words in ((axes[0], True, "With the play of the brakes"), (axes[1], False, "Without play")):
         for push, colour in PUSHES_N.items():
             if push >= held:
@@ -324,26 +339,27 @@ def draw_passive_master(device: Device) -> Figure:
         f"{parameters_of(device)} Simulation only; hand, slave and wall are our choice. A hand (spring of "
         f"{HAND_N_M:g} N/m, at most {HAND_MOST_N:g} N) goes {1e3 * reach_in(workspace):.0f} mm into a wall that a "
         "slave touches, and holds there. Brakes: controller `reflect`, full brake model. Motor: exerts the force that "
-        "arrives as it is, brakes off. Put in: the most that the work of their forces on the tip came to at any time."
+        "arrives as it is, brakes off. Shaded: behind the wall. Put in: "
+        "the most that the work of their forces on the tip came to at any time."
     )
-    figure, [[course, energy, share]] = sheet(text, (10.0, 4.1), (0.65, 0.2, 0.5, 0.95), 1, 3, (0.75, 0.0))
+    figure, [[course, energy, share]] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.2, 0.5, 0.95), 1, 3, (0.6, 0.0))
     found = {m: [contact(device, workspace, delay, m) for delay in DELAYS_S] for m in (False, True)}
     delays = 1e3 * np.array(DELAYS_S)
-    looks = {False: ("brakes", BLUE), True: ("motor", ORANGE)}
+    looks = {False: ("brakes", BLUE, "o-"), True: ("motor", ORANGE, "s-")}
     at = DELAYS_S.index(SHOWN_DELAY_S)
-    for motor, (name, colour) in looks.items():
+    for motor, (name, colour, look) in looks.items():
         one = found[motor][at]
         t = one.rows[:, log.T]
         course.plot(t, 1e3 * one.depth, color=colour, linewidth=1.6, label=f"handle, {name}")
         course.plot(t, 1e3 * one.slave, color=colour, linewidth=0.9, linestyle=(0, (4, 2)), label=f"slave, {name}")
-        energy.plot(delays, [c.put_in_J for c in found[motor]], "o-", color=colour, markersize=4)
-        share.plot(delays, [100.0 * c.share for c in found[motor]], "o-", color=colour, markersize=4)
-    course.axhline(0.0, color=QUIET, linewidth=1.2)
-    course.annotate("wall", (DURATION_S, 0.0), (-4, 3), textcoords="offset points", ha="right", color=TEXT, fontsize=8)
-    course.set(xlabel="time (s)", ylabel="behind the wall (mm)", xlim=(0.0, DURATION_S))
+        energy.plot(delays, [c.put_in_J for c in found[motor]], look, color=colour, markersize=4)
+        share.plot(delays, [100.0 * c.share for c in found[motor]], look, color=colour, markersize=4)
+    low, high = course.get_ylim()
+    course.axhspan(0.0, high, color=SHADED, linewidth=0.0, zorder=0)
+    course.set(ylim=(low, high), xlabel="time (s)", ylabel="behind the wall (mm)", xlim=(0.0, DURATION_S))
     energy.set(xlabel="delay, each way (ms)", ylabel="energy put in (J)")
-    share.set(xlabel="delay, each way (ms)", ylabel="share of the force exerted (%)", ylim=(0.0, 108.0))
-    titles = f"{1e3 * SHOWN_DELAY_S:g} ms each way", "Energy put in", "Force exerted / force sent"
+    share.set(xlabel="delay, each way (ms)", ylabel="of the force sent (%)", ylim=(0.0, 108.0))
+    titles = f"{1e3 * SHOWN_DELAY_S:g} ms each way", "Energy put in", "Force exerted"
     for axes, words in zip((course, energy, share), titles, strict=True):
         plain(axes)
         title(axes, words)

@@ -11,7 +11,16 @@ from matplotlib.figure import Figure
 
 from core.device import COBOT_FOLDER
 from core.path import line
-from experiments.analysis.sheet import BLUE, ORANGE, QUIET, TEXT, plain, sheet, title
+from experiments.analysis.sheet import (
+    BLUE,
+    ORANGE,
+    PAGE_IN,
+    QUIET,
+    TEXT,
+    plain,
+    sheet,
+    title,
+)
 from experiments.simulate.cobot_scene import ALONG_PATH, AT_WALL, FREE, CobotRun, CobotScene, load_cobot
 
 SECONDS, STEP_S = 4.0, 1e-3
@@ -49,7 +58,7 @@ def draw_scooter() -> Figure:
         f"Triangle: the body every {SHOWN_EVERY_M:g} m; strokes: its castors; line: its centre of mass, which is "
         "what is kept from the wall; arrow: the hand's force there (free castors: with a torque of 0.3 N m)."
     )
-    figure, [panels] = sheet(text, (10.0, 2.75), (0.65, 0.2, 0.5, 0.4), 1, 3, (0.35, 0.0), sharey=True)
+    figure, [panels] = sheet(text, (PAGE_IN, 2.5), (0.55, 0.1, 0.45, 0.4), 1, 3, (0.2, 0.0), sharey=True)
     for axes, (words, scene) in zip(panels, scenes().items(), strict=True):
         rows = CobotRun(scene).run_chunk(scene.rows)
         if scene.mode == AT_WALL:
@@ -65,7 +74,8 @@ def draw_scooter() -> Figure:
         axes.annotate("", start + push, start, arrowprops={"arrowstyle": "-|>", "color": ORANGE}, zorder=5)
         plain(axes)
         title(axes, words)
-        axes.set(xlabel="x (m)", aspect="equal", adjustable="box", xlim=(-0.4, 2.6), ylim=(-0.6, 0.9))
+        axes.set(xlabel="x (m)", xticks=(0.0, 1.0, 2.0), aspect="equal", adjustable="box")
+        axes.set(xlim=(-0.4, 2.6), ylim=(-0.6, 0.9))
     panels[0].set_ylabel("y (m)")
     return figure
 

@@ -13,7 +13,17 @@ from core.device import Device
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import Array, arm_pose, free_tips, in_turn_of, joint_angles, sines
 from experiments.analysis.colours import ON_LIGHT
-from experiments.analysis.sheet import CM, QUIET, TEXT, legend_at, plain, sheet, title
+from experiments.analysis.sheet import (
+    CM,
+    MIDDLE,
+    PAGE_IN,
+    QUIET,
+    TEXT,
+    legend_at,
+    plain,
+    sheet,
+    title,
+)
 from experiments.paper_figures.brake import parameters_of
 
 #: Joint -> colour and line; a print without colour tells the lines apart.
@@ -163,7 +173,7 @@ def draw_sdof_paths(device: Device) -> Figure:
         "angle. Grey: the limit set by the hard stops. Black: the linkage, tip D."
     )
     left, right = 0.6, 0.15
-    size = 6.4, workspace.height_in(6.4 - left - right)
+    size = PAGE_IN, workspace.height_in(PAGE_IN - left - right)
     figure, [[axes]] = sheet(text, size, (left, right, 0.5, 0.6), inside=True)
     plain(axes, grid=False)
     handles = []
@@ -177,5 +187,5 @@ def draw_sdof_paths(device: Device) -> Figure:
     _draw_linkage(axes, device.mechanism, workspace.home)
     in_cm(axes, workspace)
     title(axes, f"SDOF paths, {device.name}")
-    legend_at(figure, handles, left, 0.1, handlelength=2.4, columnspacing=1.0, fontsize=8.0)
+    legend_at(figure, handles, left, 0.1, handlelength=2.4, columnspacing=1.0, fontsize=MIDDLE)
     return figure

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.chart_figures import draw_boxplots
+from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.charts import boxes, told_apart
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
@@ -67,13 +67,19 @@ class Found:
 
 
 def analyze(
-    folder: Path, out: Path | None = None, unblind: str = "", timeouts: bool = False, progress: Progress = unseen
+    folder: Path,
+    out: Path | None = None,
+    unblind: str = "",
+    timeouts: bool = False,
+    purpose: str = SCREEN,
+    progress: Progress = unseen,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
     A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` gives what
     that does to each box. unblind: who opens the keys of blind sessions, for this analysis alone: it is written into
     their journals, and their own tables stay coded. timeouts: trials whose time was up are in boxes and statistics.
+    purpose: of the figures, as `draw_boxplots` has it.
     InputError if there is nothing to analyze.
     """
     folder = Path(folder)
@@ -106,7 +112,7 @@ def analyze(
             rows += rows_without_recording(session, journal)
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", found.rows)
-        warned = conclude(folder, out, found, timeouts) if found.rows else []
+        warned = conclude(folder, out, found, timeouts, purpose) if found.rows else []
     except BaseException:
         if not any(out.iterdir()):
             out.rmdir()
@@ -165,13 +171,13 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
     return [row]
 
 
-def conclude(folder: Path, out: Path, found: Found, timeouts: bool) -> list[str]:
+def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str) -> list[str]:
     """Draw the figures and write the report; its warnings."""
     left_out = len(found.left_out)
     without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
     label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
     protocol, rows = " and ".join(sorted(found.protocols)), told_apart(found.rows)
-    draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts)
+    draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts=timeouts, purpose=purpose)
     if not any(row.status in COUNTED for row in found.rows):
         return []
     presets = dict(sorted(found.presets.items()))

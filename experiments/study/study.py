@@ -13,7 +13,7 @@ import numpy as np
 
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.chart_figures import draw_boxplots
+from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
@@ -51,9 +51,17 @@ TRIAL_BYTES = 800_000  # of a recording of the paper's protocol, about: the mean
 
 
 def run_study(
-    out: Path, operators: int, protocol: Protocol, population: Population, progress: Progress = unseen
+    out: Path,
+    operators: int,
+    protocol: Protocol,
+    population: Population,
+    purpose: str = SCREEN,
+    progress: Progress = unseen,
 ) -> dict:
-    """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input."""
+    """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input.
+
+    purpose: of the figures, as `draw_boxplots` has it.
+    """
     out = Path(out)
     refuse_too_many(out, operators, protocol)
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
@@ -61,10 +69,10 @@ def run_study(
     with helpers(operators) as beside, hold_lock(out):
         study = StudyPlan(operators, settled(protocol, population), population)
         write_study(out, study)
-        return carry_out(out, study, beside, progress)
+        return carry_out(out, study, beside, purpose, progress)
 
 
-def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = unseen) -> dict:
+def resume_study(out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = unseen) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -78,7 +86,7 @@ def resume_study(out: Path, asked: Mapping[str, object], progress: Progress = un
     refuse_other(out, study, asked)
     load_kernels()
     with helpers(study.operators) as beside, hold_lock(out):
-        return carry_out(out, study, beside, progress)
+        return carry_out(out, study, beside, purpose, progress)
 
 
 def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
@@ -93,10 +101,10 @@ def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
         )
 
 
-def carry_out(out: Path, study: StudyPlan, beside: Helpers, progress: Progress) -> dict:
+def carry_out(out: Path, study: StudyPlan, beside: Helpers, purpose: str, progress: Progress) -> dict:
     """Run what is not done yet; the summary. An interrupt says how the study goes on."""
     try:
-        return Run(out, study, beside.shared, progress).carry_out(beside)
+        return Run(out, study, beside.shared, progress, purpose).carry_out(beside)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(going_on(out)) from None
 
@@ -109,6 +117,7 @@ class Run:
     study: StudyPlan
     shared: Shared
     progress: Progress = unseen
+    purpose: str = SCREEN  # of the figures
     done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
@@ -211,7 +220,8 @@ class Run:
             with new_folders([self.out / name], "a study") as (folder,):
                 if name == FIGURES:
                     label = f"{note}, {operators.label}"
-                    draw_boxplots(table, folder, label, protocol.labels(), protocol.name, pool=beside.pool)
+                    what = table, folder, label, protocol.labels(), protocol.name
+                    draw_boxplots(*what, pool=beside.pool, purpose=self.purpose)
                 else:
                     write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
 

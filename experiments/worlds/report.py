@@ -23,8 +23,8 @@ from experiments.analysis.sheet import (
     BLUE,
     LINE,
     ORANGE,
+    PAGE_IN,
     QUIET,
-    SHADED,
     SMALL,
     STYLE,
     figure_bytes,
@@ -33,7 +33,7 @@ from experiments.analysis.sheet import (
     title,
 )
 from experiments.analysis.trials_table import csv_bytes
-from experiments.numbers import percent, significant
+from experiments.numbers import fixed, percent, significant
 from experiments.protocol_writer import whole_text
 from experiments.worlds.ranges import Range, Ranges, Value, problem
 
@@ -45,7 +45,7 @@ SEED = 1  # of the bootstrap behind the intervals
 LEAST_EITHER = 30  # worlds in which it holds, and in which it does not: fewer give no index worth the name
 BINS = 8  # of a range without choices
 RARE = 0.2  # a statement that holds in a smaller share of all worlds is drawn larger
-SHOWN = 4  # assumptions that decide a statement most
+SHOWN = 3  # assumptions that decide a statement most
 
 
 class Worlds(NamedTuple):
@@ -225,7 +225,7 @@ def _shares(worlds: Worlds, other: dict[str, np.ndarray]) -> str:
         low, high = wilson(int(holds[:, i].sum()), n)
         unclear = np.isnan(worlds.margins[:, i]).mean()
         again = [percent(verdicts[:, i].mean(), 1) for verdicts in other.values()]
-        share = f"**{percent(holds[:, i].mean(), 1)}** ({percent(low, 1)} to {percent(high, 1)})"
+        share = f"**{percent(holds[:, i].mean(), 1)}** ({percent(float(low), 1)} to {percent(float(high), 1)})"
         lines.append((statement.number, statement.text, share, percent(unclear, 1), *again))
     return _table(("", "the paper says", "holds in", "cannot tell", *other), lines)
 
@@ -381,26 +381,26 @@ def overview(
     n = len(holds)
     with matplotlib.rc_context(STYLE):
         note += " Lines: its 95 % interval."
-        figure, ((left, right),) = sheet(note, (11.0, 4.6), (3.1, 0.25, 0.45, 0.35), columns=2, between_in=(2.3, 0.0))
+        figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 7.4), (3.1, 0.15, 0.45, 0.35), 2, 1, (0.0, 0.75))
         places = np.arange(len(STATEMENTS))
         p = holds.mean(axis=0)
         low, high = wilson(holds.sum(axis=0), n)
-        left.barh(places, p, 0.62, color=BLUE, zorder=2)
-        left.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=QUIET, elinewidth=1.0, zorder=3)
+        upper.barh(places, p, 0.62, color=BLUE, zorder=2)
+        upper.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=QUIET, elinewidth=1.0, zorder=3)
         for (name, verdicts), marker in zip(other.items(), ("|", "x"), strict=False):
-            left.plot(verdicts.mean(axis=0), places, marker, color=ORANGE, label=name, markersize=7.0, zorder=4)
-        left.legend(frameon=False, fontsize=SMALL, loc="lower right")
-        names = [textwrap.fill(f"{one.number}  {one.text}", 52) for one in STATEMENTS]
-        left.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
-        left.invert_yaxis()
-        left.tick_params(axis="y", labelsize=SMALL, length=0)
-        title(left, "Share of worlds in which it holds")
-        right.barh(np.arange(len(settled)), [share for _, share in settled], 0.62, color=ORANGE, zorder=2)
-        right.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
-        right.invert_yaxis()
-        right.tick_params(axis="y", labelsize=SMALL, length=0)
-        title(right, "Share of all doubt that knowing it settles" if settled else "No assumption alone settles any")
-        for axes in (left, right):
+            upper.plot(verdicts.mean(axis=0), places, marker, color=ORANGE, label=name, markersize=7.0, zorder=4)
+        upper.legend(frameon=False, fontsize=SMALL, loc="lower right")
+        names = [textwrap.fill(f"{one.number}  {one.text}", 50) for one in STATEMENTS]
+        upper.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
+        upper.invert_yaxis()
+        upper.tick_params(axis="y", labelsize=SMALL, length=0)
+        title(upper, "Share of worlds in which it holds")
+        lower.barh(np.arange(len(settled)), [share for _, share in settled], 0.62, color=ORANGE, zorder=2)
+        lower.set(yticks=np.arange(len(settled)), yticklabels=[name for name, _ in settled], xlim=(0.0, None))
+        lower.invert_yaxis()
+        lower.tick_params(axis="y", labelsize=SMALL, length=0)
+        title(lower, "Share of all doubt that knowing it settles" if settled else "No assumption alone settles any")
+        for axes in (upper, lower):
             plain(axes, grid=False)
             axes.grid(axis="x", color=LINE, linewidth=0.6)
         return figure_bytes(figure, "png")
@@ -413,20 +413,20 @@ def decided_by(
     rows = [i for i in range(len(STATEMENTS)) if np.isfinite(first[i]).any()]
     columns = min(SHOWN, len(ranges))
     note += (
-        " Drawn: the share of worlds in which the statement holds, with its 95 % interval; dotted: of all worlds. "
-        "Above: the assumption, its first-order index and half of that one's 95 % interval."
+        " Drawn: the share of worlds in which the statement holds, with its 95 % interval (shaded); dotted: of "
+        "all worlds. Above: the assumption, its first-order index and half of that one's 95 % interval."
     )
     with matplotlib.rc_context(STYLE):
-        size, margins = (11.0, 1.32 * max(len(rows), 1)), (2.0, 0.2, 0.45, 0.4)
-        figure, grid = sheet(note, size, margins, max(len(rows), 1), columns, (0.35, 0.5), inside=True)
+        size, margins = (PAGE_IN, 1.35 * max(len(rows), 1)), (1.75, 0.15, 0.45, 0.4)
+        figure, grid = sheet(note, size, margins, max(len(rows), 1), columns, (0.3, 0.6), inside=True)
         for axes_row, i in zip(grid, rows, strict=False):
             order = np.argsort(-first[i], kind="stable")[:columns]
             for axes, j in zip(axes_row, order, strict=True):
                 column = list(ranges)[j]
                 _share_against(axes, ranges[column], shares[:, j], holds[:, i])
-                index = f"{label(column, ranges[column])}: {first[i, j]:.2f} ± {half[i, j]:.2f}"
+                index = f"{label(column, ranges[column])}\n{fixed(first[i, j], 2)} ± {fixed(half[i, j], 2)}"
                 axes.set_title(index, fontsize=SMALL, loc="left", pad=3)
-            statement = textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 30)
+            statement = textwrap.fill(f"{STATEMENTS[i].number}  {STATEMENTS[i].text}", 26)
             axes_row[0].set_ylabel(statement, rotation=0, ha="right", va="center", fontsize=SMALL)
         return figure_bytes(figure, "png")
 
@@ -446,7 +446,7 @@ def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray
         axes.vlines(middles, low, high, color=QUIET, linewidth=1.0, zorder=3)
         axes.set_xticks(middles, [str(choice) for choice in one.choices])
     else:
-        axes.fill_between(middles, low, high, color=SHADED, zorder=1)
+        axes.fill_between(middles, low, high, color=BLUE, alpha=0.25, linewidth=0.0, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
         axes.set_xticks((0.0, 0.5, 1.0), [significant(float(one.at(share))) for share in (0.0, 0.5, 1.0)])
     top = 1.0 if holds.mean() > RARE or p.max() > 2.0 * RARE else 2.0 * RARE

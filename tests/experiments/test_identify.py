@@ -126,7 +126,7 @@ def in_other_units(steps: list[Step], t=1.0, current=1.0, speed=1.0, torque=1.0)
 OTHER_UNITS = {
     "milliseconds": ({"t": 1e3}, "t_s", "ms ("),
     "microseconds": ({"t": 1e6}, "t_s", "us ("),
-    "mN m": ({"torque": 1e3}, "torque_N_m", "mN m (5.3e+03 mN m = 5.3 N m)"),
+    "mN m": ({"torque": 1e3}, "torque_N_m", "mN m (5300 mN m = 5.3 N m)"),
     "N cm": ({"torque": 1e2}, "torque_N_m", "N cm (530 N cm = 5.3 N m)"),
     "rad/s": ({"speed": math.pi / 30.0}, "speed_rpm", "rad/s (6.7 rad/s = 64 rpm)"),
     "rev/s": ({"speed": 1.0 / 60.0}, "speed_rpm", "rev/s (1.07 rev/s = 64 rpm)"),
@@ -148,7 +148,7 @@ def test_numbers_in_another_unit_give_a_warning_that_names_it_and_the_file_says_
 
 def test_currents_in_mA_are_no_brake_that_can_exist_and_the_refusal_names_the_unit(quiet):
     found = identify_steps(in_other_units(quiet, current=1e3), "steps.csv")
-    with pytest.raises(InputError, match=r"current_to_A: .* likely unit: mA \(1e\+03 mA = 1 A\)"):
+    with pytest.raises(InputError, match=r"current_to_A: .* likely unit: mA \(1000 mA = 1 A\)"):
         brake_text(found, "mine")
 
 
