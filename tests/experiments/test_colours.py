@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.window.painting.palette import DARK, LIGHT
+from app.window.widgets.palette import DARK, LIGHT
 from experiments.analysis.chart_figures import colour_of
 from experiments.analysis.colours import ON_DARK, ON_LIGHT
 from experiments.paper_figures.workspace import JOINT_COLOURS
