@@ -76,6 +76,9 @@ def _conclusions_left_out() -> Iterator[None]:
         yield
 
 
+PDF_FONTS = STYLE["pdf.fonttype"]  # before `_coarse_prints`
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _coarse_prints() -> Iterator[None]:
     """Figures have few dots, and letters as drawings, which is faster; but for tests that ask for `fine_prints`."""
@@ -89,7 +92,7 @@ def _coarse_prints() -> Iterator[None]:
 def fine_prints(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures as people get them."""
     monkeypatch.setattr("experiments.analysis.sheet.PNG_DPI", PNG_DPI)
-    monkeypatch.setitem(STYLE, "pdf.fonttype", 42)
+    monkeypatch.setitem(STYLE, "pdf.fonttype", PDF_FONTS)
 
 
 @pytest.fixture

@@ -403,8 +403,7 @@ def work_precision(result: dict) -> dict[str, bytes]:
                                   markersize=4, linewidth=1.0)  # fmt: skip
                 ax.set_title(f"{scene}, {device}")
                 ax.grid(True, linewidth=0.3)
-        for ax in axes[-1]:
-            ax.set_xlabel("computing (ms) per simulated second")
+        axes[-1][len(_SCENES_DRAWN) // 2].set_xlabel("computing (ms) per simulated second")
         for line in axes:
             line[0].set_ylabel("RMS tip error (m)")
         handles, labels = axes[0][0].get_legend_handles_labels()

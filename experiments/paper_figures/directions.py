@@ -265,8 +265,8 @@ def draw_displays() -> Figure:
                 panel.plot(series, np.full(len(series), row), "o", color=BLUE, markersize=4, alpha=0.5, mew=0.0)
             number = fixed(one_number(series), 1 if unit in ("mm", "%") else 0)
             shown = f"{number}°" if unit == "°" else f"{number} {unit}"
-            place = panel.get_yaxis_transform()
-            panel.text(1.0, row + 0.4, shown, transform=place, ha="right", va="center", bbox=WHITE)
+            beside = panel.get_yaxis_transform()
+            panel.text(1.0, row + 0.4, shown, transform=beside, ha="right", va="center", bbox=WHITE)
         panel.set(ylim=(len(found) - 0.35, -0.5), xlabel=unit, xlim=(0.0, 1.1 * max(series.max() for series in values)))
         names = [one.device.name for one in found] if place == 0 else []
         panel.set_yticks(range(len(found)), names or [""] * len(found))

@@ -21,12 +21,15 @@ from experiments.analysis.findings import CONTROLLER, LITTLE_OF_U, SIMILAR_OF_U,
 from experiments.analysis.metrics import BY_NAME
 from experiments.analysis.sheet import (
     BLUE,
+    BROWN,
     LINE,
     ORANGE,
     PAGE_IN,
+    PALE,
     QUIET,
     SMALL,
     STYLE,
+    TEXT,
     figure_bytes,
     plain,
     sheet,
@@ -381,14 +384,14 @@ def overview(
     n = len(holds)
     with matplotlib.rc_context(STYLE):
         note += " Lines: its 95 % interval."
-        figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 7.4), (3.1, 0.15, 0.45, 0.35), 2, 1, (0.0, 0.75))
+        figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 8.4), (3.1, 0.15, 0.45, 0.35), 2, 1, (0.0, 0.75))
         places = np.arange(len(STATEMENTS))
         p = holds.mean(axis=0)
         low, high = wilson(holds.sum(axis=0), n)
-        upper.barh(places, p, 0.62, color=BLUE, zorder=2)
-        upper.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=QUIET, elinewidth=1.0, zorder=3)
+        upper.barh(places, p, 0.62, color=PALE, zorder=2)
+        upper.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=TEXT, elinewidth=1.0, zorder=3)
         for (name, verdicts), marker in zip(other.items(), ("|", "x"), strict=False):
-            upper.plot(verdicts.mean(axis=0), places, marker, color=ORANGE, label=name, markersize=7.0, zorder=4)
+            upper.plot(verdicts.mean(axis=0), places, marker, color=BROWN, label=name, markersize=7.0, zorder=4)
         upper.legend(frameon=False, fontsize=SMALL, loc="lower right")
         names = [textwrap.fill(f"{one.number}  {one.text}", 50) for one in STATEMENTS]
         upper.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
