@@ -97,7 +97,7 @@ class CurrentTrace(TrialTrace):
         for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
-                on = f" on {duty:.0f}%" if duty else ""
+                on = f" on {duty:.0f} %" if duty else ""
                 parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.JOINT[joint]))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
