@@ -14,6 +14,7 @@ from importlib import import_module
 from types import ModuleType
 
 from core.files import InputError
+from experiments.numbers import percent
 
 #: On Linux one of these names where a window can be.
 PLACES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
@@ -48,7 +49,7 @@ class Progress:
         if PROGRESS in os.environ:
             print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
             return
-        self.place = where or f"{share:.0%}{self._left(share)}".replace("%", " %", 1)
+        self.place = where or f"{percent(share)}{self._left(share)}"
         if not sys.stderr.isatty():
             if self._lines is None:  # not before: a study forks its processes before it has anything to show
                 self._lines = threading.Thread(target=self._write_lines, name="lines of progress", daemon=True)
@@ -57,8 +58,7 @@ class Progress:
         if time.perf_counter() - self.start < 1.0:
             return
         full = round(share * self.CELLS)
-        place = where or f"{share:4.0%}{self._left(share)}"
-        line = f"\r{self.doing} [{'#' * full}{'.' * (self.CELLS - full)}] {place}"
+        line = f"\r{self.doing} [{'#' * full}{'.' * (self.CELLS - full)}] {self.place}"
         if line != self.shown:
             print(line, "\033[K", sep="", end="", file=sys.stderr, flush=True)
             self.shown = line

@@ -176,7 +176,7 @@ def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, 
         with contextlib.closing(Progress("simulating")) as progress:
             now[0] += after
             progress(0.5)
-            assert ("50%" in capsys.readouterr().err) == shows
+            assert ("50 %" in capsys.readouterr().err) == shows
         assert bool(capsys.readouterr().err) == shows  # the bar is wiped again
 
 
@@ -189,7 +189,7 @@ def test_progress_names_the_time_left_at_the_pace_since_it_began(monkeypatch, ca
         now[0] += after
         progress(share)
         shown = capsys.readouterr().err
-        assert f"{share:4.0%}{left}\033[K" in shown and ("left" in shown) == bool(left)
+        assert f"{100.0 * share:.0f} %{left}\033[K" in shown and ("left" in shown) == bool(left)
 
 
 def phd(*arguments: str, **options) -> subprocess.Popen:
