@@ -1,25 +1,27 @@
-"""The paper's eleven statements (Sections V-B and VI), judged within each participant and by boxes.
+"""The paper's eleven statements (Sections V-B and VI), judged by boxes and within each participant.
 
-The rules, fixed before any data, stand in docs/judging.md. A statement is split into claims.
+The rules stand in docs/judging.md. A statement is split into claims, a claim into comparisons: one for each device.
+Each gives one piece of evidence, a difference, first minus second, in units of U, the uncontrolled size on the
+first side's device, with the interval in which it lies. A claim is met where the whole interval meets it, not met where
+no part of it does; else one cannot tell. Smoothness is judged by two sums, which treat the cut at the end of `move`
+differently; where they give two verdicts, the verdict says so.
 
-Within each participant: a claim is split into comparisons, one for each configuration and each measure of one thing.
-In a comparison every participant gives one difference, first minus second, of the medians of their own trials (for
-"consistent": of their trials' mean distance from the middle of the box). `mean_interval` takes the differences as
-normal, which few people cannot show: below six the report warns. "Uncontrolled median": of the participants' scores
-without control, in the same configuration (between configurations: on the three-brake device). Our choices: the
-difference within a person, where the paper compares boxes; "SDOF" reduces path error if it does without and with gap;
-"proportional" against "SDOF" overall is the mean of the two gains against the mean of the two gaps; what four brakes
-gain is judged over the four controllers that brake.
+By boxes, as the paper judges (our choice: it draws boxes and states no rule): a box holds the trials of everyone (three
+people in the paper) with one controller on one device. The difference is that of their medians, or of their lengths
+(q3 - q1) where the spread is compared, and has no interval: it is what a reader of the figure sees.
 
-By boxes, as the paper judges (our choice: it draws boxes and states no rule): a box holds the trials of everyone
-(three people in the paper) with one controller on one device, by the measure of Fig. 16, 17 or 18. U is the size of
-the uncontrolled box on the first side's device: its median, or its length (q3 - q1) where lengths are compared.
-Several controllers on one side count by the mean of their medians. A rule's margin, in units of U, is not under 0
-where the rule is met; a statement's margin is the least of its claims on all devices.
+Within each participant: each gives one difference of the means of their own trials (for the spread: of their trials'
+mean distance from the middle of the box). What counts is the mean participant, with Student's interval, which takes the
+differences as normal: few people cannot show whether they are. U is then the participants' mean without control, taken
+as known.
+
+Several controllers on one side count by their mean. Our choices: "SDOF" reduces path error if it does without and with
+gap; "proportional" against "SDOF" overall is the mean of the two gains against the mean of the two gaps; what four
+brakes gain is judged over the four controllers that brake.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,34 +32,35 @@ from experiments.analysis.metrics import BY_NAME, JUDGED
 from experiments.analysis.statistics import (
     PAPER_CONFIGURATIONS,
     Interval,
-    Scores,
     configurations_of,
     finished_share,
     mean_interval,
     people_of,
     scores,
     spreads,
-    too_few,
 )
 from experiments.analysis.trials_table import TrialRow, to_compare
-from experiments.numbers import fixed, percent
+from experiments.numbers import fixed, percent, significant
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
-SIMILAR_SHARE = 0.15  # of the uncontrolled median
-LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # by boxes
+LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # the least difference that matters; where the paper says "similar"
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 DEPENDS = "depends on how the cut is treated"
-#: The two sums of smoothness, as the acceleration is cut and without the ramp that the cut leaves.
-SUMS = ("acceleration_dft_sum", "acceleration_dft_sum_ramp_removed")
-#: What judges the statements within each participant, fixed with the rules: a further measure changes no verdict.
+#: Statement -> share of triples of simulated people in which it holds by boxes though all five controllers are none,
+#: least and most of two populations, by `python -m tests.benchmarks.judging chance`. On 10: the devices differ.
+CHANCE = dict.fromkeys(range(1, 12), (0.0, 0.0)) | {
+    3: (0.0, 0.01), 6: (0.61, 0.87), 8: (0.99, 0.99), 10: (0.07, 0.48),
+}  # fmt: skip
+#: What judges the statements: the measures of Figs. 16 to 18, the last with and without the ramp that the cut leaves.
 #: The exact acceleration is none of them, a real device has no accelerometer.
-ERROR, FORCE = ("path_error_m",), ("mean_tip_force_N", "force_over_progress_N")
-ROUGHNESS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
-IN_BOXES = tuple(metric.name for metric in JUDGED)  # the measures that have boxes
+IN_BOXES = tuple(metric.name for metric in JUDGED)
+ERROR, FORCE, *SUMS = IN_BOXES
+SMOOTHNESS = "smoothness"  # stands for each of SUMS in turn
 CONTROLLER = {1: "none", 2: "SDOF", 3: "SDOF with gap", 4: "proportional high gain", 5: "proportional low gain"}
 GROUP = {(2, 3): "SDOF, both", (4, 5): "proportional, both", (2, 3, 4, 5): "all controllers"}
 Controllers = tuple[int, ...]  # several: their mean
+Place = tuple[str, str]  # device of the first side, of the second
 
 
 def named(controllers: Controllers) -> str:
@@ -66,24 +69,29 @@ def named(controllers: Controllers) -> str:
 
 
 class Claim(NamedTuple):
-    """One thing to compare: `first` with `second`, by measures that must agree."""
+    """One thing to compare: `first` with `second`."""
 
     kind: str  # BELOW, SIMILAR, AT_MOST
-    measures: tuple[str, ...]
+    measure: str  # ERROR, FORCE, SMOOTHNESS
     first: Controllers
     second: Controllers
-    spread: bool = False  # compare how far trials lie from the middle of the box, not the trials
-    little: bool = False  # "little change": by boxes the band is narrower
+    spread: bool = False  # compare how far trials lie from each other, not the trials
+    little: bool = False  # "little change": a smaller difference matters than where two are "similar"
     clear: bool = False  # "significantly": by boxes neither median may lie in the other box
     devices: bool = False  # first on the three-brake device, second on the four-brake one; else each device in turn
 
-    def places(self, configurations: Sequence[str]) -> list[tuple[str, str]]:
+    @property
+    def matters(self) -> float:
+        """The least difference that matters, in units of U."""
+        return SIMILAR_OF_U if self.kind == SIMILAR and not self.little else LITTLE_OF_U
+
+    def places(self, configurations: Sequence[str]) -> list[Place]:
         """Each place of the comparison: the device of `first`, and that of `second`."""
         return [PAPER_CONFIGURATIONS] if self.devices else [(one, one) for one in configurations]
 
-    def sides(self, place: tuple[str, str]) -> tuple[tuple[str, Controllers], tuple[str, Controllers]]:
-        """What is compared at a place: device and controllers, on either side."""
-        return (place[0], self.first), (place[1], self.second)
+    def cells(self, place: Place) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
+        """What is compared at a place: device and controller, of either side."""
+        return [(place[0], k) for k in self.first], [(place[1], k) for k in self.second]
 
 
 class Statement(NamedTuple):
@@ -95,11 +103,11 @@ class Statement(NamedTuple):
 
 
 def _each(
-    kind: str, measures: tuple[str, ...], *pairs: tuple[int | Controllers, int | Controllers], **more: bool
+    kind: str, measure: str, *pairs: tuple[int | Controllers, int | Controllers], **more: bool
 ) -> tuple[Claim, ...]:
     """A claim for each pair of controllers, or of groups of them."""
     both = ((one if isinstance(one, tuple) else (one,) for one in pair) for pair in pairs)
-    return tuple(Claim(kind, measures, first, second, **more) for first, second in both)
+    return tuple(Claim(kind, measure, first, second, **more) for first, second in both)
 
 
 _ALL = (2, 3, 4, 5)  # the controllers that brake
@@ -115,32 +123,32 @@ STATEMENTS = (
         "SDOF with gap is the most consistent in accuracy",
         _each(BELOW, ERROR, (3, 1), (3, 2), (3, 4), (3, 5), spread=True),
     ),
-    Statement(4, "The gap makes SDOF smoother", _each(BELOW, ROUGHNESS, (3, 2))),
+    Statement(4, "The gap makes SDOF smoother", _each(BELOW, SMOOTHNESS, (3, 2))),
     Statement(5, "The gap lowers the force of SDOF", _each(BELOW, FORCE, (3, 2))),
     Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, (3, 2))),
     Statement(
         7,
         "The low gain lowers force and is smoother, with little change in accuracy",
         _each(BELOW, FORCE, (5, 4), clear=True)
-        + _each(BELOW, ROUGHNESS, (5, 4), clear=True)
+        + _each(BELOW, SMOOTHNESS, (5, 4), clear=True)
         + _each(SIMILAR, ERROR, (5, 4), little=True),
     ),
     Statement(
         8,
         "Low-gain proportional control is about as light and smooth as none",
-        _each(SIMILAR, FORCE, (5, 1)) + _each(SIMILAR, ROUGHNESS, (5, 1)),
+        _each(SIMILAR, FORCE, (5, 1)) + _each(SIMILAR, SMOOTHNESS, (5, 1)),
     ),
     Statement(
         9,
         "Proportional control is lighter and smoother than SDOF",
-        _each(BELOW, FORCE, ((4, 5), (2, 3))) + _each(BELOW, ROUGHNESS, ((4, 5), (2, 3))),
+        _each(BELOW, FORCE, ((4, 5), (2, 3))) + _each(BELOW, SMOOTHNESS, ((4, 5), (2, 3))),
     ),
     Statement(
         10,
         "Four brakes gain nothing over three, and their uncontrolled error spreads wider",
         _each(AT_MOST, ERROR, (_ALL, _ALL), devices=True)
         + _each(AT_MOST, FORCE, (_ALL, _ALL), devices=True)
-        + _each(AT_MOST, ROUGHNESS, (_ALL, _ALL), devices=True)
+        + _each(AT_MOST, SMOOTHNESS, (_ALL, _ALL), devices=True)
         + _each(BELOW, ERROR, (1, 1), spread=True, devices=True),
     ),
     Statement(
@@ -170,122 +178,167 @@ def why_no_findings(controllers: Mapping[int, Preset], coded: bool = False) -> s
     return "The controllers are not those of the paper's Table I, so its statements are not tested."
 
 
-class Comparison(NamedTuple):
-    """One claim, by one measure, in one configuration (or between two)."""
+class Evidence(NamedTuple):
+    """One claim at one place: first minus second, in units of U."""
 
     claim: Claim
-    measure: str
-    where: str
-    answer: bool | None  # None: unclear
-    reason: str = ""  # why unclear, when it is not the interval's width
-    found: Interval | None = None  # of first minus second, in the measure's shown unit
-    band: float = 0.0  # what counts as similar or negligible, in that unit
-
-    @property
-    def what(self) -> str:
-        """What is compared with what."""
-        spread = "spread of " if self.claim.spread else ""
-        against = "" if self.claim.devices else f" against {named(self.claim.second)}"
-        return f"{spread}{BY_NAME[self.measure].short}, {named(self.claim.first)}{against}"
-
-    @property
-    def numbers(self) -> str:
-        """Where, and the difference with its interval."""
-        if self.found is None:
-            return f"{self.where} ({self.reason})"
-        metric = BY_NAME[self.measure]
-        middle, low, high = (fixed(value, 2, "+") for value in self.found[1:])
-        inside = [f"{low} to {high}"] if self.found.is_bounded else []
-        inside += [f"band {self.band:.2f}"] if self.claim.kind != BELOW else []
-        return f"{self.where} {middle} {metric.shown_unit}" + (f" ({'; '.join(inside)})" if inside else "")
-
-    @property
-    def needed(self) -> str:
-        """What the difference must be for the claim."""
-        if self.claim.kind == BELOW:
-            return "less than 0"
-        band = f"{percent(SIMILAR_SHARE)} of the uncontrolled median, the band"
-        return f"at most {band}" if self.claim.kind == AT_MOST else f"within {band}, either way"
+    measure: str  # its column
+    place: Place
+    matters: float  # the least difference that matters
+    why: str = ""  # there is nothing to compare
+    unit: float = math.nan  # U, in the measure's unit
+    found: Interval | None = None  # by boxes without an interval: both ends are the difference
+    apart: float = math.inf  # by boxes, where it must be clear: by how much the medians are outside the other box
 
     @property
     def margin(self) -> float:
-        """How far a true comparison is from not being so, in bands."""
-        if self.found is None or not self.band:
-            return 0.0
-        if self.claim.kind == BELOW:
-            return -self.found.high / self.band
-        outermost = self.found.high if self.claim.kind == AT_MOST else max(self.found.high, -self.found.low)
-        return (self.band - outermost) / self.band
+        """By how much the whole interval meets the claim (not under 0) or does not; nan: nothing to compare."""
+        if self.found is None:
+            return math.nan
+        furthest = max(self.found.high, -self.found.low) if self.claim.kind == SIMILAR else self.found.high
+        return min(self.limit - furthest, self.apart)
+
+    @property
+    def answer(self) -> bool | None:
+        """Whether the claim is met: the whole interval meets it (True), no part does (False), or one cannot tell."""
+        if self.found is None:
+            return None
+        nearest = max(self.found.low, -self.found.high) if self.claim.kind == SIMILAR else self.found.low
+        return True if self.margin >= 0.0 else False if nearest > self.limit or self.apart < 0.0 else None
+
+    @property
+    def limit(self) -> float:
+        """The largest difference (of similar ones: either way) that meets the claim."""
+        return -self.matters if self.claim.kind == BELOW else self.matters
+
+    @property
+    def text(self) -> str:
+        """What is compared with what, where, and the difference with its interval."""
+        metric, claim = BY_NAME[self.measure], self.claim
+        against = named(claim.first) + ("" if claim.devices else f" against {named(claim.second)}")
+        where = " against ".join(dict.fromkeys(self.place))
+        what = f"spread of {metric.short}" if claim.spread else metric.short
+        about = f"{what[:1].upper()}{what[1:]}, {against}, {where}"
+        if self.found is None:
+            return f"{about} ({self.why})"
+        _, middle, low, high = (100.0 * value for value in self.found)
+        interval = f" ({fixed(low, 0, '+')} to {fixed(high, 0, '+')})" if math.isfinite(low) and low < high else ""
+        size = f"{significant(metric.scale * self.unit)} {metric.shown_unit}"
+        return f"{about} {fixed(middle, 0, '+')} %{interval} of the uncontrolled {size}"
+
+    @property
+    def judged(self) -> str:
+        """The numbers, what was needed, and what is amiss."""
+        least = percent(self.matters)
+        needed = {BELOW: f"at least {least} lower", AT_MOST: f"at most {least} higher"}
+        text = f"{self.text}; needed: {needed.get(self.claim.kind, f'within {least}, either way')}"
+        if self.found is None or self.answer:
+            return text
+        if self.answer is None:
+            return text + (
+                ", but the interval is too wide" if self.found.is_bounded else ", but one participant has no interval"
+            )
+        if self.claim.kind == BELOW and max(self.found.high, -self.found.low) <= self.matters:
+            return text + ": smaller than matters"
+        return text + (": a median lies in the other box" if self.margin == self.apart else "")
 
 
 class Finding(NamedTuple):
     """A statement's verdict, with what it rests on."""
 
     statement: Statement
-    verdict: str  # HOLDS, FAILS, CANNOT_TELL
+    verdict: str  # HOLDS, FAILS, CANNOT_TELL; DEPENDS where the two sums give two verdicts
     sentence: str
-    people: int  # the fewest that any of its comparisons rests on
-    comparisons: tuple[Comparison, ...]
+    margins: tuple[float, float]  # by either sum: the least of its comparisons, in units of U; nan: one is missing
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def margin(self) -> float:
+        """The lesser by the two sums."""
+        return math.nan if math.isnan(sum(self.margins)) else min(self.margins)
+
+
+Compare = Callable[[Claim, str, Place], Evidence]  # a claim, by the measure of this column, at a place
+
+
+def _finding(statement: Statement, compare: Compare, configurations: Sequence[str]) -> Finding:
+    by_sum = []
+    for total in SUMS if any(claim.measure == SMOOTHNESS for claim in statement.claims) else SUMS[:1]:
+        evidence = tuple(
+            compare(claim, total if claim.measure == SMOOTHNESS else claim.measure, place)
+            for claim in statement.claims
+            for place in claim.places(configurations)
+        )
+        by_sum.append((*_verdict(evidence), evidence))
+    (verdict, sentence, evidence), (other, why, further) = by_sum[0], by_sum[-1]
+    if verdict != other:
+        missing = [
+            text for told, text, of_sum in by_sum if told == CANNOT_TELL and None in [one.found for one in of_sum]
+        ]
+        both = f"As cut, it {_reads(verdict)}: {sentence} Without the ramp, it {_reads(other)}: {why}"
+        verdict, sentence = (CANNOT_TELL, missing[0]) if missing else (DEPENDS, both)
+    every = tuple(dict.fromkeys((*evidence, *further)))
+    return Finding(statement, verdict, sentence, (_least(evidence), _least(further)), every)
+
+
+def _least(evidence: Sequence[Evidence]) -> float:
+    """The least margin; nan where that of a missing comparison might be less, and it would matter."""
+    known = [one.margin for one in evidence if one.found]
+    least = min(known, default=math.nan)
+    return least if len(known) == len(evidence) or least < 0.0 else math.nan
+
+
+def _reads(verdict: str) -> str:
+    return "is unclear" if verdict == CANNOT_TELL else verdict
+
+
+def _verdict(evidence: Sequence[Evidence]) -> tuple[str, str]:
+    """It holds if every claim is met everywhere, and does not if one is not; the sentence is about the decisive one."""
+    if not evidence:
+        return CANNOT_TELL, "There are no trials."
+    answers = [one.answer for one in evidence]
+    verdict = FAILS if False in answers else CANNOT_TELL if None in answers else HOLDS
+    decisive = [one for one in evidence if one.answer is {FAILS: False, CANNOT_TELL: None, HOLDS: True}[verdict]]
+    closest = min(decisive, key=lambda one: (one.found is not None, one.margin))
+    if closest.found is None:
+        return verdict, f"{closest.why[:1].upper()}{closest.why[1:]}."
+    how = {FAILS: "fail. ", CANNOT_TELL: "unclear. "}
+    count = f"{len(decisive)} of {len(evidence)} {how[verdict]}" if verdict in how else "Closest: "
+    return verdict, f"{count if len(evidence) > 1 else ''}{closest.judged}."
 
 
 def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
-    """All eleven, for any study: of simulated operators or people, complete or not.
+    """All eleven within each participant, for any study: of simulated operators or people, complete or not.
 
     timeouts: trials whose time was up count as well.
     """
-    ended = to_compare(rows, timeouts)
-    by_measure = {column: scores(ended, column, np.median) for column in (*ERROR, *FORCE, *ROUGHNESS)}
-    error_spread, finished = spreads(ended, ERROR[0]), finished_share(rows)
-    people, configurations = people_of(rows), configurations_of(rows)
-    found = []
-    for statement in STATEMENTS:
-        compared = [
-            _compare(claim, measure, place, error_spread if claim.spread else by_measure[measure], finished, people)
-            for claim in statement.claims
-            for place in claim.places(configurations)
-            for measure in claim.measures
-        ]
-        fewest = min((one.found.people for one in compared if one.found), default=len(people))
-        found.append(Finding(statement, *_decide(statement, compared), fewest, tuple(compared)))
-    return found
+    ended, finished, people = to_compare(rows, timeouts), finished_share(rows), people_of(rows)
+    by_measure = {measure: scores(ended, measure) for measure in IN_BOXES}
+    of_spread = spreads(ended, ERROR)
+
+    def compare(claim: Claim, measure: str, place: Place) -> Evidence:
+        table = of_spread if claim.spread else by_measure[measure]
+        first, second = claim.cells(place)
+        about = claim, measure, place, claim.matters
+        if why := _why_not(dict.fromkeys([*first, *second, (place[0], 1)]), {cell[1:] for cell in table}, finished):
+            return Evidence(*about, why)
+        uncontrolled = float(np.mean([value for cell, value in table.items() if cell[1:] == (place[0], 1)]))
+        differences = []
+        for person in people:
+            a, b = ([table.get((person, *cell)) for cell in side] for side in (first, second))
+            if None not in a and None not in b:
+                differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
+        if not differences or not uncontrolled > 0.0:
+            nobody = f"no participant tried both sides on {' and '.join(dict.fromkeys(place))}"
+            return Evidence(*about, f"{BY_NAME[measure].short} without control is 0" if differences else nobody)
+        return Evidence(*about, "", uncontrolled, mean_interval(np.array(differences) / uncontrolled))
+
+    return [_finding(statement, compare, configurations_of(rows)) for statement in STATEMENTS]
 
 
-def _compare(
-    claim: Claim,
-    measure: str,
-    place: tuple[str, str],
-    table: Scores,
-    finished: dict[tuple[str, int | str], float],
-    people: Sequence[str],
-) -> Comparison:
-    """A claim by one measure: first on the first device of `place`, second on the second."""
-    here, there = place
-    where = here if here == there else f"{here} against {there}"
-    uncontrolled = [value for (_, device, k), value in table.items() if (device, k) == (here, 1)]
-    reason = _why_not(measure, (*claim.sides(place), (here, (1,))), table, finished)
-    differences = []
-    for person in people:
-        a, b = ([table.get((person, device, k)) for k in controllers] for device, controllers in claim.sides(place))
-        if None not in a and None not in b:
-            differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
-    if not reason and not differences:
-        reason = f"no participant tried both sides ({where})"
-    if not reason and not np.median(uncontrolled) > 0.0:
-        reason = f"{BY_NAME[measure].short} without control is 0 on {here}"
-    if reason:
-        return Comparison(claim, measure, where, None, reason)
-    scale = BY_NAME[measure].scale
-    band = scale * SIMILAR_SHARE * float(np.median(uncontrolled))
-    interval = mean_interval(scale * np.array(differences))
-    return Comparison(claim, measure, where, answer(claim.kind, interval, band), "", interval, band)
-
-
-def _why_not(
-    measure: str, sides: Sequence[tuple[str, Controllers]], table: Scores, finished: dict[tuple[str, int | str], float]
-) -> str:
-    """Why trials with these controllers on these devices cannot be compared; "": they can."""
-    measured = {cell[1:] for cell in table}
-    for device, controller in dict.fromkeys((device, k) for device, controllers in sides for k in controllers):
+def _why_not(cells: Iterable[tuple[str, int]], measured: set[tuple], finished: Mapping[tuple, float]) -> str:
+    """Why the trials of these devices and controllers cannot be compared; "": they can."""
+    for device, controller in cells:
         share = finished.get((device, controller))
         of_it = f"trials of {CONTROLLER[controller]!r} on {device}"
         if share is None:
@@ -297,63 +350,6 @@ def _why_not(
     return ""
 
 
-def answer(kind: str, found: Interval, band: float) -> bool | None:
-    """Whether an interval means yes (True), no (False), or neither (None) for a comparison of this kind."""
-    within = -band <= found.low and found.high <= band
-    if kind == BELOW:
-        return True if found.high < 0.0 else False if found.low > 0.0 or within else None
-    if kind == AT_MOST:
-        return True if found.high <= band else False if found.low > band else None
-    return True if within else False if found.low > band or found.high < -band else None
-
-
-def _decide(statement: Statement, compared: Sequence[Comparison]) -> tuple[str, str]:
-    """The verdict and its sentence: about the first false claim, or the first unclear one, or the narrowest."""
-    if not compared:
-        return CANNOT_TELL, "There are no trials."
-    by_answer: dict[bool | None, list[list[Comparison]]] = {True: [], False: [], None: []}
-    for claim in statement.claims:
-        of_it = [comparison for comparison in compared if comparison.claim is claim]
-        answers = {comparison.answer for comparison in of_it}
-        by_answer[answers.pop() if len(answers) == 1 else None].append(of_it)
-    true, false, unclear = by_answer[True], by_answer[False], by_answer[None]
-    count = len(statement.claims)
-    if false:
-        how_many = f"{len(false)} of {count} claims fail{'s' if len(false) == 1 else ''}. " if count > 1 else ""
-        return FAILS, f"{how_many}{_listed(false[0])}; needed: {false[0][0].needed}."
-    if unclear:
-        how_many = f"{len(unclear)} of {count} claims unclear. " if count > 1 else ""
-        return CANNOT_TELL, how_many + _why_unclear(unclear[0])
-    closest = min(true, key=lambda of_it: min(one.margin for one in of_it))
-    return HOLDS, f"{'Closest. ' if count > 1 else ''}{_listed(closest)}."
-
-
-def _listed(compared: Sequence[Comparison]) -> str:
-    places: dict[str, list[str]] = {}
-    for one in compared:
-        places.setdefault(one.what, []).append(one.numbers)
-    text = "; ".join(f"{what}: {', '.join(numbers)}" for what, numbers in places.items())
-    return text[:1].upper() + text[1:]
-
-
-def _why_unclear(compared: Sequence[Comparison]) -> str:
-    missing = "; ".join(dict.fromkeys(one.reason for one in compared if one.reason))
-    if missing:
-        return f"{missing[:1].upper()}{missing[1:]}."
-    if {True, False} <= {one.answer for one in compared}:
-        why = "measures or devices disagree"
-    elif not all(one.found.is_bounded for one in compared if one.found):
-        why = "one participant has no interval"
-    else:
-        why = "an interval is too wide"
-    return f"{_listed(compared)}; needed: {compared[0].needed}, but {why}."
-
-
-def description_only(found: Sequence[Finding]) -> str:
-    """The sentence that refuses to claim anything for others; empty if there are people enough."""
-    return too_few(min(one.people for one in found))
-
-
 class PooledBox(NamedTuple):
     """Quartiles of the pooled trials of a controller on a device, in the measure's unit."""
 
@@ -363,29 +359,6 @@ class PooledBox(NamedTuple):
 
 
 Boxes = Mapping[tuple[str, str, int], PooledBox]  # by measure, configuration and controller
-
-
-class Compared(NamedTuple):
-    """One claim on one device (or between two)."""
-
-    claim: Claim
-    measure: str
-    where: tuple[str, str]  # device of the first side, of the second
-    margin: float  # of the rule, in units of U; nan: a box is missing
-
-
-class BoxFinding(NamedTuple):
-    """A statement's verdict by boxes."""
-
-    statement: Statement
-    verdict: str  # HOLDS, FAILS, CANNOT_TELL; DEPENDS where the two sums do not agree
-    margins: tuple[float, float]  # by either of SUMS: the least of its claims, in units of U; nan: one cannot tell
-    sentence: str
-
-    @property
-    def margin(self) -> float:
-        """The lesser by the two sums: not under 0 where the statement holds by both; nan: one cannot tell."""
-        return math.nan if math.isnan(sum(self.margins)) else min(self.margins)
 
 
 def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple[str, str, int], PooledBox]:
@@ -403,97 +376,34 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
     }
 
 
-def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[BoxFinding]:
-    """All eleven. bands: factor on 15 % and 30 %, to see what hangs on them."""
-    found = []
-    for statement in STATEMENTS:
-        by_sum = [_judged(statement, total, boxes, configurations, bands) for total in SUMS]
-        (verdict, margin, sentence), (other, other_margin, why) = by_sum
-        if CANNOT_TELL in (verdict, other):  # a box is missing
-            verdict, sentence = (verdict, sentence) if verdict == CANNOT_TELL else (other, why)
-        elif other != verdict:
-            sentence = f"As cut, {verdict}: {sentence} Without the ramp, {other}: {why}"
-            verdict = DEPENDS
-        found.append(BoxFinding(statement, verdict, (margin, other_margin), sentence))
-    return found
+def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[Finding]:
+    """All eleven by boxes. bands: factor on what matters, 15 % and 30 %, to see what hangs on them."""
+
+    def compare(claim: Claim, measure: str, place: Place) -> Evidence:
+        first, second = claim.cells(place)
+        about = claim, measure, place, bands * claim.matters
+        for device, controller in (*first, *second, (place[0], 1)):
+            if (measure, device, controller) not in boxes:
+                why = f"no box of {CONTROLLER[controller]!r} on {device}, or too few of its trials reached the end"
+                return Evidence(*about, why)
+        uncontrolled = _size(claim, boxes[measure, place[0], 1])
+        if not uncontrolled > 0.0:
+            return Evidence(*about, f"{BY_NAME[measure].short} without control has no size on {place[0]}")
+        ours, theirs = ([boxes[measure, *cell] for cell in side] for side in (first, second))
+        a, b = (float(np.mean([_size(claim, box) for box in side])) for side in (ours, theirs))
+        apart = math.inf
+        if claim.clear:
+            apart = min(theirs[0].q1 - ours[0].median, theirs[0].median - ours[0].q3) / uncontrolled
+        more = (a - b) / uncontrolled
+        return Evidence(*about, "", uncontrolled, Interval(0, more, more, more), apart)
+
+    return [_finding(statement, compare, configurations) for statement in STATEMENTS]
 
 
-def _judged(
-    statement: Statement, total: str, boxes: Boxes, configurations: Sequence[str], bands: float
-) -> tuple[str, float, str]:
-    """Verdict, margin and sentence of a statement with smoothness by this sum."""
-    compared = [
-        Compared(claim, measure, place, _margin(claim, measure, place, boxes, bands))
-        for claim in statement.claims
-        for measure in [total if claim.measures == ROUGHNESS else claim.measures[0]]
-        for place in claim.places(configurations)
-    ]
-    decisive = min(compared, key=lambda one: (not math.isnan(one.margin), one.margin), default=None)
-    if decisive is None or math.isnan(decisive.margin):
-        return CANNOT_TELL, math.nan, _why_missing(decisive, boxes) if decisive else "No trials."
-    return HOLDS if decisive.margin >= 0.0 else FAILS, decisive.margin, _sentence(decisive, boxes, bands)
-
-
-def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[BoxFinding]:
-    """All eleven, of a study's trials."""
+def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
+    """All eleven by boxes, of a study's trials."""
     return box_findings(pooled_boxes(rows, timeouts), configurations_of(rows))
-
-
-def _margin(claim: Claim, measure: str, where: tuple[str, str], boxes: Boxes, bands: float) -> float:
-    """By how much a claim is met (not under 0) or missed, in units of U; nan without all its boxes, or with U = 0."""
-    try:
-        first, second = ([boxes[measure, at, k] for k in side] for at, side in claim.sides(where))
-        uncontrolled = _size(claim, boxes[measure, where[0], 1])
-    except KeyError:
-        return math.nan
-    if not uncontrolled > 0.0:
-        return math.nan
-    sizes = [np.mean([_size(claim, box) for box in side]) for side in (first, second)]
-    more = float(sizes[0] - sizes[1]) / uncontrolled
-    band = bands * _band(claim)
-    if claim.kind == AT_MOST:
-        return band - more
-    if claim.kind != BELOW:
-        return band - abs(more)
-    if not claim.clear:
-        return -more - band
-    (one,), (other,) = first, second
-    apart = min(other.q1 - one.median, other.median - one.q3) / uncontrolled
-    return min(-more - band, apart)
 
 
 def _size(claim: Claim, box: PooledBox) -> float:
     return box.q3 - box.q1 if claim.spread else box.median
-
-
-def _band(claim: Claim) -> float:
-    """Share of U."""
-    return LITTLE_OF_U if claim.kind in (BELOW, AT_MOST) or claim.little else SIMILAR_OF_U
-
-
-def _why_missing(one: Compared, boxes: Boxes) -> str:
-    for at, side in (*one.claim.sides(one.where), (one.where[0], (1,))):
-        for controller in side:
-            if (one.measure, at, controller) not in boxes:
-                return f"No box of {CONTROLLER[controller]!r} on {at}, or too few of its trials reached the end."
-    return f"{BY_NAME[one.measure].title} without control has no size on {one.where[0]}."
-
-
-def _sentence(one: Compared, boxes: Boxes, bands: float) -> str:
-    """The comparison that decides, in numbers, and what was needed."""
-    claim, metric = one.claim, BY_NAME[one.measure]
-    texts = []
-    for at, side in claim.sides(one.where):
-        of_side = [boxes[one.measure, at, k] for k in side]
-        low, middle, high = (metric.scale * float(np.mean(column)) for column in zip(*of_side, strict=True))
-        number = f"{high - low:.2f}" if claim.spread else f"{middle:.2f} ({low:.2f} to {high:.2f})"
-        texts.append(f"{at if claim.devices else named(side)} {number}")
-    what = f"{'length of the box, ' if claim.spread else ''}{metric.title.lower()}"
-    who = named(claim.first) if claim.devices else one.where[0]
-    band = bands * _band(claim)
-    allowed = percent(band)
-    needed = {BELOW: f"lower by {allowed}", AT_MOST: f"at most {allowed} more"}.get(claim.kind, f"within {allowed}")
-    clear = ", neither median in the other's box" if claim.clear else ""
-    size = "length" if claim.spread else "median"
-    text = f"{what}, {who}: {texts[0]} {metric.shown_unit} against {texts[1]} {metric.shown_unit}"
-    return f"{text[:1].upper()}{text[1:]}; needed: {needed} of the uncontrolled {size}{clear}."

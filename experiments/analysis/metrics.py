@@ -17,7 +17,6 @@ from core.control.algorithm import BY_GUARD, GAP, LOCKED, NONE, RELEASED, UNREAC
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.path import Path, measure
-from experiments.analysis.low_pass import low_pass
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -58,7 +57,10 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     """
     if len(tip) < 20:  # shorter than the filter's own padding
         return None
-    smooth = low_pass(np.ascontiguousarray(tip.T), cutoff_hz, SAMPLE_RATE_HZ)
+    from scipy import signal  # here: it takes a second, which a window that starts has no time for
+
+    sections = signal.butter(4, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
+    smooth = signal.sosfiltfilt(sections, tip.T, axis=1)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 

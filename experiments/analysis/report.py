@@ -1,26 +1,27 @@
 """What a study leaves to read: findings.csv, statistics.csv, participant_means.csv and report.md.
 
-Plain sentences and tables; the same rows and note give the same bytes.
+The page is `report_template.md` with tables and sentences filled in; the same rows and note give the same bytes.
 """
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from string import Template
 from typing import NamedTuple
 
 from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.findings import (
+    CHANCE,
     CONTROLLER,
     HOLDS,
-    BoxFinding,
     Finding,
     box_findings_of,
-    description_only,
     findings,
     why_no_findings,
 )
-from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED
 from experiments.analysis.sensitivity import sensitivity, swapped
 from experiments.analysis.statistics import (
     MEASURES,
@@ -38,29 +39,12 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, 
 from experiments.numbers import fixed, percent, significant
 from experiments.recording.atomic_files import write_new_files
 
-#: The measures that the report leads with, those of the figures.
-SHOWN = tuple(metric.name for metric in DRAWN)
-AGAINST_NONE = "## Against no control"
+TEMPLATE = Path(__file__).with_name("report_template.md")
+#: The measures that the report leads with: those of the figures, and what judges the statements.
+SHOWN = tuple(metric.name for metric in JUDGED)
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
-READ = (
-    "By boxes, as the paper judges: all trials of everyone in one box for each controller and device; medians (and "
-    "quartiles), lower by at least 15 % of the uncontrolled median, little changed within 15 %, similar within 30 %, "
-    "on every device (docs/judging.md). Within each participant: a difference is taken within each, then stands the "
-    "mean participant's, in brackets its 95 % interval (Student's t, which takes the differences as normal; fewer "
-    "participants only widen it, one alone has none and decides nothing). Similar or negligible: within a band of 15 % "
-    "of the uncontrolled median. It holds only if every device and every measure of one thing says so; where they "
-    "disagree, the interval is too wide, or under 90 % of the trials reached the end, one cannot tell."
-)
 SUBSTEPS, ASIDE_M = 10, 1e-6
 STEP, HAND = "step of a tenth", "hand 1 um aside"
-READ_ERRORS = (
-    "Trials of one simulated operator's first block again, from the same start, with the same operator and noise, and "
-    "one thing changed; the controller decides once a millisecond as before. Absolute change of a measure: median / "
-    f"largest (the largest share of the measure itself). *{STEP}*: the error of the integration. *{HAND}*: how sure a "
-    "single trial can be at all, an encoder's step being 20 um; where it moves a trial about as far as the step does, "
-    "brakes that switch at 1 kHz carry any difference on, and no finer step settles it. The brakes' row: what lag and "
-    "backlash are worth. Every measure: simulation_errors.csv."
-)
 
 
 class Moved(NamedTuple):
@@ -103,31 +87,40 @@ def write_report(
     none = next((k for k, one in controllers.items() if one.kind == "none"), 0)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
-    parts = ["# Report", f"{note[:1].upper()}{note[1:].rstrip('.')}. {_trials(rows, names, timeouts)}"]
     warned = warnings(rows, found, simulated)
-    parts += [f"**{warning}**" for warning in warned]
-    parts.append("## The paper's findings")
-    parts += [refusal] if refusal else [_findings_table(found, by_boxes), READ]
+    parts = {
+        "note": f"{note[:1].upper()}{note[1:].rstrip('.')}",
+        "trials": _trials(rows, names, timeouts),
+        "warnings": "\n\n".join(f"**{warning}**" for warning in warned),
+        "refusal": refusal,
+        "findings": _findings_table(found, by_boxes),
+    }
     files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
         results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none)]
-        files |= {"findings.csv": _findings_csv(found, by_boxes)} if found else {}
         files["statistics.csv"] = _csv(Result._fields, results)
-        bar = [error_sentence(moved)] if moved else []
-        for table in (
-            _against_none(results, names, none),
-            _roughness(results, names),
-            _locks_and_releases(rows, names),
-        ):
-            parts += [*table, *bar] if table else []
-        if moved:
-            parts += ["## How sure these numbers are", error_table(moved, names), READ_ERRORS]
-            files["simulation_errors.csv"] = _csv(Moved._fields, moved)
-        parts.append("## What else to know")
-        parts.append("\n".join(f"- {sentence}" for sentence in sentences(results, names)))
-    files["report.md"] = ("\n\n".join(parts) + "\n").encode()
+        parts["against_none"], parts["against_none_how"] = _against_none(results, names, none)
+        parts["roughness"], parts["locks"] = _roughness(results, names), _locks_and_releases(rows, names)
+        parts["sentences"] = "\n".join(f"- {sentence}" for sentence in sentences(results, names))
+    if found:
+        files["findings.csv"] = _findings_csv(found, by_boxes)
+    if moved and not coded:
+        parts |= {"errors": error_table(moved, names), "error_bar": error_sentence(moved), "step": STEP, "hand": HAND}
+        files["simulation_errors.csv"] = _csv(Moved._fields, moved)
+    files["report.md"] = page(parts).encode()
     write_new_files({folder / name: content for name, content in files.items()})
     return warned
+
+
+def page(parts: Mapping[str, str]) -> str:
+    """The template filled in, without the sections whose first part is missing or empty; lines are not broken."""
+    sections = []
+    for section in re.split(r"\n(?=## )", TEMPLATE.read_text(encoding="utf-8")):
+        wanted = Template(section).get_identifiers()
+        if parts.get(wanted[0]):
+            unbroken = re.sub(r"(?<=[^\n])\n(?=[^\n#])", " ", section)
+            sections.append(Template(unbroken).substitute({name: parts.get(name, "") for name in wanted}).strip())
+    return re.sub(r"\n{3,}", "\n\n", "\n\n".join(sections)) + "\n"
 
 
 def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> bytes:
@@ -137,16 +130,21 @@ def _csv(header: Sequence[str], lines: Iterable[Sequence[object]]) -> bytes:
     )
 
 
-def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> bytes:
+def _table(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
+    """A table in Markdown; nothing without lines."""
+    rows = ["|" + "".join(f" {cell} |" if cell != "" else " |" for cell in line) for line in (head, *lines)]
+    return "\n".join([rows[0], "|---" * len(head) + "|", *rows[1:]]) if len(rows) > 1 else ""
+
+
+def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> bytes:
     """One line a statement: its number, words, verdict, every number behind it, and the deciding ones in a sentence;
-    then the verdict by boxes, its margin (in uncontrolled medians) and its sentence.
+    then the verdict by boxes, its margin (in uncontrolled sizes) and its sentence.
     """
     words = {True: "yes", False: "no", None: "unclear"}
     lines = []
     for one, box in zip(found, by_boxes, strict=True):
         numbers = "; ".join(
-            f"{c.what}: {c.numbers}{f', n = {c.found.people}' if c.found else ''}: {words[c.answer]}"
-            for c in one.comparisons
+            f"{e.text}{f', n = {e.found.people}' if e.found else ''}: {words[e.answer]}" for e in one.evidence
         )
         of_box = box.verdict, None if math.isnan(box.margin) else box.margin, box.sentence
         lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence, *of_box))
@@ -169,8 +167,14 @@ def _means_csv(rows: Sequence[TrialRow]) -> bytes:
 
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
     """What a reader must know before the findings: that the people are too few, or that they are simulated."""
-    few = (description_only(found) if found else "") or too_few(len(people_of(rows)))
+    few = too_few(fewest_people(rows, found))
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
+
+
+def fewest_people(rows: Sequence[TrialRow], found: Sequence[Finding]) -> int:
+    """On how many people the findings rest, at least."""
+    compared = [one.found.people for finding in found for one in finding.evidence if one.found]
+    return min(compared, default=len(people_of(rows)))
 
 
 def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) -> str:
@@ -203,88 +207,80 @@ def _number(result: Result, scale: float, digits: int) -> str:
     return f"{text} ({fixed(low, digits, '+')} to {fixed(high, digits, '+')})"
 
 
-def _findings_table(found: Sequence[Finding], by_boxes: Sequence[BoxFinding]) -> str:
-    table = ["| | the paper says | by boxes | why | within each participant | why |", "|---" * 6 + "|"]
+def _findings_table(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> str:
+    lines = []
     for one, box in zip(found, by_boxes, strict=True):
-        judged = f"**{box.verdict}** | {box.sentence} | **{one.verdict}** | {one.sentence}"
-        table.append(f"| {one.statement.number} | {one.statement.text} | {judged} |")
-    return "\n".join(table)
+        number, text, _ = one.statement
+        judged = f"**{box.verdict}**", chance(number), box.sentence, f"**{one.verdict}**", one.sentence
+        lines.append((number, text, *judged))
+    return _table(("", "the paper says", "by boxes", "by chance", "why", "within each participant", "why"), lines)
 
 
-def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> list[str]:
+def chance(number: int) -> str:
+    """How often a statement holds by boxes where nothing differs between the controllers."""
+    low, high = CHANCE[number]
+    return percent(low) if low == high else f"{fixed(100.0 * low, 0)} to {percent(high)}"
+
+
+def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> tuple[str, str]:
     """Table of each controller's change against the uncontrolled one, by device, and how to read it."""
     chosen: dict[tuple[str, str, str], Result] = {}
     for r in results:
         if r.statistic == "hodges_lehmann" and r.configuration != POOLED and f"{none}" in (r.first, r.second):
             chosen[r.configuration, r.second if r.first == f"{none}" else r.first, r.measure] = r
     if not chosen:
-        return [AGAINST_NONE, "No participant tried a controller and no control on the same device."]
-    heads = [f"{metric.title.lower()} ({metric.shown_unit})" for metric in DRAWN]
-    lines = [f"| device | controller | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
+        return "No participant tried a controller and no control on the same device.", ""
+    lines = []
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
         cells = []
-        for metric in DRAWN:
+        for metric in JUDGED:
             pair = chosen.get((configuration, controller, metric.name))
             star = "*" if pair and pair.p_holm is not None and pair.p_holm < 0.05 else ""
             scale = -metric.scale if pair and pair.first == f"{none}" else metric.scale  # controller minus none
             cells.append(_number(pair, scale, metric.decimals) + star if pair else "")
-        lines.append(f"| {configuration} | {_name(controller, names)} | {' | '.join(cells)} |")
+        lines.append((configuration, _name(controller, names), *cells))
+    heads = [f"{metric.short} ({metric.shown_unit})" for metric in JUDGED]
     few = any(r.p_holm is None for r in chosen.values())
-    how = "Change of the participants' means (Hodges-Lehmann"
-    how += ")." if few else ", 95 % interval). *: Wilcoxon p < 0.05 after Holm's correction for all pairs."
-    return [AGAINST_NONE, "\n".join(lines), how, *_out_of_reach(results, {key[0] for key in chosen})]
-
-
-def _roughness(results: Sequence[Result], names: Mapping[int, str]) -> list[str]:
-    """Table of how rough each controller is beside no control, by each definition of smoothness."""
-    found = {(r.configuration, r.measure, r.first): r.value or 0.0 for r in results if r.test == "roughness"}
-    if not found:
-        return []
-    controllers = list(dict.fromkeys(key[2] for key in found))
-    lines = [f"| device | by | {' | '.join(_name(k, names) for k in controllers)} |"]
-    lines.append("|---" * (2 + len(controllers)) + "|")
-    for device, measure in dict.fromkeys(key[:2] for key in found):
-        cells = [f"{found[cell]:.2f}" if (cell := (device, measure, k)) in found else "" for k in controllers]
-        lines.append(f"| {device} | {measure} | {' | '.join(cells)} |")
+    interval = "" if few else " with the 95 % interval of that test; *: p < 0.05 after Holm's correction for all pairs"
     how = (
-        "Median of the trials over that of no control. `acceleration_dft_sum`, the paper's as we read it, takes the "
-        "acceleration from positions under a low-pass of 20 Hz; `acceleration_exact_dft_sum` from the simulator: it "
-        "sees vibration up to 100 Hz. `phd analyze` adds other weights, filters and ranges from the recordings."
+        "Change between the means of each participant's trials, as above, but its middle by Hodges and Lehmann, which "
+        f"goes with Wilcoxon's test and takes no distribution{interval}."
     )
-    return ["## How rough, by what is looked at", "\n".join(lines), how]
+    return _table(("device", "controller", *heads), lines), " ".join([how, *_out_of_reach(results, chosen)])
 
 
-def _locks_and_releases(rows: Sequence[TrialRow], names: Mapping[int, str]) -> list[str]:
+def _roughness(results: Sequence[Result], names: Mapping[int, str]) -> str:
+    """Table of how rough each controller is beside no control, by each definition of smoothness."""
+    found = {(r.configuration, r.measure, r.first): f"{r.value:.2f}" for r in results if r.test == "roughness"}
+    controllers = list(dict.fromkeys(key[2] for key in found))
+    lines = [
+        (*place, *(found.get((*place, k), "") for k in controllers)) for place in dict.fromkeys(k[:2] for k in found)
+    ]
+    return _table(("device", "by", *(_name(k, names) for k in controllers)), lines)
+
+
+def _locks_and_releases(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
     """Table of how often the rules lock or release because no brake is right, by device and controller."""
     shares: dict[tuple[str, int | str], list[tuple[float, float]]] = {}
     for row in rows:
         if row.status in COUNTED and row.locked_share is not None and row.released_share is not None:
             shares.setdefault((row.configuration, row.controller), []).append((row.locked_share, row.released_share))
-    if not shares:
-        return []
-    lines = ["| device | controller | locked (% of ticks) | released (%) | trials with a lock |", "|---" * 5 + "|"]
+    lines = []
     for (device, controller), found in sorted(shares.items()):
-        locked, released = (100.0 * sum(values) / len(found) for values in zip(*found, strict=True))
-        with_lock = sum(one > 0.0 for one, _ in found)
-        lines.append(
-            f"| {device} | {_name(controller, names)} | {locked:.2f} | {released:.2f} | {with_lock} of {len(found)} |"
-        )
-    how = (
-        "Mean share of the ticks. Locked: full current on all brakes, because no brake was valid or selected and the "
-        "hand pushed away, or because it moved back. Released: no current, because no brake was valid or selected."
-    )
-    return ["## Locks and releases", "\n".join(lines), how]
+        locked, released = (f"{100.0 * sum(values) / len(found):.2f}" for values in zip(*found, strict=True))
+        with_lock = f"{sum(one > 0.0 for one, _ in found)} of {len(found)}"
+        lines.append((device, _name(controller, names), locked, released, with_lock))
+    return _table(("device", "controller", "locked (% of ticks)", "released (%)", "trials with a lock"), lines)
 
 
-def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[str]:
+def _out_of_reach(results: Sequence[Result], shown: Iterable[tuple[str, str, str]]) -> list[str]:
     """Where too few people for it can get a star in the table, a sentence for each number of people and pairs."""
-    families: dict[tuple[str, str], list[Result]] = {}
-    for r in results:
-        if r.p_holm is not None and r.measure in SHOWN and r.configuration in configurations:
-            families.setdefault((r.configuration, r.measure), []).append(r)
     where: dict[str, list[str]] = {}
-    for (configuration, _), pairs in families.items():
-        if (least := least_p_holm(pairs)) >= 0.05:
+    for configuration, measure in dict.fromkeys((key[0], key[2]) for key in shown):
+        pairs = [
+            r for r in results if (r.configuration, r.measure) == (configuration, measure) and r.p_holm is not None
+        ]
+        if measure in SHOWN and pairs and (least := least_p_holm(pairs)) >= 0.05:
             people = max(pair.people for pair in pairs)
             why = (
                 f"no *, however they differ: the smallest p of Wilcoxon's test with {people} participants is "
@@ -296,86 +292,54 @@ def _out_of_reach(results: Sequence[Result], configurations: set[str]) -> list[s
 
 
 def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
-    """Differences, trend, speed and the order of controllers, each in a sentence or two."""
+    """Differences, trend, speed, reaction time and the order of controllers, each in a sentence or two."""
     written = [
-        *_differ(results),
-        *_trend(results),
-        *_speed(results, names),
-        *_order(results, names),
-        *_reaction(results),
-    ]
+        *_differ(results), *_trend(results), *_speed(results, names), *_reaction(results), *_order(results, names),
+    ]  # fmt: skip
     return written or ["There is nothing to compare."]
 
 
 def _differ(results: Sequence[Result]) -> Iterable[str]:
-    for metric in DRAWN:
-        chances = {
-            r.configuration: r.p
-            for r in results
-            if r.measure == metric.name and r.statistic == "chi_square" and r.p is not None
-        }
+    for metric in JUDGED:
+        of_it = [r for r in results if (r.measure, r.statistic) == (metric.name, "chi_square")]
+        chances = {r.configuration: r.p for r in of_it if r.p is not None}
         if chances:
-            listed = ", ".join(
-                f"{where} {'p < 0.001' if p < 0.001 else f'p = {p:.3f}'}" for where, p in chances.items()
-            )
+            listed = ", ".join(f"{where} p {'< 0.001' if p < 0.001 else f'= {p:.3f}'}" for where, p in chances.items())
             differs = "differs" if all(p < 0.05 for p in chances.values()) else "does not everywhere differ"
             yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
 
 
 def _trend(results: Sequence[Result]) -> Iterable[str]:
     found = {r.measure: r for r in results if r.test == "trend"}
-    shown = [found[measure] for measure in (*SHOWN, "duration_s") if measure in found]
-    if shown:
-        changes = [_number(r, 1.0, 1).partition(" ") for r in shown]
-        listed = "; ".join(
-            f"{BY_NAME[r.measure].title.lower()} {value} %{space}{interval}"
-            for r, (value, space, interval) in zip(shown, changes, strict=True)
-        )
-        yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {listed}."
+    listed = [
+        f"{BY_NAME[measure].short} {_number(found[measure], 1.0, 1)} %"
+        for measure in (*SHOWN, "duration_s")
+        if measure in found
+    ]
+    if listed:
+        changed = "; ".join(listed)
+        yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {changed}."
 
 
 def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
     speed = [r for r in results if r.test == "speed" and r.value is not None]
     for r in speed:
         if r.statistic == "m_per_doubling":
-            value, space, interval = _number(r, 1e3, 2).partition(" ")
             if r.low is None or r.high is None:
                 judged = "too few people to judge"
             elif r.low <= 0.0 <= r.high:
                 judged = "no clear effect of speed"
             else:
                 judged = "slow trials do look accurate" if r.low > 0.0 else "fast trials are the more accurate ones"
-            yield f"Twice the speed, same person and task: path error {value} mm{space}{interval}; {judged}."
+            yield f"Twice the speed, same person and task: path error {_number(r, 1e3, 2)} mm; {judged}."
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
-        raw, adjusted = (
-            {
-                r.first: r.value
-                for r in speed
-                if (r.configuration, r.statistic) == (configuration, statistic) and r.value is not None
-            }
-            for statistic in ("mean_error", "error_at_common_speed")
-        )
-        listed = ", ".join(f"{_name(k, names)} {1e3 * raw[k]:.2f} -> {1e3 * adjusted[k]:.2f}" for k in raw)
+        of_it = [r for r in speed if r.configuration == configuration]
+        raw = {r.first: 1e3 * (r.value or 0.0) for r in of_it if r.statistic == "mean_error"}
+        adjusted = {r.first: 1e3 * (r.value or 0.0) for r in of_it if r.statistic == "error_at_common_speed"}
+        listed = ", ".join(f"{_name(k, names)} {raw[k]:.2f} -> {adjusted[k]:.2f}" for k in raw)
         same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
-        kept = "the order of controllers stays" if same else "the order of controllers changes"
-        yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; {kept}."
-
-
-def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
-    orders = [r for r in results if r.test == "order"]
-    for base in [r for r in orders if r.measure == r.second]:
-        others = [r for r in orders if (r.second, r.configuration) == (base.measure, base.configuration)][1:]
-        changed = []
-        for other in others:
-            pairs = swapped(base.first, other.first)
-            if pairs:
-                named = (f"{_name(a, names)} and {_name(b, names)}" for a, b in pairs)
-                changed.append(f"{other.measure} swaps {', '.join(named)}")
-        order = " < ".join(_name(k, names) for k in base.first.split(" < "))
-        text = f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"
-        if others:
-            text += f"; {'; '.join(changed)}" if changed else f"; the same by {', '.join(r.measure for r in others)}"
-        yield text + "."
+        kept = "stays" if same else "changes"
+        yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; the order {kept}."
 
 
 def _reaction(results: Sequence[Result]) -> Iterable[str]:
@@ -383,11 +347,26 @@ def _reaction(results: Sequence[Result]) -> Iterable[str]:
     for configuration in dict.fromkeys(device for device, _ in found):
         changed = {measure: value - 1.0 for (device, measure), value in found.items() if device == configuration}
         share = -changed.pop("duration_s")
-        listed = ", ".join(f"{BY_NAME[measure].short} {100.0 * by:+.0f} %" for measure, by in changed.items())
+        listed = ", ".join(f"{BY_NAME[measure].short} {percent(by, sign='+')}" for measure, by in changed.items())
         yield (
-            f"On {configuration} {100.0 * share:.0f} % of the movement pass before the tip has moved 1 mm (median "
+            f"On {configuration} {percent(share)} of the movement pass before the tip has moved 1 mm (median "
             f"trial); every measure holds this reaction time. Without it: {listed}."
         )
+
+
+def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]:
+    orders = [r for r in results if r.test == "order"]
+    for base in [r for r in orders if r.measure == r.second]:
+        others = [r for r in orders if (r.second, r.configuration) == (base.measure, base.configuration)][1:]
+        by: dict[str, list[str]] = {}  # what is swapped -> the definitions that do so
+        for other in others:
+            pairs = [f"{_name(a, names)} and {_name(b, names)}" for a, b in swapped(base.first, other.first)]
+            by.setdefault(", ".join(pairs), []).append(other.measure)
+        same = [f"the same by {'; '.join(by.pop(''))}"] if "" in by else []
+        texts = [*same, *(f"{pairs} change places by {'; '.join(measures)}" for pairs, measures in by.items())]
+        order = " < ".join(_name(k, names) for k in base.first.split(" < "))
+        about = f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"
+        yield ". ".join([about, *(f"{text[:1].upper()}{text[1:]}" for text in texts)]) + "."
 
 
 def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
@@ -396,14 +375,13 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
     """
     found = {label: findings(rows) for label, rows in choices.items()}
     by_boxes = {label: box_findings_of(rows) for label, rows in choices.items()}
-    columns = [*found, *(f"{label}, by boxes" for label in found)]
-    lines = [f"| | the paper says | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
-    for of_all in zip(*found.values(), *by_boxes.values(), strict=True):
-        statement = of_all[0].statement
-        lines.append(f"| {statement.number} | {statement.text} | {' | '.join(one.verdict for one in of_all)} |")
-    parts = ["\n".join(lines)]
+    lines = [
+        (of_all[0].statement.number, of_all[0].statement.text, *(one.verdict for one in of_all))
+        for of_all in zip(*found.values(), *by_boxes.values(), strict=True)
+    ]
+    parts = [_table(("", "the paper says", *found, *(f"{label}, by boxes" for label in found)), lines)]
     for label, of_it in found.items():
-        why = [f"- {refusal}" for refusal in [description_only(of_it)] if refusal]
+        why = [f"- {refusal}" for refusal in [too_few(fewest_people(choices[label], of_it))] if refusal]
         why += [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in of_it if f.verdict != HOLDS]
         if why:
             parts += [f"**{label}**", "\n".join(why)]
@@ -413,20 +391,16 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
 def error_table(moved: Sequence[Moved], names: Mapping[int, str]) -> str:
     """A line for each controller and change, with the measures of the figures, as Markdown."""
     of = {(one.controller, one.change, one.measure): one for one in moved}
-    heads = [f"{metric.short} ({metric.shown_unit})" for metric in FIGURES]
-    lines = [f"| controller | changed | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
+    lines = []
     for controller, change in dict.fromkeys(cell[:2] for cell in of):
         cells = []
         for metric in FIGURES:
             one = of.get((controller, change, metric.name))
             share = f" ({significant(100.0 * one.worst_share, 2)} %)" if one and one.worst_share is not None else ""
-            median, worst = (
-                (significant(metric.scale * of_it, 1) for of_it in (one.median, one.worst)) if one else ("", "")
-            )
-            cells.append(f"{median} / {worst}{share}" if one else "")
-        name = names.get(controller, f"controller {controller}")
-        lines.append(f"| {name} | {change} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            moves = [significant(metric.scale * size, 1) for size in (one.median, one.worst)] if one else []
+            cells.append(" / ".join(moves) + share)
+        lines.append((names.get(controller, f"controller {controller}"), change, *cells))
+    return _table(("controller", "changed", *(f"{metric.short} ({metric.shown_unit})" for metric in FIGURES)), lines)
 
 
 def error_sentence(moved: Sequence[Moved]) -> str:

@@ -7,6 +7,7 @@ before differentiation, the source of the acceleration) stand in `SMOOTHNESS`; o
 the reaction time, from the tick on at which the tip has moved 1 mm.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -172,10 +173,10 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
 
 def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None:
     """Kendall's tau-b of two rankings of the same things; None where one of them is all ties."""
-    i, j = np.triu_indices(len(first), 1)
-    a, b = (np.sign(values[i] - values[j]) for values in (np.asarray(first), np.asarray(second)))
-    untied = np.count_nonzero(a), np.count_nonzero(b)
-    return float(a @ b / np.sqrt(untied[0]) / np.sqrt(untied[1])) if all(untied) else None
+    from scipy import stats  # here: it takes a second, which a window that starts has no time for
+
+    tau = float(stats.kendalltau(first, second).statistic)
+    return None if math.isnan(tau) else tau
 
 
 def _roughness(

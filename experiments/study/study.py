@@ -14,7 +14,7 @@ import numpy as np
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS, Finding, findings, why_no_findings
+from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, make_plan, participant_index
@@ -243,5 +243,5 @@ def run_share(out: Path, study: StudyPlan) -> Counter[str]:
 def verdicts(found: Sequence[Finding]) -> str:
     """How many of the paper's statements the data support, in words."""
     counted = Counter(finding.verdict for finding in found)
-    counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL))
+    counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS))
     return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"

@@ -21,8 +21,9 @@ from experiments.analysis.findings import (
     IN_BOXES,
     SIMILAR,
     STATEMENTS,
+    Claim,
+    Evidence,
     PooledBox,
-    answer,
     box_findings,
     box_findings_of,
     findings,
@@ -61,10 +62,8 @@ def study(people=12, devices=DEVICES, table=PAPER, wider=2.0, noise=0.02, seed=0
                             f"{p:02}", len(rows) + 1, 1 + i % 3, device, controller, 1 + i % 2, 1 + i % 3, "done",
                             path_error_m=1e-3 * (own["error"] * error + away * spread),
                             mean_tip_force_N=own["force"] * force,
-                            force_over_progress_N=1.1 * own["force"] * force,
                             acceleration_dft_sum=own["acceleration"] * acceleration,
                             acceleration_dft_sum_ramp_removed=0.7 * own["acceleration"] * acceleration,
-                            acceleration_weighted_rms_m_s2=0.1 * own["acceleration"] * acceleration,
                             duration_s=3.0,
                         )
                     )  # fmt: skip
@@ -92,8 +91,8 @@ def test_all_eleven_hold_in_data_made_as_the_paper_found_them():
     assert set(verdicts(study()).values()) == {HOLDS}
 
 
-FORCES = ("mean_tip_force_N", "force_over_progress_N")
-ACCELERATIONS = ("acceleration_dft_sum", "acceleration_weighted_rms_m_s2")
+FORCES = ("mean_tip_force_N",)
+ACCELERATIONS = ("acceleration_dft_sum", "acceleration_dft_sum_ramp_removed")
 BROKEN = {
     "sdof-no-better-than-none": (1, ("path_error_m",), 2.1, 2, None),
     "sdof-with-gap-no-better-than-none": (1, ("path_error_m",), 1.9, 3, None),
@@ -105,13 +104,13 @@ BROKEN = {
     "low-gain-no-lighter": (7, FORCES, 2.0, 5, None),
     "low-gain-no-smoother": (7, ACCELERATIONS, 4.0, 5, None),
     "low-gain-less-accurate": (7, ("path_error_m",), 1.3, 5, None),
-    "low-gain-heavier-than-none": (8, FORCES, 1.15, 5, None),
-    "low-gain-lighter-than-none": (8, FORCES, 0.75, 5, None),
+    "low-gain-heavier-than-none": (8, FORCES, 1.35, 5, None),
+    "low-gain-lighter-than-none": (8, FORCES, 0.6, 5, None),
     "proportional-as-rough": (9, ACCELERATIONS, 2.5, 4, None),
-    "four-brakes-more-accurate": (10, ("path_error_m",), 0.7, None, "four-brake"),
+    "four-brakes-more-accurate": (10, ("path_error_m",), 0.6, None, "four-brake"),
     "four-brakes-lighter": (10, FORCES, 0.8, None, "four-brake"),
     "four-brakes-spread-less-uncontrolled": (10, ("path_error_m",), 0.25, 1, "four-brake"),
-    "sdof-improves-more": (11, ("path_error_m",), 0.5, 2, None),
+    "sdof-improves-more": (11, ("path_error_m",), 0.3, 2, None),
 }
 
 
@@ -123,45 +122,41 @@ def test_a_statement_that_the_data_contradict_does_not_hold(number, columns, by,
     assert verdicts(rows)[number] == FAILS
 
 
-@pytest.mark.parametrize(
-    "columns, device, number",
-    [*(((name,), None, 5) for name in FORCES), *(((name,), None, 4) for name in ACCELERATIONS),
-     (ACCELERATIONS, "four-brake", 4)],
-)  # fmt: skip
-def test_two_measures_of_one_thing_or_two_devices_that_disagree_leave_it_open(columns, device, number):
+@pytest.mark.parametrize("column", ACCELERATIONS)
+def test_two_sums_that_disagree_say_that_it_depends_on_the_cut_and_one_device_is_enough_to_contradict(column):
+    found = findings(changed(study(), column, 2.0, 3))[3]
+    assert found.verdict == DEPENDS and found.statement.number == 4
+    assert "As cut, it " in found.sentence and "Without the ramp, it " in found.sentence
     rows = study()
-    for column in columns:
-        rows = changed(rows, column, 2.0, 3, device)
-    found = findings(rows)[number - 1]
-    assert found.verdict == CANNOT_TELL and ("disagree" in found.sentence or device)
+    for one in ACCELERATIONS:
+        rows = changed(rows, one, 2.0, 3, "four-brake")
+    found = findings(rows)[3]
+    assert found.verdict == FAILS and "four-brake" in found.sentence
 
 
 BOUNDS = {
     **{f"{mm} mm": (6, 3, (2.0 + mm, *PAPER[3][1:]), verdict) for mm, verdict in ((0.59, HOLDS), (0.61, FAILS))},
     **{
         f"{share:.0%}": (8, 5, (*PAPER[5][:2], share * PAPER[1][2], PAPER[1][3]), verdict)
-        for share, verdict in ((0.86, HOLDS), (1.14, HOLDS), (0.84, FAILS), (1.16, FAILS))
+        for share, verdict in ((0.71, HOLDS), (1.29, HOLDS), (0.69, FAILS), (1.31, FAILS))
     },
 }
 
 
 @pytest.mark.parametrize("number, controller, values, verdict", BOUNDS.values(), ids=BOUNDS)
-def test_what_may_be_given_up_and_similar_are_within_15_percent_of_the_uncontrolled_median(
-    number, controller, values, verdict
-):
+def test_15_percent_of_the_uncontrolled_mean_may_be_given_up_and_30_are_similar(number, controller, values, verdict):
     assert verdicts(study(table={**PAPER, controller: values}, noise=1e-4))[number] == verdict
 
 
-def test_a_reduction_too_small_to_speak_of_but_in_everyone_still_is_one_and_chance_is_none():
-    """Force with gap 1 % lower in all holds; 1 % lower or higher by person is no reduction; 60 % either way is open."""
-    for lower, verdict in ((0.01, HOLDS), (0.6, HOLDS)):
-        rows = study(table={**PAPER, 3: (2.2, 0.1, (1.0 - lower) * 6.0, 40.0)})
-        assert verdicts(rows)[5] == verdict
+def test_a_reduction_too_small_to_matter_is_said_to_be_so_even_in_everyone_and_chance_is_none():
+    """Force with gap 1 % lower in all, or lower or higher by person: no reduction; 60 % either way is open."""
+    for lower, verdict in ((0.01, FAILS), (0.6, HOLDS)):
+        found = findings(study(table={**PAPER, 3: (2.2, 0.1, (1.0 - lower) * 6.0, 40.0)}))[4]
+        assert found.verdict == verdict and ("smaller than matters" in found.sentence) == (verdict == FAILS)
     for either_way, verdict in ((0.01, FAILS), (0.6, CANNOT_TELL)):
         rows = study(table={**PAPER, 3: (2.2, 0.1, 6.0, 40.0)})
         for p in range(1, 13):
-            for column in FORCES:
-                rows = changed(rows, column, 1.0 + (-1) ** p * either_way, 3, None, f"{p:02}")
+            rows = changed(rows, "mean_tip_force_N", 1.0 + (-1) ** p * either_way, 3, None, f"{p:02}")
         assert verdicts(rows)[5] == verdict
 
 
@@ -180,8 +175,8 @@ def test_order_of_rows_names_of_people_units_of_force_and_trials_that_do_not_cou
 
 
 def ratios(finding):
-    """Every difference and interval of a finding in bands, which have no unit."""
-    return [end / one.band for one in finding.comparisons for end in one.found[1:]]
+    """Every difference and interval of a finding, in units of U."""
+    return [end for one in finding.evidence for end in one.found[1:]]
 
 
 def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
@@ -212,11 +207,13 @@ def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_
 
 def test_few_people_decide_only_what_is_plain_among_them_and_one_person_nothing():
     rows = study(people=3)
-    assert set(verdicts(rows).values()) == {HOLDS} and findings(rows)[0].people == 3
+    assert set(verdicts(rows).values()) == {HOLDS} and {e.found.people for f in findings(rows) for e in f.evidence} == {
+        3
+    }
     for column in FORCES:
         rows = changed(rows, column, 2.0, 3, None, "02")
     found = findings(rows)[4]
-    assert found.verdict == CANNOT_TELL and "an interval is too wide" in found.sentence
+    assert found.verdict == CANNOT_TELL and "the interval is too wide" in found.sentence
     found = findings(study(people=1))
     assert {one.verdict for one in found} == {CANNOT_TELL}
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
@@ -231,6 +228,11 @@ def test_leaving_a_person_out_widens_the_interval_in_the_mean_over_who_is_left_o
     assert less_half >= half - 1e-9
     factor = stats.t.ppf(0.975, n - 2) / stats.t.ppf(0.975, n - 1) * np.sqrt(n / (n - 1))
     assert less_half == pytest.approx(factor * half, abs=1e-9) and factor > 1.0
+
+
+def answer(kind, interval, matters):
+    """Whether an interval meets a claim of this kind, when so much matters."""
+    return Evidence(Claim(kind, "path_error_m", (2,), (1,)), "path_error_m", DEVICES, matters, found=interval).answer
 
 
 def half_width(interval):
@@ -285,11 +287,9 @@ ends = st.tuples(st.floats(-100, 100), st.floats(-100, 100)).map(sorted)
 def test_a_narrower_interval_never_takes_back_what_a_wider_one_said(one, other, band):
     wide, narrow = (one, other) if one[0] <= other[0] and other[1] <= one[1] else (other, one)
     if wide[0] <= narrow[0] and narrow[1] <= wide[1]:
-        for kind in (SIMILAR, AT_MOST):
+        for kind in (BELOW, SIMILAR, AT_MOST):
             said = answer(kind, Interval(9, 0.0, *wide), band)
             assert said is None or answer(kind, Interval(9, 0.0, *narrow), band) == said
-        if answer(BELOW, Interval(9, 0.0, *wide), band):
-            assert answer(BELOW, Interval(9, 0.0, *narrow), band)
 
 
 @given(ends, st.floats(0.1, 50))
@@ -316,7 +316,7 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
     assert lines[0] == "| | the paper says | settled | literal | settled, by boxes | literal, by boxes |"
     assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold | holds | does not hold |" in lines
     assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
-    assert "- 6, does not hold: Path error, SDOF with gap against SDOF: three-brake +0.8" in table
+    assert "- 6, does not hold: 2 of 2 fail. Path error, SDOF with gap against SDOF, " in table
     assert "**literal**" in table and "**settled**" not in table
     assert "Three people" in side_by_side({"few": study(people=3)})
 
@@ -431,7 +431,7 @@ def test_where_the_two_sums_disagree_the_verdict_depends_on_how_the_cut_is_treat
     assert {number for number, one in found.items() if one.verdict == DEPENDS} == {4}
     assert found[4].margins[measure == WITHOUT_RAMP] == found[4].margin == pytest.approx(-0.05)
     assert found[4].margins[measure == ROUGHNESS] >= 0.0
-    assert all(word in found[4].sentence for word in ("As cut, ", "Without the ramp, ", "59.00", "45.00"))
+    assert all(word in found[4].sentence for word in ("As cut, ", "Without the ramp, ", "-10 %", "-150 %"))
 
 
 def test_wider_bands_ask_more_of_a_difference_and_less_of_a_likeness():

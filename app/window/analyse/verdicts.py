@@ -6,10 +6,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QScrollArea
 
 from app.window.widgets import theme
-from experiments.analysis.findings import CANNOT_TELL, FAILS, HOLDS
+from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS
 from experiments.export.results import Conclusions
 
-VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION}  # the look of each
+VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION, DEPENDS: theme.CAUTION}  # the look of each
 
 
 class Verdicts(QScrollArea):
