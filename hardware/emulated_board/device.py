@@ -7,7 +7,7 @@ beyond it, turned as the device file says, with noise, and ends at its full scal
 import math
 from collections.abc import Iterable
 from itertools import count
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -130,32 +130,49 @@ class EmulatedDevice:
         self._ticks += 1
 
 
+class Wiring(NamedTuple):
+    """The sensors as the kernel reads them off."""
+
+    mechanism: np.ndarray  # one record
+    steps: np.ndarray  # (4,) counts per rad
+    mounting: (
+        np.ndarray
+    )  # (6,) mass beyond the force sensor (kg), its angle (rad), that angle's change with each joint's
+    gauges: np.ndarray  # (6, 6) counts per N and N m
+    # what changes
+    at_power_up: np.ndarray  # (4,) rad
+    theta: np.ndarray  # (4,) rad, without jumps
+    counts: np.ndarray  # (4,) of the encoders, since power-up
+    channels: np.ndarray  # (6,) counts of force
+
+
 class EmulatedSensors:
     """Reads the simulated device at each tick."""
 
     def __init__(self, device: Device, hello: Hello, tip: tuple[float, float], seed: int) -> None:
-        self._mechanisms = pack_mechanism(device.mechanism).view(np.ndarray)
         self._force = sensing_of(device)[1]
         gauges = np.eye(6) if device.calibration is None else np.linalg.inv(device.calibration)
-        self._gauges = 1e6 / FORCE_UNIT * gauges  # counts per N and N m
         self.noise = NOISE.copy()
-        self._counts, self._channels = np.zeros(4, dtype=np.int64), np.zeros(6, dtype=np.int64)
-        self._mounting = np.zeros(6)  # of the force sensor, as `read_off` takes it
+        mounting = np.zeros(6)
         if sensor := self._force:
             changes = [sensor_angle(sensor, tuple(joint)) - sensor.rotation_rad for joint in np.eye(4)]
-            self._mounting[:] = sensor.inertia_beyond_kg, sensor.rotation_rad, *changes
-        self._steps = np.array(hello.counts_per_rev) / TURN  # counts per rad
+            mounting[:] = sensor.inertia_beyond_kg, sensor.rotation_rad, *changes
+        self._wiring = Wiring(
+            pack_mechanism(device.mechanism).view(np.ndarray), np.array(hello.counts_per_rev) / TURN, mounting,
+            1e6 / FORCE_UNIT * gauges, np.zeros(4), np.zeros(4), np.zeros(4, dtype=np.int64),
+            np.zeros(6, dtype=np.int64),
+        )  # fmt: skip
         self._brakes = hello.brakes
         self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]  # what a faulty amplifier measures
-        self.theta = np.zeros(4)  # rad, without jumps
-        joint_angles(self._mechanisms[0], *tip, self.theta)
-        self._at_power_up = self.theta.copy()
+        self.theta, self.at_power_up = self._wiring.theta, self._wiring.at_power_up
+        joint_angles(self._wiring.mechanism[0], *tip, self.theta)
+        self.power_up()
         self._last = Readings()
         self.draw_anew(seed)
 
     def power_up(self) -> None:
         """The counters begin at zero where the joints are now."""
-        self._at_power_up = self.theta.copy()
+        self.at_power_up[:] = self.theta
 
     def draw_anew(self, seed: int) -> None:
         """The noise begins again: of each tick six loads (N, N m) and four currents (mA)."""
@@ -164,7 +181,7 @@ class EmulatedSensors:
 
     def home_counts(self) -> Four:
         """What the counters should stand at now: angle times counts per radian, whole."""
-        return tuple(np.rint(self.theta * self._steps).astype(int).tolist())
+        return tuple(np.rint(self.theta * self._wiring.steps).astype(int).tolist())
 
     def read(
         self, tip: tuple[float, float], hand: np.ndarray, acceleration: np.ndarray, current_mA: Four,
@@ -173,17 +190,14 @@ class EmulatedSensors:
         """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each."""
         wrong = {(fault.kind, fault.value) for fault in faults}
         noise = next(self._noise)
-        read_off(
-            self._mechanisms, *tip, self._steps, self._at_power_up, self.theta, self._counts,
-            hand, acceleration, self._mounting, self._gauges, noise, self._channels,
-        )  # fmt: skip
-        counts, measured = self._counts.tolist(), [0, 0, 0, 0]
+        read_off(self._wiring, tip, hand, acceleration, noise)
+        counts, measured = self._wiring.counts.tolist(), [0, 0, 0, 0]
         for i in range(4):
             if ("stuck-encoder", i) in wrong:
                 counts[i] = self._last.counts[i]
             if self._brakes >> i & 1:
                 measured[i] = round((self._over[i] if ("over-current", i) in wrong else current_mA[i]) + noise[6 + i])
-        channels = self._channels.tolist() if self._force else []
+        channels = self._wiring.channels.tolist() if self._force else []
         if channels and ("saturated-force", 0) in wrong:
             channels[0] = FORCE_FULL_SCALE
         good = tuple(("bad-encoder", i) not in wrong for i in range(4))
@@ -192,19 +206,15 @@ class EmulatedSensors:
 
 
 @kernel
-def read_off(
-    mechanisms, x, y, steps, at_power_up, theta, counts, hand, acceleration, mounting, gauges, noise, channels
-):  # fmt: skip
-    """At a tip (m): joint angles (rad, without jumps), encoder counts since power-up, and force channels (counts).
-
-    mounting (6,): mass beyond the sensor (kg), its angle (rad) and that angle's change with each joint's.
-    """
+def read_off(wiring, tip, hand, acceleration, noise):
+    """Joint angles, encoder counts and force channels into the `Wiring`; as `EmulatedSensors.read`, noise (10,)."""
+    theta, mounting, gauges = wiring.theta, wiring.mounting, wiring.gauges
     before_0, before_1, before_2, before_3 = theta[0], theta[1], theta[2], theta[3]
-    joint_angles(mechanisms[0], x, y, theta)
+    joint_angles(wiring.mechanism[0], tip[0], tip[1], theta)
     turned = mounting[1]
     for i, before in enumerate((before_0, before_1, before_2, before_3)):
         theta[i] += TURN * np.rint((before - theta[i]) / TURN)
-        counts[i] = math.floor((theta[i] - at_power_up[i]) * steps[i] + 0.5)
+        wiring.counts[i] = math.floor((theta[i] - wiring.at_power_up[i]) * wiring.steps[i] + 0.5)
         turned += mounting[2 + i] * theta[i]
     fx, fy = hand[0] - mounting[0] * acceleration[0], hand[1] - mounting[0] * acceleration[1]
     cos, sin = math.cos(turned), math.sin(turned)
@@ -212,4 +222,4 @@ def read_off(
         total = gauges[n, 0] * (cos * fx + sin * fy + noise[0]) + gauges[n, 1] * (cos * fy - sin * fx + noise[1])
         for m in range(2, 6):
             total += gauges[n, m] * noise[m]
-        channels[n] = int(np.rint(min(max(total, -FORCE_FULL_SCALE), FORCE_FULL_SCALE)))
+        wiring.channels[n] = int(np.rint(min(max(total, -FORCE_FULL_SCALE), FORCE_FULL_SCALE)))

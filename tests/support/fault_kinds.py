@@ -52,7 +52,7 @@ def turn(rad: float) -> Callable[["Case"], None]:
 
     def act(case: "Case") -> None:
         if case.board.ticks - case.at < 700 and not case.past:
-            case.board.device.sensors._at_power_up[0] -= rad
+            case.board.device.sensors.at_power_up[0] -= rad
 
     return act
 
