@@ -20,7 +20,7 @@ def compile_trials() -> None:
     from experiments.protocol import load_protocol
     from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
     from experiments.trial.population import load_population
-    from experiments.trial.trial import load_kernels
+    from experiments.trial.real_trial import load_kernels
 
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]

@@ -9,7 +9,7 @@ from core.kernels import kernel
 from core.path import Path, build_path, path_from
 from core.simulator.hand import new_hand
 from core.tick_log import APPROACH, END, MOVE
-from experiments.trial.operator import TICK_S, Person, begin_approach, new_operator, operate, take_handle
+from experiments.trial.operator import TICK_S, Moment, Person, begin_approach, new_operator, operate, take_handle
 from experiments.trial.population import load_population
 from experiments.trial.trial import NOISE_DRAWS
 
@@ -18,9 +18,9 @@ END_RADIUS_M, REST_S, LONGEST_S = 0.005, 1.0, 30.0
 
 
 @kernel
-def act(operators, grips, path, phase, tick, phase_tick, x, y, noise):
+def act(operators, grips, path, moment, tip, noise):
     """`operate` on plain arrays."""
-    operate(operators[0], grips[0], path, phase, tick, phase_tick, x, y, noise)
+    operate(operators[0], grips[0], path, moment, tip, noise)
 
 
 def drawn_operator(path: Path, seed: int) -> "EmulatedOperator":
@@ -47,7 +47,8 @@ class EmulatedOperator:
         """Before each tick: where it sees the handle (m), and what it then does."""
         self._tip = (x, y)
         self.go_on(x, y)
-        act(self._records, self._grips, self._path, self.phase, self._tick, self._phase_tick, x, y, self._noise)
+        moment = Moment(self.phase, self._tick, self._phase_tick)
+        act(self._records, self._grips, self._path, moment, self._tip, self._noise)
         self._tick += 1
         self._phase_tick += 1
 

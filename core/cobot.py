@@ -53,6 +53,8 @@ COBOT = np.dtype(
     ]
 )
 
+UNSTEERED = (0.0, 0.0, 0.0)  # in place of a goal
+
 
 class CobotFile(Table, frozen=True):
     """A cobot file."""
@@ -137,11 +139,12 @@ def turn_castor(cobot, i, gx, gy, gw, tangent):
 
 
 @kernel
-def advance(cobot, fx, fy, torque, steered, goal_x, goal_y, goal_w, step):
-    """A step (s) under the hand's force at the centre of mass (N, N m), held over it.
+def advance(cobot, force, steered, goal, step):
+    """A step (s) under the hand's force (3,) at the centre of mass (N, N, N m), held over it.
 
-    steered: 0: free caster; 1: towards the twist (goal_x, goal_y in the world, goal_w), of any length and either sign.
+    steered: 0: free caster; 1: towards the twist goal (3,), in the world, of any length and either sign.
     """
+    (fx, fy, torque), (goal_x, goal_y, goal_w) = force, goal
     mass, inertia, pose, twist, u = cobot.mass, cobot.inertia, cobot.pose, cobot.twist, cobot.speed
     vx, vy, w = velocity(cobot)
     free_x, free_y, free_w = vx + step * fx / mass, vy + step * fy / mass, w + step * torque / inertia
@@ -200,13 +203,14 @@ def advance(cobot, fx, fy, torque, steered, goal_x, goal_y, goal_w, step):
 
 
 @kernel
-def path_goal(cobot, beta_x, beta_y, t_x, t_y, heading, within, fx, fy, step):
-    """Twist along beta that brings the heading (rad) of a body near in about `within` metres of way.
+def path_goal(cobot, field, force, heading, within, step):
+    """Twist (3,) along beta that brings the heading (rad) of a body near in about `within` metres of way.
 
-    beta, t: desired direction and tangent of the velocity field, unit vectors. Our choice, for a castor cannot lock a
-    hand that pushes away: the body is steered between t and beta, as near to beta as leaves the hand half of its force
-    along t (`LEFT`) to move it on by; and along t where it would else roll back, away from the path.
+    field: of which beta and the tangent t count. Our choice, for a castor cannot lock a hand that pushes away: the body
+    is steered between t and beta, as near to beta as leaves the hand half of its force along t (`LEFT`) to move it on
+    by; and along t where it would else roll back, away from the path.
     """
+    fx, fy, beta_x, beta_y, t_x, t_y = force[0], force[1], field.beta_x, field.beta_y, field.t_x, field.t_y
     vx, vy, _ = velocity(cobot)
     vx, vy = vx + step * fx / cobot.mass, vy + step * fy / cobot.mass
     gx, gy = beta_x, beta_y
@@ -225,19 +229,19 @@ def path_goal(cobot, beta_x, beta_y, t_x, t_y, heading, within, fx, fy, step):
 
 
 @kernel
-def advance_along(cobot, wall, fx, fy, torque, step):
+def advance_along(cobot, wall, force, step):
     """A step towards the motion that the free body would have without its part into the wall.
 
     wall (4,): a place of the straight wall (m), and its unit normal to the free side.
     """
     vx, vy, w = velocity(cobot)
-    gx, gy = vx + step * fx / cobot.mass, vy + step * fy / cobot.mass
-    gw = w + step * torque / cobot.inertia
+    gx, gy = vx + step * force[0] / cobot.mass, vy + step * force[1] / cobot.mass
+    gw = w + step * force[2] / cobot.inertia
     into = min(gx * wall[2] + gy * wall[3], 0.0)
     gx, gy = gx - into * wall[2], gy - into * wall[3]
     if gx == 0.0 and gy == 0.0 and gw == 0.0:
         gx, gy = -wall[3], wall[2]
-    advance(cobot, fx, fy, torque, 1, gx, gy, gw, step)
+    advance(cobot, force, 1, (gx, gy, gw), step)
 
 
 @kernel
@@ -256,12 +260,12 @@ def stops_short(cobot, wall, push, step, most):
         if abs(outward) <= PARALLEL * size or cobot.speed * outward > 0.0:
             return True
         way = -math.copysign(1.0, outward)  # into the wall
-        advance_along(cobot, wall, way * push * bx / size, way * push * by / size, 0.0, step)
+        advance_along(cobot, wall, (way * push * bx / size, way * push * by / size, 0.0), step)
     return False
 
 
 @kernel
-def advance_at_wall(cobots, wall, push, fx, fy, torque, step, most):
+def advance_at_wall(cobots, wall, push, force, step, most):
     """A step of cobots[0] as a free caster, or along the wall where it could not be stopped before it any more then.
 
     cobots[1]: a record for the rehearsal, of any content. The wall is kept from the centre of mass for a hand of at
@@ -269,8 +273,8 @@ def advance_at_wall(cobots, wall, push, fx, fy, torque, step, most):
     may pass it.
     """
     cobots[1] = cobots[0]
-    advance(cobots[1], fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+    advance(cobots[1], force, 0, UNSTEERED, step)
     if stops_short(cobots[1], wall, push, step, most):
-        advance(cobots[0], fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+        advance(cobots[0], force, 0, UNSTEERED, step)
     else:
-        advance_along(cobots[0], wall, fx, fy, torque, step)
+        advance_along(cobots[0], wall, force, step)

@@ -37,8 +37,9 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
+from experiments.trial.real_trial import RealTrial, load_kernels
 from experiments.trial.tick import RUN
-from experiments.trial.trial import Trial, load_kernels
+from experiments.trial.trial import Trial
 from hardware.serial_device import device_at
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
@@ -155,8 +156,8 @@ class Loop:
 
     def run(self, trial: Trial) -> None:
         """To its last tick, or until it is to be handed back; every tick goes into the ring."""
-        if not trial.real:
-            run_trial(self.ring.controls, self.ring.rows, self._row, self._timer, *trial.arguments())
+        if not isinstance(trial, RealTrial):
+            run_trial(self.ring.controls, self.ring.rows, self._row, self._timer, trial.arguments())
         elif self.device is None:
             trial.give_up(after("the board cannot be reached: ", self._problem))
         elif not self.device.zeroed:
@@ -164,7 +165,7 @@ class Loop:
         else:
             self._run_on(self.device, trial)
 
-    def _run_on(self, device: RealDevice, trial: Trial) -> None:
+    def _run_on(self, device: RealDevice, trial: RealTrial) -> None:
         trial.connect(device)
         run = trial.arguments().run
         try:
@@ -281,7 +282,7 @@ class Loop:
 def run_stopped_trial() -> None:
     """Run a trial that ends at once, on a ring of its own, and the clock: every kernel of the loop is compiled then."""
     controls, ring, timer = new_record(CONTROL), np.zeros((2 * ROOM, tick_log.WIDTH)), new_timer()
-    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timer, *stopped_trial().arguments())
+    run_trial(controls, ring, np.empty((1, tick_log.WIDTH)), timer, stopped_trial().arguments())
     run_idle(np.empty(20), timer)
 
 

@@ -121,26 +121,21 @@ def put(controls, ring, row):
 
 
 @native
-def run_trial(
-    controls, ring, row, timer,
-    path, way, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing,
-):  # fmt: skip
-    """One trial in real time on the simulated device, to its last tick or until it is to be handed back.
+def run_trial(controls, ring, row, timer, trial):
+    """One `RunningTrial` in real time on the simulated device, to its last tick or until it is to be handed back.
 
     row: room for a tick.
     """
-    control, run, grip = controls[0], runs[0], hand.grips[0]
+    control, run, grip, state = controls[0], trial.run[0], trial.data.hand.grips[0], trial.data.state[0]
     force_max = grip.force_max
     control.begun = deadline = now_ns(timer)
     while run.finished == 0 and control.stop != HAND_BACK:
         late, deadline = due(control, deadline, timer)
-        end_early(controls, runs, control.loop_beat, ring.shape[0])
+        end_early(controls, trial.run, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:
-            take_aim(control, grip, state[0].tip, run.phase, force_max)
+            take_aim(control, grip, state.tip, run.phase, force_max)
             run.held = 1 if control.push_count != 0 else control.taken
-        run_ticks(
-            path, way, controller, mechanism, brakes, hand, state, scratch, runs, operator, noise, memory, sensing, row
-        )  # fmt: skip
+        run_ticks(trial, row)
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])
         worked = now_ns(timer) - control.loop_beat

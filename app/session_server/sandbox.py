@@ -336,16 +336,16 @@ class Sandbox:
         """Controller, brakes and spring of the settings, while everything that moves stays as it is."""
         before, self._now = self._now, self.settings
         s, assumed = self._now, self._assumed(self._now)
-        if not isinstance(trial.model, SimulatedDevice):  # its controller knows the noise of its sensing
+        if not isinstance(trial.simulation, SimulatedDevice):  # its controller knows the noise of its sensing
             trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
             return
         if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
         middle = point_at(trial.path, 0.5 * trial.path.length)[:2]
         trial.controller = self._controller(s, trial.device, decision_noise(trial.device, middle, assumed))
-        trial.model.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
+        trial.simulation.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
         if "spring_N_m" not in self.fixed:
-            grip, damping = trial.model.hand.grips, self._damping()
+            grip, damping = trial.simulation.hand.grips, self._damping()
             grip["stiffness"][0], grip["damping"][0] = (s.spring_N_m, 0.0, s.spring_N_m), (damping, 0.0, damping)
 
     def _own_backlash(self) -> bool:

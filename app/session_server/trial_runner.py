@@ -163,7 +163,7 @@ class TrialRunner:
         grasp: how the pointer has the handle; None: it must touch it, and one that was let go still comes home.
         """
         if grasp is None:
-            grasp = LET_GO if trial.model is self._let_go else UNTOUCHED
+            grasp = LET_GO if trial.simulation is self._let_go else UNTOUCHED
         self.run = TrialRun(self._ring, self._loop, planned, trial, writer, take, grasp)
         return self.run
 
@@ -199,7 +199,7 @@ class TrialRunner:
                 case Done():
                     assert self.run is not None
                     ended, self.run = self.run, None
-                    self._let_go = ended.trial.model if self._ring.grasp == LET_GO else None
+                    self._let_go = ended.trial.simulation if self._ring.grasp == LET_GO else None
                     ended.returned(answer, self._words)
                     self._last = ended.recorder.timing(self._words)
                 case _:

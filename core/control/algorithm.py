@@ -12,6 +12,7 @@ import numpy as np
 
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
+from core.control.velocity_field import Seen
 from core.kernels import kernel
 from core.mechanism import JOINTS
 
@@ -34,8 +35,7 @@ class Algorithm(NamedTuple):
     kind: str  # its word
     parameters: tuple[Parameter, ...]
     own: tuple[str, ...]  # words of its own decisions; one with {J} stands for four, one for each joint
-    #: kernel (controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current): writes current (4,) A; the decision
-    decide: Callable[..., int]
+    decide: Callable[..., int]  # kernel (controller, field, tick): writes the tick's currents; the decision
     steers: bool = False  # it can steer a castor in place of brakes
 
     @property
@@ -43,6 +43,17 @@ class Algorithm(NamedTuple):
         """Its own decisions, in the order of the codes from OWN on by which its kernel answers."""
         of = {words: JOINTS if "{J}" in words else JOINTS[:1] for words in self.own}
         return tuple(words.format(J=joint) for words, joints in of.items() for joint in joints)
+
+
+class Tick(NamedTuple):
+    """One tick of control: what is decided by, what is remembered, and the currents that are decided."""
+
+    seen: Seen
+    g: np.ndarray  # (4, 2) 1/m, rows of the joints: omega_i = g_i . v
+    mass: np.ndarray  # (3,) kg, M_xx, M_xy, M_yy of the tip
+    brakes: np.record  # as `core.simulator.state.pack_brakes` has them
+    memory: np.ndarray  # (20,), places as in `velocity_field`
+    current: np.ndarray  # (4,) A
 
 
 class Controller(NamedTuple):
@@ -112,15 +123,16 @@ def release(current):
 
 
 @kernel
-def lock(brakes, current):
-    """Full current on every brake; current (4,) A."""
+def lock(tick):
+    """Full current on every brake."""
     for i in range(4):
-        current[i] = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
+        tick.current[i] = tick.brakes.current_max[i] if tick.brakes.present[i] != 0.0 else 0.0
 
 
 @kernel
-def limit(brakes, current):
-    """What each brake may have at most of what was asked for: 0 .. its largest, 0 without a brake; current (4,) A."""
+def limit(tick):
+    """What each brake may have at most of what was asked for: 0 .. its largest, 0 without a brake."""
+    brakes, current = tick.brakes, tick.current
     for i in range(4):
         most = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0
         current[i] = min(current[i], most) if current[i] > 0.0 else 0.0
@@ -134,13 +146,15 @@ def torque_for_force(force, g_x, g_y):
 
 
 @kernel
-def actuate(brakes, i, force, g, current):
-    """Current on brake i for a tip force (N); the others stay as they are. g (4, 2), current (4,) A."""
-    current[i] = current_for_torque(brakes, i, torque_for_force(force, g[i, 0], g[i, 1]))
+def actuate(tick, i, force):
+    """Current on brake i for a tip force (N); the others stay as they are."""
+    torque = torque_for_force(force, tick.g[i, 0], tick.g[i, 1])
+    tick.current[i] = current_for_torque(tick.brakes, i, torque)
 
 
 @kernel
-def pushes_away(fx, fy, field, rules):
+def pushes_away(seen, field, rules):
     """Whether the hand force points away from the path, by both thresholds of the rule set."""
+    fx, fy = seen.fx, seen.fy
     outward = -(fx * field.n_x + fy * field.n_y)
     return outward > rules.away_force and outward > rules.away_share * math.sqrt(fx * fx + fy * fy)

@@ -28,7 +28,7 @@ from core.control.algorithm import (
     limit,
     release,
 )
-from core.control.guard import NO_OBSTACLE, Seen, keep_out
+from core.control.guard import NO_OBSTACLE, keep_out
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
 from core.files import InputError
@@ -37,7 +37,7 @@ from core.obstacles import nearest_obstacle
 
 
 @kernel
-def no_control(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+def no_control(controller, field, tick):
     """Control never acts."""
     return NONE
 
@@ -155,10 +155,10 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
     """
 
     @kernel
-    def decide_as(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+    def decide_as(controller, field, tick):
         if controller.algorithm != number:
-            return others(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
-        code = this(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
+            return others(controller, field, tick)
+        code = this(controller, field, tick)
         return code + offset if code >= OWN else code
 
     return decide_as
@@ -177,35 +177,34 @@ _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
 
 
 @kernel
-def _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+def _decide_within_limits(controller, field, tick):
     """As its algorithm decides; no brake gets more than it may have, whatever the algorithm has written."""
-    code = _decide_as_its_algorithm(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current)
-    limit(brakes, current)
+    code = _decide_as_its_algorithm(controller, field, tick)
+    limit(tick)
     return code
 
 
 @kernel
-def decide(controller, brakes, path, memory, x, y, vx, vy, fx, fy, g, mass, current):
-    """One tick of control: writes current (4,) A, updates memory (20,); returns the decision code and the field.
+def decide(controller, path, tick):
+    """One tick of control (`Tick`): writes its currents, updates its memory; returns the decision code and the field.
 
-    Tip (x, y) m, its velocity m/s, hand force N; g (4, 2) with omega_i = g_i . v; mass (3,) = M_xx, M_xy, M_yy of
-    the tip, kg. Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
+    Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
     """
-    release(current)
-    if not math.isfinite(x + y + vx + vy + fx + fy):
+    seen, memory, blend, rules = tick.seen, tick.memory, controller.blend_width, controller.rules
+    release(tick.current)
+    if not math.isfinite(seen.x + seen.y + seen.vx + seen.vy + seen.fx + seen.fy):
         return NONE if controller.algorithm == NO_CONTROL else NOT_FINITE, NO_FIELD
-    field = field_at(path, memory, x, y, vx, vy, fx, fy, controller.blend_width, controller.rules)
+    field = field_at(path, memory, seen, blend, rules)
     around = controller.around[0]
     if around.count > 0:
         if around.guard != 0:
-            locked = keep_out(around, brakes, memory, Seen(x, y, vx, vy, fx, fy, g, mass), current)
+            locked = keep_out(around, tick)
             if locked != NONE:
                 return locked, field
-        near = nearest_obstacle(around.edges, around.count, x, y)
-        if around.guide != 0 and near.distance < controller.blend_width:
-            blend, rules = controller.blend_width, controller.rules
-            field = field_round(near, field.distance, memory, vx, vy, fx, fy, blend, rules)
-            return _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
+        near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
+        if around.guide != 0 and near.distance < blend:
+            field = field_round(near, field.distance, memory, seen, blend, rules)
+            return _decide_within_limits(controller, field, tick), field
     if field.distance < controller.gap_m:
         return IN_GAP, field
-    return _decide_within_limits(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current), field
+    return _decide_within_limits(controller, field, tick), field

@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 
 from core.brake import inverse, time_constant
-from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, lock
+from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, Tick, lock
 from core.control.stopping import STOPPING, TICK_S, furthest, leash, look_towards, make_stopping, suppose
-from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, new_memory
+from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, Seen, new_memory
 from core.device import Device
 from core.files import Table, choice
 from core.kernels import kernel
@@ -90,19 +90,6 @@ class Sensed(NamedTuple):
 EXACT = Sensed()
 
 
-class Seen(NamedTuple):
-    """What the guard decides by."""
-
-    x: float  # m
-    y: float
-    vx: float  # m/s
-    vy: float
-    fx: float  # N, of the hand
-    fy: float
-    g: np.ndarray  # (4, 2) 1/m, rows of the joints
-    mass: np.ndarray  # (3,) kg, M_xx, M_xy, M_yy of the tip
-
-
 class Motion(NamedTuple):
     """How far the tip can have moved on since it was sensed, under the largest push."""
 
@@ -147,25 +134,26 @@ def why_no_guard(how: Around, name: str, device: Device, places: np.ndarray, the
 
 def locks_at_rest(how: Around, device: Device, tip: tuple[float, float]) -> bool:
     """Whether the guard locks a device that stands at `tip` (m)."""
-    around, brakes = make_around(how, device)[0], pack_brakes(device.brakes, backlash=True)[0]
-    return bool(keep_out(around, brakes, new_memory(), seen_at(device, tip), np.zeros(4)) != NONE)
+    return bool(keep_out(make_around(how, device)[0], tick_at(device, tip)) != NONE)
 
 
-def seen_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Seen:
-    """A tip (m) and its velocity (m/s) with what follows from them, and no hand."""
-    state = new_state(*tip, *velocity)
+def tick_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Tick:
+    """The first tick of control at a tip (m) with a velocity (m/s), and no hand."""
+    state, seen = new_state(*tip, *velocity), Seen(*tip, *velocity, 0.0, 0.0)
     look(pack_mechanism(device.mechanism)[0], state[0])
-    return Seen(*tip, *velocity, 0.0, 0.0, state["g"][0, :4], state["mass"][0])
+    brakes = pack_brakes(device.brakes, backlash=True)[0]
+    return Tick(seen, state["g"][0, :4], state["mass"][0], brakes, new_memory(), np.zeros(4))
 
 
 @kernel
-def stopping_distance(around, seen):
+def stopping_distance(around, tick):
     """How far (m) any hand within the push can bring the tip in the direction in which it moves; infinite: not known.
 
     From brakes without current, a tick of it free: the room that the guard asks of a tip that moves so.
     """
+    seen = tick.seen
     suppose(around.stopping, around.stopping.drag, around.turns)
-    motion = as_it_can_be(around, seen, TICK_S)
+    motion = as_it_can_be(around, tick, TICK_S)
     radius = leash(around.stopping, seen.x, seen.y, motion.energy)
     speed = math.sqrt(seen.vx * seen.vx + seen.vy * seen.vy)
     if radius == math.inf or speed == 0.0:
@@ -181,22 +169,22 @@ def stopping_distance(around, seen):
 
 
 @kernel
-def keep_out(around, brakes, memory, seen, current):
+def keep_out(around, tick):
     """Lock all brakes where the tip could not be stopped in front of an obstacle; the decision, NONE: they are free.
 
     They stay locked until the tip could be stopped in `RELEASE_SHARE` of the room, and with as much more energy, by
     brakes that begin anew (so a lock does not end in the next one). For a hand that pulls away what the brakes hold
     already counts, too: it is let go where a lock a tick later would still do, and where a lock does not help any more.
-    current (4,) A.
     """
-    stopping, was_locked = around.stopping, memory[LOCKED] != 0.0
-    age_yields(around, brakes, memory, seen, was_locked)
+    stopping, memory, seen = around.stopping, tick.memory, tick.seen
+    was_locked = memory[LOCKED] != 0.0
+    age_yields(around, tick, was_locked)
     pulled = pulls_away(around, seen)
     if pulled:
         suppose(stopping, around.after, 0.0)
     else:
         suppose(stopping, stopping.drag, around.turns)
-    motion = as_it_can_be(around, seen, TICK_S)
+    motion = as_it_can_be(around, tick, TICK_S)
     if was_locked:
         motion = Motion(motion.energy / RELEASE_SHARE, motion.ahead)
     radius = leash(stopping, seen.x, seen.y, motion.energy)
@@ -204,12 +192,12 @@ def keep_out(around, brakes, memory, seen, current):
     free = holds = can_be_stopped(around, seen, motion, radius, share)
     if not free:
         within = seen.fx * seen.fx + seen.fy * seen.fy <= stopping.push * stopping.push * (1.0 + ROUNDING)
-        holds = memory[SURE] != 0.0 and not turned_back(around, memory, seen, was_locked) and within
+        holds = memory[SURE] != 0.0 and not turned_back(around, tick, was_locked) and within
         if not holds:
             for i in range(4):
                 around.after[i] = memory[HELD + i]
             suppose(stopping, around.after, 0.0)
-            motion = as_it_can_be(around, seen, 0.0)
+            motion = as_it_can_be(around, tick, 0.0)
             if radius == math.inf:
                 radius = leash(stopping, seen.x, seen.y, motion.energy)
             holds = can_be_stopped(around, seen, motion, radius, 1.0)
@@ -220,20 +208,21 @@ def keep_out(around, brakes, memory, seen, current):
     memory[LOCKED] = 0.0 if free else 1.0
     if free:
         return NONE
-    lock(brakes, current)
+    lock(tick)
     return LOCK_OBSTACLE if holds else LOCK_TOO_LATE
 
 
 @kernel
-def turned_back(around, memory, seen, was_locked):
+def turned_back(around, tick, was_locked):
     """Whether a joint has turned back, since the lock began, by more than `BACK_SHARE` of its play in all.
 
     Until then what was sure when the lock began is sure: the bound is one for all time.
     """
+    memory = tick.memory
     if not was_locked:
         memory[BACK] = 0.0
     for i in range(4):
-        rate = seen.g[i, 0] * seen.vx + seen.g[i, 1] * seen.vy
+        rate = tick.g[i, 0] * tick.seen.vx + tick.g[i, 1] * tick.seen.vy
         if not was_locked or memory[SENSE + i] == 0.0:
             memory[SENSE + i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
         elif rate * memory[SENSE + i] < 0.0 and around.stopping.width[i] > 0.0:
@@ -242,18 +231,18 @@ def turned_back(around, memory, seen, was_locked):
 
 
 @kernel
-def age_yields(around, brakes, memory, seen, was_locked):
+def age_yields(around, tick, was_locked):
     """What each brake holds at least now, into the memory; into `after`, what it holds at least after a tick of none.
 
     It has risen at half the joint's rate at least, Eq. (4); where the rate is sensed late, as if the joint rested.
     """
-    stopping = around.stopping
+    stopping, memory, brakes = around.stopping, tick.memory, tick.brakes
     for i in range(4):
         drag, held = stopping.drag[i], max(memory[HELD + i], stopping.drag[i])
         if was_locked:
             rising = stopping.rising[i]
             if around.velocity_age == 0.0 and stopping.present[i] != 0.0:
-                rate = 0.5 * (seen.g[i, 0] * seen.vx + seen.g[i, 1] * seen.vy)
+                rate = 0.5 * (tick.g[i, 0] * tick.seen.vx + tick.g[i, 1] * tick.seen.vy)
                 rising = 1.0 - math.exp(-TICK_S * inverse(time_constant(brakes, i, brakes.current_max[i], rate, True)))
             held += rising * (stopping.full[i] - held)
         else:
@@ -271,9 +260,9 @@ def pulls_away(around, seen):
 
 
 @kernel
-def as_it_can_be(around, seen, later):
+def as_it_can_be(around, tick, later):
     """The most that the tip can have of energy and way `later` (s) than its newest sample reached the guard."""
-    xx, xy, yy = seen.mass[0], seen.mass[1], seen.mass[2]
+    seen, xx, xy, yy = tick.seen, tick.mass[0], tick.mass[1], tick.mass[2]
     middle, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
     light, heavy = math.sqrt(middle - half), math.sqrt(middle + half)
     # sqrt(2 E): a push adds to it at most by push / light a second

@@ -4,7 +4,7 @@ The space of desired velocity has its x axis along beta and its y axis 90 degree
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -110,32 +110,55 @@ def commanded_force(gain, v_beta_y, force_normalised):
     return min(gain * abs(v_beta_y), force_normalised)
 
 
+class Push(NamedTuple):
+    """Where the hand would start the tip."""
+
+    felt: bool  # it pushes hard enough to be told from noise
+    x: float  # unit vector, the impending direction
+    y: float
+
+
 @kernel
-def decision_velocity(vx, vy, push_x, push_y, felt, rest_speed):
-    """The velocity to decide with: the tip's own, or at rest under a felt hand rest_speed along the push (2,)."""
-    if felt and vx * vx + vy * vy < rest_speed * rest_speed:
-        return rest_speed * push_x, rest_speed * push_y
+def push_of(tick, rules):
+    """`Push` of the hand in this tick."""
+    fx, fy = tick.seen.fx, tick.seen.fy
+    x, y = impending_direction(fx, fy, tick.mass)
+    return Push(fx * fx + fy * fy > rules.felt_force * rules.felt_force, x, y)
+
+
+@kernel
+def decision_velocity(vx, vy, push, rest_speed):
+    """The velocity to decide with: the tip's own, or at rest under a felt hand rest_speed along its push."""
+    if push.felt and vx * vx + vy * vy < rest_speed * rest_speed:
+        return rest_speed * push.x, rest_speed * push.y
     return vx, vy
 
 
 @kernel
-def best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules):
+def sense_of(g, i, velocity, push, still_rate):
+    """`joint_sense` of joint i at a velocity (2,), m/s; g (4, 2)."""
+    g_x, g_y = g[i, 0], g[i, 1]
+    return joint_sense(g_x * velocity[0] + g_y * velocity[1], g_x * push.x + g_y * push.y, push.felt, still_rate)
+
+
+@kernel
+def best_brake(tick, field, velocity, push, rules):
     """The brake (0..3) of highest priority in H, the one whose force is nearest to beta among equals; -1: none.
 
-    g (4, 2); v is the velocity to decide with, push the impending direction.
+    velocity (2,), m/s: the one to decide with.
     """
-    v_beta_x, v_beta_y = in_beta(vx, vy, field)
+    brakes, g = tick.brakes, tick.g
+    v_beta_x, v_beta_y = in_beta(velocity[0], velocity[1], field)
     chosen = -1
     highest = 0
     nearest = -2.0  # cosine of the angle between force and beta
     for i in range(4):
         if brakes.present[i] == 0.0:
             continue
-        g_x, g_y = g[i, 0], g[i, 1]
-        sense = joint_sense(g_x * vx + g_y * vy, g_x * push_x + g_y * push_y, felt, rules.still_rate)
+        sense = sense_of(g, i, velocity, push, rules.still_rate)
         if sense == 0.0:
             continue
-        f_x, f_y = force_direction(g_x, g_y, sense)
+        f_x, f_y = force_direction(g[i, 0], g[i, 1], sense)
         f_along, f_across = in_beta(f_x, f_y, field)
         h_x, h_y = influence(f_along, f_across, v_beta_x, v_beta_y, rules.no_effect, rules.along_beta)
         rank = priority(h_x, h_y)
@@ -147,26 +170,24 @@ def best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules):
 
 
 @kernel
-def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+def decide(controller, field, tick):
     """Proportional velocity control (Section IV-C): K_y |v_beta_y| on the best brake, locks included."""
-    rules = controller.rules
-    felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force
-    push_x, push_y = impending_direction(fx, fy, mass)
-    vx, vy = decision_velocity(vx, vy, push_x, push_y, felt, rules.rest_speed)
-    v_beta_x, v_beta_y = in_beta(vx, vy, field)
-    i = best_brake(brakes, g, field, vx, vy, push_x, push_y, felt, rules)
+    rules, push = controller.rules, push_of(tick, controller.rules)
+    velocity = decision_velocity(tick.seen.vx, tick.seen.vy, push, rules.rest_speed)
+    v_beta_x, v_beta_y = in_beta(velocity[0], velocity[1], field)
+    i = best_brake(tick, field, velocity, push, rules)
 
-    if i < 0 and pushes_away(fx, fy, field, rules):
-        lock(brakes, current)
+    if i < 0 and pushes_away(tick.seen, field, rules):
+        lock(tick)
         return LOCK_NONE_SELECTED
     if v_beta_x < -rules.back_speed:
-        lock(brakes, current)
+        lock(tick)
         return LOCK_BACK_NONE_SELECTED if i < 0 else LOCK_BACK
     if i < 0:
         return RELEASE_NONE_SELECTED
     force = commanded_force(controller.values[GAIN], v_beta_y, controller.force_normalised)
-    actuate(brakes, i, force, g, current)
-    if current[i] == 0.0:
+    actuate(tick, i, force)
+    if tick.current[i] == 0.0:
         return BELOW_DRAG + i
     return CAPPED + i if force == controller.force_normalised else USE + i
 

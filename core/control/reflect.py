@@ -19,7 +19,7 @@ import math
 
 from core.brake import current_for_torque, torque_gain
 from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
-from core.control.proportional import impending_direction, joint_sense
+from core.control.proportional import push_of, sense_of
 from core.control.velocity_field import NEAREST, WANTED
 from core.kernels import kernel
 
@@ -169,24 +169,25 @@ def inside(ax, ay, low, high, wx, wy):
 
 
 @kernel
-def opposing(brakes, g, i, vx, vy, push_x, push_y, felt, still_rate):
+def opposing(tick, i, push, still_rate):
     """What brake i can do to the tip now: its force for each N m (1/m), its least and its largest torque (N m).
 
     All zero without a brake, and where its joint neither turns nor is about to: then it has no side to push to.
     """
+    brakes, g = tick.brakes, tick.g
     if brakes.present[i] == 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    gx, gy = g[i, 0], g[i, 1]
-    sense = joint_sense(gx * vx + gy * vy, gx * push_x + gy * push_y, felt, still_rate)
+    sense = sense_of(g, i, (tick.seen.vx, tick.seen.vy), push, still_rate)
     if sense == 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    return -sense * gx, -sense * gy, torque_gain(brakes, i, 0.0), torque_gain(brakes, i, brakes.current_max[i])
+    low, high = torque_gain(brakes, i, 0.0), torque_gain(brakes, i, brakes.current_max[i])
+    return -sense * g[i, 0], -sense * g[i, 1], low, high
 
 
 @kernel
-def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+def decide(controller, field, tick):
     """Show the wanted force; it and the nearest that can be had (N, in steady state) stand in memory afterwards."""
-    rules, stiffness = controller.rules, controller.values[WALL]
+    rules, stiffness, memory, current = controller.rules, controller.values[WALL], tick.memory, tick.current
     if stiffness > 0.0:
         force = stiffness * (field.distance - controller.gap_m)
         memory[WANTED], memory[WANTED + 1] = force * field.n_x, force * field.n_y
@@ -194,13 +195,11 @@ def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     square = wanted_x * wanted_x + wanted_y * wanted_y
     if not square > rules.least_shown * rules.least_shown:  # nor where there is no wanted force (NaN)
         return NONE
-    felt = fx * fx + fy * fy > rules.felt_force * rules.felt_force
-    push_x, push_y = impending_direction(fx, fy, mass)
-    still = rules.still_rate
-    ax0, ay0, low0, high0 = opposing(brakes, g, 0, vx, vy, push_x, push_y, felt, still)
-    ax1, ay1, low1, high1 = opposing(brakes, g, 1, vx, vy, push_x, push_y, felt, still)
-    ax2, ay2, low2, high2 = opposing(brakes, g, 2, vx, vy, push_x, push_y, felt, still)
-    ax3, ay3, low3, high3 = opposing(brakes, g, 3, vx, vy, push_x, push_y, felt, still)
+    push, still = push_of(tick, rules), rules.still_rate
+    ax0, ay0, low0, high0 = opposing(tick, 0, push, still)
+    ax1, ay1, low1, high1 = opposing(tick, 1, push, still)
+    ax2, ay2, low2, high2 = opposing(tick, 2, push, still)
+    ax3, ay3, low3, high3 = opposing(tick, 3, push, still)
     ax, ay = (ax0, ax1, ax2, ax3), (ay0, ay1, ay2, ay3)
     low, high = (low0, low1, low2, low3), (high0, high1, high2, high3)
     near_x, near_y = nearest_passive_force(ax, ay, low, high, wanted_x, wanted_y, current)
@@ -208,9 +207,9 @@ def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
     most, brake = -math.inf, 0
     for i in range(4):
         force = current[i] * math.hypot(ax[i], ay[i])
-        if brakes.present[i] != 0.0 and force > most:
+        if tick.brakes.present[i] != 0.0 and force > most:
             most, brake = force, i
-        current[i] = current_for_torque(brakes, i, current[i])
+        current[i] = current_for_torque(tick.brakes, i, current[i])
     return (WHOLE if math.hypot(wanted_x - near_x, wanted_y - near_y) < MISSED_N else IN_PART) + brake
 
 

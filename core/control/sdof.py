@@ -62,17 +62,18 @@ def nearest_valid_brake(brakes, g, field, rules):
 
 
 @kernel
-def decide(controller, brakes, field, memory, vx, vy, fx, fy, g, mass, current):
+def decide(controller, field, tick):
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
-    i = nearest_valid_brake(brakes, g, field, controller.rules)
+    i = nearest_valid_brake(tick.brakes, tick.g, field, controller.rules)
     if i < 0:
-        if brakes.present[0] + brakes.present[1] + brakes.present[2] + brakes.present[3] == 0.0:
+        present = tick.brakes.present
+        if present[0] + present[1] + present[2] + present[3] == 0.0:
             return STEER
-        if pushes_away(fx, fy, field, controller.rules):
-            lock(brakes, current)
+        if pushes_away(tick.seen, field, controller.rules):
+            lock(tick)
             return LOCK_NO_VALID
         return RELEASE_NO_VALID
-    actuate(brakes, i, controller.force_normalised, g, current)
+    actuate(tick, i, controller.force_normalised)
     return OWN + i
 
 

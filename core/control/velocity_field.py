@@ -24,6 +24,23 @@ TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
 LOCKED, HELD, SENSE, BACK, SURE, HOLDS = 8, 9, 13, 17, 18, 19
 
 
+class Seen(NamedTuple):
+    """What a controller sees of the tip and of the hand that holds it."""
+
+    x: float  # m
+    y: float
+    vx: float  # m/s
+    vy: float
+    fx: float  # N, of the hand
+    fy: float
+
+
+@kernel
+def seen_in(tip, hand_force):
+    """`Seen` in a state: tip (4,), m, m/s; hand_force (2,), N."""
+    return Seen(tip[0], tip[1], tip[2], tip[3], hand_force[0], hand_force[1])
+
+
 class Field(NamedTuple):
     """The field at the tip: unit vectors in tip coordinates (`field_around`: at many places, each part (n,))."""
 
@@ -59,6 +76,12 @@ def travel_sense(last, force_along, speed_along, rules):
 
 
 @kernel
+def sense_along(tx, ty, last, seen, rules):
+    """`travel_sense` along a tangent (tx, ty)."""
+    return travel_sense(last, tx * seen.fx + ty * seen.fy, tx * seen.vx + ty * seen.vy, rules)
+
+
+@kernel
 def side_of_path(last, distance, sense, rules):
     """+1 left of the path's own tangent, -1 right of it; on the path the last side, at first the left of t.
 
@@ -82,12 +105,12 @@ def desired_direction(distance, n_x, n_y, t_x, t_y, blend_width):
 
 
 @kernel
-def field_at(path, memory, x, y, vx, vy, fx, fy, blend_width, rules):
-    """The field at the tip (x, y) for its velocity and the hand force; updates memory."""
-    piece = held_piece(path, int(memory[PIECE]), x, y)
+def field_at(path, memory, seen, blend_width, rules):
+    """The field at the tip for its velocity and the hand force (`Seen`); updates memory."""
+    piece = held_piece(path, int(memory[PIECE]), seen.x, seen.y)
     memory[PIECE] = piece
-    _, distance, tx, ty = on_piece(path, piece, x, y)
-    sense = travel_sense(memory[TRAVEL], tx * fx + ty * fy, tx * vx + ty * vy, rules)
+    _, distance, tx, ty = on_piece(path, piece, seen.x, seen.y)
+    sense = sense_along(tx, ty, memory[TRAVEL], seen, rules)
     side = side_of_path(memory[SIDE], distance, sense, rules)
     memory[TRAVEL] = sense
     memory[SIDE] = side
@@ -98,14 +121,14 @@ def field_at(path, memory, x, y, vx, vy, fx, fy, blend_width, rules):
 
 
 @kernel
-def field_round(near, distance, memory, vx, vy, fx, fy, blend_width, rules):
+def field_round(near, distance, memory, seen, blend_width, rules):
     """The field beside the nearest obstacle, a path that only repels; updates the memory of the sense round it.
 
     t runs along its edge in the sense of the hand, n outward; beta turns from t, blend_width (m) away, to n at the edge
     and inside. distance (m): from the path, which control is still measured by.
     """
     tx, ty = near.n_y, -near.n_x
-    sense = travel_sense(memory[ROUND], tx * fx + ty * fy, tx * vx + ty * vy, rules)
+    sense = sense_along(tx, ty, memory[ROUND], seen, rules)
     memory[ROUND] = sense
     t_x, t_y = sense * tx, sense * ty
     inwards = max(blend_width - near.distance, 0.0)

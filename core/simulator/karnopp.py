@@ -23,15 +23,17 @@ from core.simulator.lag import age_yields, begin
 from core.simulator.load_sharing import leave_stops_their_share, reach_of
 from core.simulator.runge_kutta import keep_on_line
 from core.simulator.solver_numbers import HELD_ROUNDING, PARALLEL_ROWS
+from core.simulator.state import MR
 from core.simulator.stepping import drift_in_backlash, stop_on_the_way
 from core.simulator.stick_slip import FREE, STILL, holding_torque, same_line, solve_mass
 from core.simulator.stick_slip_mode import enter_line, set_costs, store
 
 
 @kernel
-def friction(mechanism, state, fx, fy, mxx, mxy, myy):
-    """Torques and acceleration by Eq. (6) under the force f (hand minus velocity terms, N); fills held, sign, torque.
+def friction(mechanism, state, force, mass):
+    """Torques and acceleration by Eq. (6) under a force (hand minus velocity terms, N); fills held, sign, torque.
 
+    mass: xx, xy, yy of tip and arm together, kg.
     Joints inside the band are stuck until their torque exceeds what they hold; then the worst of them slips, in the
     sense in which it was pushed, and the rest are solved again.
     """
@@ -48,12 +50,12 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
         else:
             torque[i] = -sign[i] * limit
     for _ in range(6):
-        rx, ry = fx, fy
+        rx, ry = force
         for i in range(PLACES):
             if sign[i] != 0.0:
                 rx += g[i, 0] * torque[i]
                 ry += g[i, 1] * torque[i]
-        hold(mechanism, state, rx, ry, mxx, mxy, myy)
+        hold(mechanism, state, (rx, ry), mass)
         worst, most = -1, 1.0 + HELD_ROUNDING
         for i in range(PLACES):
             if state.active[i] != 0 and sign[i] == 0.0:
@@ -66,20 +68,21 @@ def friction(mechanism, state, fx, fy, mxx, mxy, myy):
         torque[worst] = state.cost_minus[worst] if torque[worst] > 0.0 else -state.cost_plus[worst]
     if state.held == STILL:
         return 0.0, 0.0
-    rx, ry = fx, fy
+    rx, ry = force
     for i in range(PLACES):
         rx += g[i, 0] * torque[i]
         ry += g[i, 1] * torque[i]
-    return solve_mass(mxx, mxy, myy, rx, ry)
+    return solve_mass(mass[0], mass[1], mass[2], rx, ry)
 
 
 @kernel
-def hold(mechanism, state, rx, ry, mxx, mxy, myy):
-    """Torques of the stuck joints (active, sign 0) that make their accelerations zero under the force r; sets held.
+def hold(mechanism, state, force, mass):
+    """Torques of the stuck joints (active, sign 0) that make their accelerations zero under a force (N); sets held.
 
     Two rows that are not parallel hold the tip (its velocity terms inside the band are of order delta_omega^2 and left
     out); else the joints are on one line and hold it together.
     """
+    (rx, ry), (mxx, mxy, myy) = force, mass
     g, torque, lines = state.g, state.torque, mechanism.lines
     lead, several = -1, False
     sxx = sxy = syy = 0.0
@@ -126,15 +129,19 @@ def hold(mechanism, state, rx, ry, mxx, mxy, myy):
 
 
 @kernel
-def evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy):
-    """One stage at time t, s: fills the state's rows, rates, torques, acceleration and sensed hand force."""
+def evaluate(model, data, t, p, v):
+    """One stage at time t, s, at a tip p (2,), m, that moves at v (2,), m/s.
+
+    Fills the state's rows, rates, torques, acceleration and sensed hand force; returns the acceleration.
+    """
+    (x, y), (vx, vy), mechanism, hand, state = p, v, model.mechanism, data.hand, data.state
     q = motion(mechanism, x, y, vx, vy)
     store(mechanism, state, q)
-    set_costs(brakes, state)
+    set_costs(model.brakes, state)
     arm_mass = hand.grips[0].mass
     fx, fy = hand_force(hand, t, x, y, vx, vy)
-    mxx, mxy, myy = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
-    ax, ay = friction(mechanism, state, fx - q.bias_x, fy - q.bias_y, mxx, mxy, myy)
+    mass = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
+    ax, ay = friction(mechanism, state, (fx - q.bias_x, fy - q.bias_y), mass)
     state.acceleration[0], state.acceleration[1] = ax, ay
     state.hand_force[0], state.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
     return ax, ay
@@ -150,34 +157,35 @@ def book_stage(state, scratch, vx, vy, share):
 
 
 @kernel
-def resolve_in_band(mechanism, brakes, hand, state, t):
+def resolve_in_band(model, data, t):
     """Stage: torques by Eq. (6) at time t for the yields now in the state."""
-    tip = state.tip
-    evaluate(mechanism, brakes, hand, state, t, tip[0], tip[1], tip[2], tip[3])
-    leave_stops_their_share(state)
+    tip = data.state.tip
+    evaluate(model, data, t, (tip[0], tip[1]), (tip[2], tip[3]))
+    leave_stops_their_share(data.state)
 
 
 @kernel
-def advance_karnopp(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
+def advance_karnopp(model, data, currents, t, h):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
-    tip, arm_mass = state.tip, hand.grips[0].mass
-    begin(brakes, state, currents, lagged)
+    mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
+    tip, arm_mass = state.tip, data.hand.grips[0].mass
+    begin(brakes, state, currents, 1 if model.fidelity == MR else 0)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
     sixth, half = h / 6.0, 0.5 * h
-    ax, ay = evaluate(mechanism, brakes, hand, state, t, x, y, vx, vy)
+    ax, ay = evaluate(model, data, t, (x, y), (vx, vy))
     book_stage(state, scratch, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
     age_yields(state, half)
-    bx, by = evaluate(mechanism, brakes, hand, state, t + half, x + half * vx, y + half * vy, ux, uy)
+    bx, by = evaluate(model, data, t + half, (x + half * vx, y + half * vy), (ux, uy))
     book_stage(state, scratch, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
-    cx, cy = evaluate(mechanism, brakes, hand, state, t + half, x + half * ux, y + half * uy, wx, wy)
+    cx, cy = evaluate(model, data, t + half, (x + half * ux, y + half * uy), (wx, wy))
     book_stage(state, scratch, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
     age_yields(state, h)
-    dx, dy = evaluate(mechanism, brakes, hand, state, t + h, x + h * wx, y + h * wy, zx, zy)
+    dx, dy = evaluate(model, data, t + h, (x + h * wx, y + h * wy), (zx, zy))
     book_stage(state, scratch, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)
     tip[1] = y + sixth * (vy + 2.0 * (uy + wy) + zy)

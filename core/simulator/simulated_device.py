@@ -13,7 +13,7 @@ from core.kernels import kernel
 from core.mechanism import PLACES, STOP_E
 from core.simulator.hand import Hand
 from core.simulator.simulation import MR, Ledger, Simulation, advance, apply
-from core.simulator.state import CARRIED, STATE, pack_brakes
+from core.simulator.state import CARRIED, STATE, Data, Model, pack_brakes
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import look, resolve
 
@@ -51,11 +51,11 @@ class SimulatedDevice(Simulation):
 
     def settle(self, currents: np.ndarray, t: float) -> None:
         """What moves and what rests at t (s) with these currents (4,), A: forces and acceleration are then known."""
-        settle(*self.arguments(), currents, t, self.fidelity, self.integrator)
+        settle(self.model, self.data, currents, t)
 
     def move(self, currents: np.ndarray, t: float, step: float) -> None:
         """A step from t on, s; the currents may be other ones than it was settled with."""
-        move(*self.arguments(), currents, t, step, self.fidelity, self.integrator)
+        move(self.model, self.data, currents, t, step)
 
     def retune(self, strength: float, backlash_rad: float | None) -> None:
         """Other brakes from now on, the motion as it is: `strength` times the K(I) of the device's, all with this play.
@@ -99,19 +99,19 @@ class SimulatedDevice(Simulation):
 
 
 @kernel
-def settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator):
+def settle(model, data, currents, t):
     """See `SimulatedDevice.settle`."""
-    apply(mechanisms[0], brakes[0], states[0], currents, fidelity)
-    resolve(mechanisms[0], brakes[0], hand, states[0], t)
+    model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
+    apply(model, data.state[0], currents)
+    resolve(model.mechanism, model.brakes, data.hand, data.state[0], t)
 
 
 @kernel
-def move(mechanisms, brakes, hand, states, scratches, currents, t, step, fidelity, integrator):
+def move(model, data, currents, t, step):
     """See `SimulatedDevice.move`."""
-    settle(mechanisms, brakes, hand, states, scratches, currents, t, fidelity, integrator)
-    advance(
-        mechanisms[0], brakes[0], hand, states[0], scratches[0], currents, t, step, fidelity, integrator
-    )  # fmt: skip
+    settle(model, data, currents, t)
+    model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
+    advance(model, Data(data.hand, data.state[0], data.scratch[0]), currents, t, step)
 
 
 def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:

@@ -7,6 +7,7 @@ over the step.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,14 +20,23 @@ from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
 from core.simulator.runge_kutta import STEP_SCRATCH, kinetic
 from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
-from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
+from core.simulator.state import (
+    FIDELITIES,
+    IDEAL,
+    MR,
+    STATIC,
+    Data,
+    Model,
+    new_record,
+    new_state,
+    pack_brakes,
+    pack_mechanism,
+)
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, look, resolve
 from core.stops import distal_sine
 
-FIDELITIES = ("ideal", "static", "mr")
-IDEAL, STATIC, MR = range(3)
 INTEGRATORS = ("event", "stepping", "karnopp")
 EVENT, STEPPING, KARNOPP = range(3)
 
@@ -38,58 +48,60 @@ RIPPLE_PERIODS = 36
 
 
 @kernel
-def apply(mechanism, brakes, state, commands, fidelity):
+def apply(model, state, commands):
     """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
-    if fidelity == IDEAL:
+    brakes = model.brakes
+    if model.fidelity == IDEAL:
         for i in range(4):
             state.torque_yield[i] = commands[i]
-    elif fidelity == STATIC:
+    elif model.fidelity == STATIC:
         for i in range(4):
             if brakes.present[i] > 0.0:
                 state.torque_yield[i] = torque_gain(brakes, i, commands[i])
     if brakes.ripple > 0.0:
-        swing(mechanism, brakes, state, fidelity)
+        swing(model, state)
 
 
 @kernel
-def swing(mechanism, brakes, state, fidelity):
+def swing(model, state):
     """Torque ripple: over a turn the torque of a brake swings about its mean, as the paper saw it do by about 1 N m.
 
     Assumed: a sine of the joint's angle, held over the step, whose height is at most what the field adds to the torque
     without current. So the yield stays positive, and at a constant current its mean is K.
     """
+    mechanism, brakes = model.mechanism, model.brakes
     joint_angles(mechanism, state.tip[0], state.tip[1], state.theta)
     for i in range(4):
         if mechanism.coupled >> i & 1 != 0:
             state.theta[i] = coupled_angle(mechanism, i, state.tip[0], state.tip[1])
         if brakes.present[i] > 0.0:
-            mean = state.torque_yield[i] - (state.ripple[i] if fidelity == MR else 0.0)
+            mean = state.torque_yield[i] - (state.ripple[i] if model.fidelity == MR else 0.0)
             height = min(brakes.ripple, max(mean - brakes.k[i, 1], 0.0))
             state.ripple[i] = height * math.sin(RIPPLE_PERIODS * state.theta[i])
             state.torque_yield[i] = mean + state.ripple[i]
 
 
 @kernel
-def advance(mechanism, brakes, hand, state, scratch, commands, t, h, fidelity, integrator):
+def advance(model, data, commands, t, h):
     """Stage: the integrator carries the resolved state from t to t + h, s."""
-    lagged = 1 if fidelity == MR else 0
-    if integrator == EVENT:
-        advance_event(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
-    elif integrator == STEPPING:
-        state.steps += 1
-        advance_stepping(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
+    lagged = 1 if model.fidelity == MR else 0
+    if model.integrator == EVENT:
+        advance_event(model.mechanism, model.brakes, data.hand, data.state, data.scratch, commands, t, h, lagged)
+    elif model.integrator == STEPPING:
+        data.state.steps += 1
+        advance_stepping(model.mechanism, model.brakes, data.hand, data.state, data.scratch, commands, t, h, lagged)
     else:
-        state.steps += 1
-        advance_karnopp(mechanism, brakes, hand, state, scratch, commands, t, h, lagged)
+        data.state.steps += 1
+        advance_karnopp(model, data, commands, t, h)
 
 
 @kernel
-def stuck_bits(mechanism, brakes, state):
+def stuck_bits(model, state):
     """Which brakes are stuck (bit i for joint i): held, and able to hold anything."""
     bits = 0
     for i in range(4):
-        if brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
-            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
+        if model.brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
+            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, model.mechanism.lines)):
                 bits |= 1 << i
     return bits
 
@@ -102,53 +114,67 @@ def energy_residual(state):
 
 
 @kernel
-def start(mechanisms, brake_records, states, fidelity):
+def start(model, data):
     """A new state: rows and mass at its position, brakes off, the play in the middle of the backlash."""
-    mechanism, brakes, state = mechanisms[0], brake_records[0], states[0]
+    mechanism, brakes, state = model.mechanism[0], model.brakes[0], data.state[0]
     state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
     look(mechanism, state)
     state.kinetic_start = kinetic(state)
     for i in range(4):
         state.play[i] = 0.5 * brakes.play[i]
         state.edge[i] = 0.0
-        if fidelity != IDEAL and brakes.present[i] > 0.0:
+        if model.fidelity != IDEAL and brakes.present[i] > 0.0:
             state.torque_yield[i] = brakes.k[i, 1]
 
 
-@kernel
-def run_rows(
-    mechanisms, brake_records, hand, states, scratches, times, values,
-    first_row, last_row, per_row, step, fidelity, integrator, rows,
-):  # fmt: skip
-    """Fill rows (n, ROW_WIDTH) from row `first_row` on, advancing `per_row` steps after each but `last_row`.
+class Schedule(NamedTuple):
+    """What the brakes are commanded."""
 
-    times (m,), values (m, 4): the command schedule; a row inside a step splits it, and so do the knots of a force
-    table that the step would not see.
+    times: np.ndarray  # (n,) s, rising, the first <= 0; each row holds from its time on
+    values: np.ndarray  # (n, 4) N m or A, as the fidelity has it
+
+
+class Grid(NamedTuple):
+    """Which rows are wanted, and how many steps make them."""
+
+    first_row: int
+    last_row: int  # nothing advances after it; -1: none is the last
+    per_row: int  # steps from one row to the next
+    step: float  # s
+
+
+@kernel
+def run_rows(model, data, schedule, grid, rows):
+    """Fill rows (n, ROW_WIDTH) of a grid.
+
+    A row of the schedule inside a step splits it, and so do the knots of a force table that the step would not see.
     """
-    mechanism, brakes, state, scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
-    cursor = 0
-    if state.settled != 0 and hand_changed(hand, state, first_row * per_row * step):
+    model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
+    data = Data(data.hand, data.state[0], data.scratch[0])
+    hand, state, times, values = data.hand, data.state, schedule.times, schedule.values
+    per_row, step, cursor = grid.per_row, grid.step, 0
+    if state.settled != 0 and hand_changed(hand, state, grid.first_row * per_row * step):
         state.settled = 0
     for r in range(rows.shape[0]):
-        row = first_row + r
+        row = grid.first_row + r
         for s in range(per_row):
             k = row * per_row + s
             t, end = k * step, (k + 1) * step
             while t < end:
                 while cursor + 1 < times.shape[0] and times[cursor + 1] <= t + EDGE_S:
                     cursor += 1
-                apply(mechanism, brakes, state, values[cursor], fidelity)
-                if integrator == KARNOPP:
-                    resolve_in_band(mechanism, brakes, hand, state, t)
+                apply(model, state, values[cursor])
+                if model.integrator == KARNOPP:
+                    resolve_in_band(model, data, t)
                 else:
-                    resolve(mechanism, brakes, hand, state, t)
+                    resolve(model.mechanism, model.brakes, hand, state, t)
                 if s == 0 and t == k * step:
                     rows[r, 0] = t
                     for i in range(4):
                         rows[r, 1 + i] = state.tip[i]
                         rows[r, 5 + i] = state.torque[i]
-                    rows[r, 9] = stuck_bits(mechanism, brakes, state)
-                    if row == last_row:
+                    rows[r, 9] = stuck_bits(model, state)
+                    if row == grid.last_row:
                         return
                 until = end
                 if cursor + 1 < times.shape[0] and times[cursor + 1] < end - EDGE_S:
@@ -156,7 +182,7 @@ def run_rows(
                 if hand.times.shape[0] > 1:
                     until = split_at_knots(hand, t, until)
                 h = step if until == end and t == k * step else until - t
-                advance(mechanism, brakes, hand, state, scratch, values[cursor], t, h, fidelity, integrator)
+                advance(model, data, values[cursor], t, h)
                 t = until
 
 
@@ -219,24 +245,28 @@ class Simulation:
         self.state = new_state(*tip, *velocity)
         self.state["delta_omega"][0] = delta_omega
         self.state["tolerance"][0] = tolerance
-        start(self.mechanism, self.brakes, self.state, self.fidelity)
+        start(self.model, self.data)
 
-    def arguments(self) -> tuple:
-        """Mechanism, brakes, hand, state and scratch as kernels take them."""
-        return self.mechanism, self.brakes, self.hand, self.state, self.step_scratch
+    @property
+    def model(self) -> Model:
+        """What stays as it is, as kernels take it."""
+        return Model(self.mechanism, self.brakes, self.fidelity, self.integrator)
 
-    def rows(self, n: int, step: float, per_row: int, times: np.ndarray, values: np.ndarray,
-             first_row: int = 0, last_row: int = -1) -> np.ndarray:  # fmt: skip
+    @property
+    def data(self) -> Data:
+        """What changes, as kernels take it."""
+        return Data(self.hand, self.state, self.step_scratch)
+
+    def rows(self, n: int, schedule: Schedule, grid: Grid) -> np.ndarray:
         """n output rows (n, ROW_WIDTH): t, x, y, vx, vy, torque A, E, B, C, stuck bits; call again to go on."""
         out = np.zeros((n, ROW_WIDTH))
-        how = first_row, last_row, per_row, step, self.fidelity, self.integrator
-        run_rows(*self.arguments(), times, values, *how, out)
+        run_rows(self.model, self.data, schedule, grid, out)
         return out
 
     def run(self, duration: float, step: float, commands: np.ndarray) -> np.ndarray:
         """Run from t = 0 with constant commands; one row a step and the last one, (n + 1, ROW_WIDTH)."""
         n = round(duration / step)
-        return self.rows(n + 1, step, 1, np.zeros(1), np.array([commands], dtype=float), 0, n)
+        return self.rows(n + 1, Schedule(np.zeros(1), np.array([commands], dtype=float)), Grid(0, n, 1, step))
 
     def ledger(self) -> Ledger:
         """The energy ledger and the counters now."""

@@ -1,11 +1,14 @@
 """The state of a simulated device: one record that the kernels change in place (a pointer to them, not an object)."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from core.mechanism import PLACES, Arm, Brakes, Mechanism, no_brakes
 from core.simulator.stick_slip import FREE, STILL
+
+if TYPE_CHECKING:
+    from core.simulator.hand import Hand
 
 #: What a state and a tried step know of the motion. Joints in the order of the places of core/mechanism.py.
 MOTION = [
@@ -106,6 +109,31 @@ MECHANISM = np.dtype(
     ]
 )
 BRAKES = np.dtype([(name, "f8", np.shape(value)) for name, value in no_brakes()._asdict().items()])
+
+
+FIDELITIES = ("ideal", "static", "mr")
+IDEAL, STATIC, MR = range(3)
+
+#: Python holds a record as an array of one, with which a call takes a microsecond, not ten. A kernel that Python calls
+#: begins by putting the records themselves in the places of the arrays.
+Record = Any
+
+
+class Model(NamedTuple):
+    """What stays as it is while a device is simulated."""
+
+    mechanism: Record  # MECHANISM
+    brakes: Record  # BRAKES
+    fidelity: int  # place in `FIDELITIES`
+    integrator: int  # place in `simulation.INTEGRATORS`
+
+
+class Data(NamedTuple):
+    """What changes while it is simulated."""
+
+    hand: "Hand"
+    state: Record  # STATE
+    scratch: Record  # STEP_SCRATCH
 
 
 def new_record(dtype: np.dtype, **fields: Any) -> np.ndarray:

@@ -21,7 +21,7 @@ import numpy as np
 from core import tick_log
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.simulation import Simulation, run_rows
+from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
@@ -34,7 +34,8 @@ from experiments.progress import Progress, unseen
 from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial, load_kernels
+from experiments.trial.real_trial import load_kernels
+from experiments.trial.trial import Trial
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -122,17 +123,16 @@ def simulated(
     simulation = new_simulation(scene, integrator, fidelity, **options)
     n = scene.comparisons
     per_row = round(COMPARE_S / step)
-    rows = simulation.rows(n + 1, step, per_row, scene.times, scene.commands(fidelity), 0, n)
+    rows = simulation.rows(n + 1, Schedule(scene.times, scene.commands(fidelity)), Grid(0, n, per_row, step))
     return simulation, rows[:, 1:3].copy()
 
 
 def seconds(scene: BenchScene, integrator: str, fidelity: str, step: float, out: np.ndarray) -> float:
     """Wall time of one run of the whole scene inside the kernel (s)."""
-    s, n = new_simulation(scene, integrator, fidelity), round(scene.duration_s / step)
-    commands = scene.commands(fidelity)
+    simulation, n = new_simulation(scene, integrator, fidelity), round(scene.duration_s / step)
+    schedule = Schedule(scene.times, scene.commands(fidelity))
     start = time.perf_counter()
-    run_rows(s.mechanism, s.brakes, s.hand, s.state, s.step_scratch, scene.times, commands,
-             0, 1, n, step, s.fidelity, s.integrator, out)  # fmt: skip
+    run_rows(simulation.model, simulation.data, schedule, Grid(0, 1, n, step), out)
     return time.perf_counter() - start
 
 
@@ -214,7 +214,9 @@ def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
         still = new_simulation(scene, "karnopp", "ideal", delta_omega=delta_omega)
         fastest = np.linalg.norm(still.state["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
         still.state["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
-        rows = still.rows(2, 1e-3, round(scene.duration_s / 1e-3), scene.times, scene.commands("ideal"), 0, 1)
+        rows = still.rows(
+            2, Schedule(scene.times, scene.commands("ideal")), Grid(0, 1, round(scene.duration_s / 1e-3), 1e-3)
+        )
         creeps = float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)
     return {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name, "rms_error_m": rms,
             "creep_m_s": creeps}  # fmt: skip
@@ -288,7 +290,7 @@ def fallback_costs(repeats: int) -> list[dict]:
         for _ in range(repeats):
             s = Simulation(device, START, hand=hand())
             start = time.perf_counter()
-            s.rows(2, 1e-3, 2000, times, torques, 0, 1)
+            s.rows(2, Schedule(times, torques), Grid(0, 1, 2000, 1e-3))
             wall, ledger = min(wall, time.perf_counter() - start), s.ledger()
         assert ledger is not None
         found.append({"case": name, "steps": ledger.steps, "events": ledger.events, "fallbacks": ledger.fallbacks,

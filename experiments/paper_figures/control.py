@@ -15,7 +15,7 @@ from matplotlib.patches import Arc, Wedge
 from core.control.proportional import force_direction, in_beta, influence, priority
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.control.velocity_field import BLEND_WIDTH, Field, desired_direction, field_at, new_memory
+from core.control.velocity_field import BLEND_WIDTH, Field, Seen, desired_direction, field_at, new_memory
 from core.device import Device
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
@@ -61,7 +61,7 @@ def draw_velocity_field() -> Figure:
     columns = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + 0.5 * APART_M, APART_M)
     rows = np.arange(PATH_Y_M - HALF_HEIGHT_M, PATH_Y_M + HALF_HEIGHT_M + 0.25 * APART_M, 0.5 * APART_M)
     tips = [(float(x), float(y)) for x in columns for y in rows]
-    fields = [field_at(path, new_memory(), *tip, 0.0, 0.0, PUSH_N, 0.0, BLEND_WIDTH, SETTLED) for tip in tips]
+    fields = [field_at(path, new_memory(), Seen(*tip, 0.0, 0.0, PUSH_N, 0.0), BLEND_WIDTH, SETTLED) for tip in tips]
     beta = np.array([(field.beta_x, field.beta_y) for field in fields])
     axes.quiver(
         *(CM * np.array(tips).T), *beta.T, angles="xy", scale_units="xy", scale=1.0 / 0.9, pivot="mid", width=0.0026,
@@ -93,7 +93,8 @@ def sdof_choice(device: Device, tip: tuple[float, float], alpha: float, distance
     t = math.cos(alpha), math.sin(alpha)
     foot = tip[0] + distance * t[1], tip[1] - distance * t[0]
     path = line(foot, (foot[0] + 0.1 * t[0], foot[1] + 0.1 * t[1]))
-    field = field_at(path, new_memory(), *tip, 0.0, 0.0, PUSH_N * t[0], PUSH_N * t[1], BLEND_WIDTH, SETTLED)
+    seen = Seen(*tip, 0.0, 0.0, PUSH_N * t[0], PUSH_N * t[1])
+    field = field_at(path, new_memory(), seen, BLEND_WIDTH, SETTLED)
     g = np.zeros((4, 2))
     tip_force_map(device.mechanism, *tip, g)
     directions = {joint: sdof_direction(*g[JOINTS.index(joint)]) for joint in device.braked}

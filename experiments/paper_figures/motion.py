@@ -26,13 +26,13 @@ from matplotlib.lines import Line2D
 
 from core import tick_log as log
 from core.control.controllers import make_preset
-from core.control.guard import Around, Guard, least_held, make_around, seen_at, stopping_distance
+from core.control.guard import Around, Guard, least_held, make_around, stopping_distance, tick_at
 from core.device import Device
 from core.mechanism import JOINTS
 from core.path import Segment
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.stick_slip import FREE, STILL
 from core.workspace import Array
 from experiments.analysis.sheet import (
@@ -98,12 +98,12 @@ def release(device: Device, start: tuple[float, float], anchor: tuple[float, flo
     hand = new_hand()
     simulation = Simulation(device, start, fidelity="mr", hand=hand)
     held, n, at_once = round(HOLD_S / STEP_S), round(RELEASE_S / STEP_S), np.zeros(1)
-    simulation.rows(held, STEP_S, 1, at_once, currents)
+    simulation.rows(held, Schedule(at_once, currents), Grid(0, -1, 1, STEP_S))
     rows, tip = [], np.array(start)
     for k in range(n + 1):
         pull = np.array(anchor) - tip
         hand.forces[0] = FORCE_N * pull / math.hypot(*pull)
-        rows.append(simulation.rows(1, STEP_S, 1, at_once, currents, held + k)[0])
+        rows.append(simulation.rows(1, Schedule(at_once, currents), Grid(held + k, -1, 1, STEP_S))[0])
         tip = simulation.state["tip"][0, :2].copy()
     table = np.array(rows)
     return Release(locked, table[:, 0] - HOLD_S, table[:, 1:3])
@@ -209,7 +209,7 @@ def bounds(device: Device, tip: tuple[float, float], push: float, play: bool) ->
         device = replace(device, brakes=device.brakes._replace(play=np.zeros(4)))
     around = make_around(Around(guard=Guard(push_N=push)), device)[0]
     found = [
-        max(stopping_distance(around, seen_at(device, tip, (v * math.cos(a), v * math.sin(a)))) for a in ANGLES)
+        max(stopping_distance(around, tick_at(device, tip, (v * math.cos(a), v * math.sin(a)))) for a in ANGLES)
         for v in np.maximum(SPEEDS_M_S, STARTING_M_S)
     ]
     return np.array(found)

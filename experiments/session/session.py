@@ -16,7 +16,6 @@ from typing import Any, Self
 import msgspec
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
-from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
@@ -46,6 +45,7 @@ from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
+from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Trial
 
 OnEvent = Callable[[events.Event, dict[str, Any]], None]
@@ -262,12 +262,13 @@ class Session:
             person = participant_index(self.participant)
             generator = normals(self.protocol.seed, person, planned.segment, planned.repetition)
         file = self.protocol.device(planned.configuration)
-        device: Device | SimulatedDevice = file if sensors else self.simulation(planned.configuration)
-        preset = self.preset(planned)
-        trial = Trial(
-            device, planned, self.protocol.paths[planned.segment], preset, self.protocol.rules, self.protocol.trial,
-            None if sensors else self.person, generator,
-        )  # fmt: skip
+        preset, path = self.preset(planned), self.protocol.paths[planned.segment]
+        how = planned, path, preset, self.protocol.rules, self.protocol.trial
+        trial: Trial
+        if sensors:
+            trial = RealTrial(file, *how)
+        else:
+            trial = Trial(self.simulation(planned.configuration), *how, self.person, generator)
         is_practice = planned.block == PRACTICE_BLOCK
         folder = files.PRACTICE if is_practice else files.TRIALS
         (self.folder / folder).mkdir(exist_ok=True)

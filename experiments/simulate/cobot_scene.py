@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
-from core.cobot import COBOT, CobotFile, advance, advance_at_wall, new_cobot, path_goal, velocity
-from core.control.rule_sets import SETTLED
-from core.control.velocity_field import BLEND_WIDTH, field_at, new_memory
+from core.cobot import COBOT, UNSTEERED, CobotFile, advance, advance_at_wall, new_cobot, path_goal, velocity
+from core.control.rule_sets import SETTLED, Rules
+from core.control.velocity_field import BLEND_WIDTH, Seen, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
 from core.files import (
     InputError,
@@ -162,12 +162,27 @@ def read_cobot_scene(path: Path) -> CobotScene:
     )  # fmt: skip
 
 
+class Task(NamedTuple):
+    """What the castors of a scene do, as the kernel reads it."""
+
+    mode: int
+    path: PathAhead
+    rules: Rules
+    heading: float  # rad
+    within: float  # m
+    wall: np.ndarray  # (4,)
+    push: float  # N
+    most: int  # steps of a rehearsal
+    step: float  # s
+
+
 @kernel
-def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, most, first, step, forces, rows):
+def run_cobot(cobots, memory, task, forces, first, rows):
     """Fill rows (n, WIDTH) from row `first` on, and advance after each by as many steps as it has forces (n, steps, 3).
 
     cobots: the cobot, and a record for its rehearsals.
     """
+    step = task.step
     cobot = cobots[0]
     for r in range(rows.shape[0]):
         row, limited = rows[r], 0
@@ -179,18 +194,16 @@ def run_cobot(cobots, memory, path, rules, mode, heading, within, wall, push, mo
             row[7 + k] = math.atan2(cobot.axis[k, 1], cobot.axis[k, 0])
         row[11], row[12] = cobot.work, 0.5 * cobot.speed * cobot.speed
         for n in range(forces.shape[1]):
-            fx, fy, torque = forces[r, n, 0], forces[r, n, 1], forces[r, n, 2]
-            if mode == AT_WALL:
-                advance_at_wall(cobots, wall, push, fx, fy, torque, step, most)
-            elif mode == ALONG_PATH:
+            force = forces[r, n, 0], forces[r, n, 1], forces[r, n, 2]
+            if task.mode == AT_WALL:
+                advance_at_wall(cobots, task.wall, task.push, force, step, task.most)
+            elif task.mode == ALONG_PATH:
                 vx, vy, _ = velocity(cobot)
-                field = field_at(path, memory, cobot.pose[0], cobot.pose[1], vx, vy, fx, fy, BLEND_WIDTH, rules)
-                goal = path_goal(
-                    cobot, field.beta_x, field.beta_y, field.t_x, field.t_y, heading, within, fx, fy, step
-                )  # fmt: skip
-                advance(cobot, fx, fy, torque, 1, goal[0], goal[1], goal[2], step)
+                seen = Seen(cobot.pose[0], cobot.pose[1], vx, vy, force[0], force[1])
+                field = field_at(task.path, memory, seen, BLEND_WIDTH, task.rules)
+                advance(cobot, force, 1, path_goal(cobot, field, force, task.heading, task.within, step), step)
             else:
-                advance(cobot, fx, fy, torque, 0, 0.0, 0.0, 0.0, step)
+                advance(cobot, force, 0, UNSTEERED, step)
             limited |= cobot.limited
         row[10] = limited
 
@@ -210,10 +223,8 @@ class CobotRun:
         middle = (self.done * every + np.arange(count * every) + 0.5) * s.step_s  # a step holds the force of its middle
         forces = np.column_stack([np.interp(middle, s.force_t, s.force[:, k]) for k in range(3)])
         quarter_turns = round(2.0 * math.pi / (s.cobot.steering_rate_max_rad_s * s.step_s)) + 500
-        run_cobot(
-            self.cobots, self.memory, s.path, SETTLED, s.mode, s.heading_rad, s.within_m, s.wall, s.push_max_N,
-            quarter_turns, self.done, s.step_s, forces.reshape(count, every, 3), rows,
-        )  # fmt: skip
+        task = Task(s.mode, s.path, SETTLED, s.heading_rad, s.within_m, s.wall, s.push_max_N, quarter_turns, s.step_s)
+        run_cobot(self.cobots, self.memory, task, forces.reshape(count, every, 3), self.done, rows)
         self.done += count
         return rows
 

@@ -19,9 +19,9 @@ import pyarrow.csv as pa_csv
 from core.control.algorithm import LOCK_TOO_LATE, NONE
 from core.mechanism import JOINTS
 from core.obstacles import build_obstacles, nearest_obstacle
-from core.simulator.guarding import Guarded, Schedule
+from core.simulator.guarding import Guarded
 from core.simulator.hand import new_hand
-from core.simulator.simulation import ROW_WIDTH, Ledger, Simulation
+from core.simulator.simulation import ROW_WIDTH, Grid, Ledger, Schedule, Simulation
 from core.tick_log import STUCK_LETTERS
 from experiments.numbers import significant
 from experiments.progress import Progress, unseen
@@ -57,22 +57,18 @@ class SceneRun:
         self.scene, self.row = scene, 0
         self.simulation = new_simulation(scene)
         self.guarded = None if scene.around.guard is None else Guarded(self.simulation, scene.around)
-        if self.guarded is None:
-            new_simulation(scene).rows(1, scene.step_s, 1, scene.schedule_t, scene.schedule, 0, 0)
-        else:
-            schedule = Schedule(scene.schedule_t, scene.schedule)
-            Guarded(new_simulation(scene), scene.around).rows(1, scene.step_s, 1, schedule, 0, 0)
+        self.schedule = Schedule(scene.schedule_t, scene.schedule)
+        spare = new_simulation(scene)
+        first = spare if self.guarded is None else Guarded(spare, scene.around)
+        first.rows(1, self.schedule, Grid(0, 0, 1, scene.step_s))
 
     def run_chunk(self, rows: int) -> np.ndarray:
         """The next output rows (rows, WIDTH, or one more with a guard); the first call begins at t = 0."""
-        scene, first = self.scene, self.row
+        scene = self.scene
+        grid = Grid(self.row, scene.rows - 1, scene.output_every, scene.step_s)
         self.row += rows
-        if self.guarded is None:
-            return self.simulation.rows(
-                rows, scene.step_s, scene.output_every, scene.schedule_t, scene.schedule, first, scene.rows - 1
-            )
-        schedule = Schedule(scene.schedule_t, scene.schedule)
-        return self.guarded.rows(rows, scene.step_s, scene.output_every, schedule, first, scene.rows - 1)
+        simulation = self.simulation if self.guarded is None else self.guarded
+        return simulation.rows(rows, self.schedule, grid)
 
     def ledger(self) -> Ledger:
         """Energies and counts so far."""
@@ -82,12 +78,12 @@ class SceneRun:
         """How often the guard has looked so far, and what it did."""
         assert self.guarded is not None
         counts = {"guard_ticks": "ticks", "guard_locked_ticks": "locked", "guard_too_late_ticks": "too_late"}
-        return {name: int(self.guarded.guarding[field][0]) for name, field in counts.items()}
+        return {name: int(self.guarded.looks[field][0]) for name, field in counts.items()}
 
     def other_decisions(self, half_step: "SceneRun") -> tuple[str, ...]:
         """A sentence where the guard of the same scene at half the step has decided otherwise in any tick."""
-        guards = [run.guarded.guarding for run in (self, half_step) if run.guarded is not None]
-        if len({int(guarding["course"][0]) for guarding in guards}) < 2:
+        guards = [run.guarded.looks for run in (self, half_step) if run.guarded is not None]
+        if len({int(looks["course"][0]) for looks in guards}) < 2:
             return ()
         return ("at half the step the guard locks or lets go in other ticks: from there on the motions differ by that",)
 

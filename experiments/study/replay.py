@@ -20,7 +20,8 @@ from core.files import InputError
 from core.mechanism import JOINTS
 from core.path import Path as PathAhead
 from core.path import point_at
-from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from core.simulator.simulation import EVENT, MR
+from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.assumptions import DEFAULTS, Assumptions
@@ -39,7 +40,7 @@ from experiments.study.replay_motion import (
     run_replay,
 )
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
-from experiments.trial.tick import decide_again
+from experiments.trial.tick import Decisions, decide_again
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
 OTHER_VERSION = (
@@ -290,10 +291,9 @@ def check_decisions(
         around=make_around(around, device, sensed(device, middle, assumed)),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
-    decide_again(
-        path, controller, pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False),
-        new_state(0.0, 0.0), sensing, new_memory(), given, taken, codes, currents,
-    )  # fmt: skip
+    model = Model(pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False), MR, EVENT)
+    decisions = Decisions(given, taken, new_memory(), codes, currents)
+    decide_again(controller, path, model, new_state(0.0, 0.0), sensing, decisions)
     codes, currents = codes[taken], currents[taken]
     words = np.array(DECISIONS, dtype=object)
     different = words[codes] != recording.text("decision")[taken]

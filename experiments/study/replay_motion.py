@@ -153,7 +153,7 @@ class ReplayedDevice(SimulatedDevice):
                 start_again(self, recording.metadata["start"])
         else:
             state["tip"][0, 2:] = [recording.column(name)[first] for name in ("tip_vx_m_s", "tip_vy_m_s")]
-            start(self.mechanism, self.brakes, state, self.fidelity)
+            start(self.model, self.data)
             state["play"][0], state["edge"][0] = play_after(recording, first, self.device)
             rate = state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
             state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)

@@ -40,8 +40,9 @@ from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, settled
 from experiments.trial.population import Population
+from experiments.trial.real_trial import load_kernels
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Trial, load_kernels
+from experiments.trial.trial import Trial
 
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.
 CHUNK_TICKS = 8192

@@ -9,8 +9,9 @@ import math
 import numpy as np
 
 from core import tick_log as log
-from core.cobot import advance, path_goal, place, velocity
+from core.cobot import UNSTEERED, advance, path_goal, place, velocity
 from core.control.algorithm import STEER
+from core.control.velocity_field import Field
 from core.device import Device
 from core.device_file import Castor
 from core.kernels import kernel
@@ -46,14 +47,12 @@ def turn_castor(hand, state, run, t, row):
     """Stage, in place of SETTLE: the castor's step from t on is taken; acceleration and sensed force follow from it."""
     cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
-    before, steered, gx, gy = cobot.work, 0, 0.0, 0.0
+    before, force, steered, goal = cobot.work, (fx, fy, 0.0), 0, UNSTEERED
     if run.decision == STEER:
-        steered = 1
-        gx, gy, _ = path_goal(
-            cobot, row[log.DESIRED_X], row[log.DESIRED_Y], row[log.FORWARD_X], row[log.FORWARD_Y], 0.0, 1.0, fx, fy,
-            TICK_S,
-        )  # fmt: skip
-    advance(cobot, fx, fy, 0.0, steered, gx, gy, 0.0, TICK_S)
+        t_x, t_y, beta_x, beta_y = row[log.FORWARD_X], row[log.FORWARD_Y], row[log.DESIRED_X], row[log.DESIRED_Y]
+        field = Field(0.0, t_x, t_y, 0.0, 0.0, beta_x, beta_y)
+        steered, goal = 1, path_goal(cobot, field, force, 0.0, 1.0, TICK_S)
+    advance(cobot, force, steered, goal, TICK_S)
     vx, vy, _ = velocity(cobot)
     state.acceleration[0], state.acceleration[1] = (vx - tip[2]) / TICK_S, (vy - tip[3]) / TICK_S
     state.hand_force[0] = fx - arm_kg * state.acceleration[0]

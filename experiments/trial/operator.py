@@ -171,25 +171,34 @@ def begin_approach(operator, x, y, path):
         past[0], past[1], past[2], past[3] = x, y, progress, distance
 
 
+class Moment(NamedTuple):
+    """When in a trial a tick is."""
+
+    phase: int
+    tick: int  # since the start of the trial
+    phase_tick: int  # since the start of the phase
+
+
 @kernel
-def operate(operator, grip, path, phase, tick, phase_tick, x, y, noise):
+def operate(operator, grip, path, moment, tip, noise):
     """Stage: one tick of the operator; sets the arm's target and the restless part of its force.
 
-    tick: since the start of the trial; phase_tick: since the start of the phase; noise (n, 2): standard normal draws.
+    tip: x, y (m); noise (n, 2): standard normal draws.
     """
-    progress, distance, tx, ty = nearest(path, x, y)
+    tick = moment.tick
+    progress, distance, tx, ty = nearest(path, tip[0], tip[1])
     now = operator.ring[tick & _LAST]
-    now[0], now[1], now[2], now[3] = x, y, progress, distance
-    if phase == APPROACH or phase == HOLD:
+    now[0], now[1], now[2], now[3] = tip[0], tip[1], progress, distance
+    if moment.phase == APPROACH or moment.phase == HOLD:
         reach(operator, grip, path, tick)
-    elif phase == MOVE:
-        if phase_tick == 0:
+    elif moment.phase == MOVE:
+        if moment.phase_tick == 0:
             set_out(operator, path)
-        follow(operator, grip, path, tick, phase_tick, progress)
+        follow(operator, grip, path, tick, moment.phase_tick, progress)
     else:
         grip.target[2] = grip.target[3] = 0.0
         operator.effort -= operator.effort_ease_per_s * TICK_S * operator.effort
-    tremble(operator, grip, tx, ty, x, y, tick, noise)
+    tremble(operator, grip, (tx, ty), tip, tick, noise)
 
 
 @kernel
@@ -298,8 +307,11 @@ def aim(operator, grip, path, progress, across, speed):
 
 
 @kernel
-def tremble(operator, grip, tx, ty, x, y, tick, noise):
-    """The rest of the force: effort along the path, low-passed noise in proportion to the arm's force, and tremor."""
+def tremble(operator, grip, forward, tip, tick, noise):
+    """The rest of the force: effort along the path, low-passed noise in proportion to the arm's force, and tremor.
+
+    forward: unit tangent of the path.
+    """
     n = noise.shape[0]
     place = tick % n
     draw, far = noise[place], noise[place + n // 2 if place < n - n // 2 else place - (n - n // 2)]
@@ -309,8 +321,8 @@ def tremble(operator, grip, tx, ty, x, y, tick, noise):
         operator.tremor[1, i] = operator.tremor[0, i]
         operator.tremor[0, i] = tremor + operator.tremor_draw * far[i]
     k = grip.stiffness
-    dx, dy = grip.target[0] - x, grip.target[1] - y
-    push_x, push_y = operator.effort * tx, operator.effort * ty
+    dx, dy = grip.target[0] - tip[0], grip.target[1] - tip[1]
+    push_x, push_y = operator.effort * forward[0], operator.effort * forward[1]
     fx, fy = k[0] * dx + k[1] * dy + push_x, k[1] * dx + k[2] * dy + push_y
     pull = operator.noise_share * min(math.sqrt(fx * fx + fy * fy), operator.force_max_N)
     held_x = push_x + pull * operator.noise[0] + operator.tremor_N * operator.tremor[0, 0]

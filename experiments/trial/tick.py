@@ -21,31 +21,32 @@ torque of a resting brake is not known.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from core import tick_log as log
 from core.brake import lagged_yield, time_constant, torque_gain
 from core.cobot import COBOT
-from core.control.algorithm import OFF, release
+from core.control.algorithm import OFF, Controller, Tick, release
 from core.control.controllers import decide
-from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED
+from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED, seen_in
 from core.kernels import inlined, kernel
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
-from core.path import nearest
+from core.path import Path, nearest
 from core.simulator.event import advance_event
 from core.simulator.runge_kutta import kinetic
 from core.simulator.simulation import MR, apply, stuck_bits
-from core.simulator.state import new_record
+from core.simulator.state import Data, Model, Record, new_record
 from core.simulator.stick_slip_mode import look, resolve
 from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
 from experiments.trial.castor import move_with_castor, turn_castor
-from experiments.trial.encoder_sensing import see
-from experiments.trial.operator import TICK_S, begin_approach, operate
+from experiments.trial.encoder_sensing import Sensing, see
+from experiments.trial.operator import TICK_S, Moment, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
 STATUSES = ("running", "done", "timeout", "aborted")
@@ -88,7 +89,6 @@ RUN = np.dtype(
         ("move_ticks", "i8"),  # time-out
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
-        ("fidelity", "i8"),
         ("substeps", "i8"),  # steps of the simulated device in a tick; the controller decides once a tick all the same
         ("real", "i8"),  # 1: a real device; its rows hold what was sensed
         ("speed_max", "f8"),  # m/s, of a real device
@@ -122,7 +122,7 @@ RUN = np.dtype(
 )
 
 
-def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = False) -> np.ndarray:
+def new_run(how: TrialRules, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
     approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(
@@ -134,7 +134,6 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
         move_ticks=round(how.time_out_s / TICK_S),
         end_ticks=round(how.end_s / TICK_S),
         simulated_hand=int(simulated_hand),
-        fidelity=fidelity,
         substeps=1,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
@@ -150,56 +149,70 @@ def new_run(how: TrialRules, fidelity: int, simulated_hand: bool, real: bool = F
     return run
 
 
-@kernel
-def run_ticks(
-    path, way, controller, mechanisms, brake_records, hand, states, scratches, runs, operators, noise, memory, sensing,
-    rows,
-):  # fmt: skip
-    """Run ticks until rows are full or the trial is finished; returns how many were run.
+class RunningTrial(NamedTuple):
+    """A trial as the tick sees it."""
 
-    way: that the simulated operator takes, the path or a detour round obstacles.
+    path: Path
+    way: Path  # that the simulated operator takes: the path or a detour round obstacles
+    controller: Controller
+    model: Model
+    data: Data
+    run: Record  # RUN
+    operator: Record  # OPERATOR
+    noise: np.ndarray  # (n, 2), standard normal draws of the operator
+    memory: np.ndarray  # of the controller
+    sensing: Sensing
+
+
+@kernel
+def run_ticks(trial, rows):
+    """Run ticks of a `RunningTrial` until rows are full or it is finished; returns how many were run.
+
     rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, with what was sensed in them.
     """
-    mechanism, brakes, state, step_scratch = mechanisms[0], brake_records[0], states[0], scratches[0]
-    run, operator, grip, sensors = runs[0], operators[0], hand.grips[0], sensing.sensors[0]
+    model, data = trial.model, trial.data
+    model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
+    data = Data(data.hand, data.state[0], data.scratch[0])
+    trial = RunningTrial(
+        trial.path, trial.way, trial.controller, model, data, trial.run[0], trial.operator[0], trial.noise,
+        trial.memory, trial.sensing,
+    )  # fmt: skip
+    run, state, memory, sensors = trial.run, data.state, trial.memory, trial.sensing.sensors[0]
     for n in range(rows.shape[0]):
         if run.finished != 0:
             return n
         row, t = rows[n], run.tick * TICK_S
         if run.tick == 0:
-            begin(run, state, operator, way)
+            begin(trial)
         if run.real != 0:
-            sense(mechanism, brakes, state, grip, run, row)
+            sense(trial, row)
         seen = state
         if sensors.on != 0:
-            seen = sensing.seen[0]
-            see(mechanism, state, sensors, seen)
-        next_phase(run, path, state, grip)
+            seen = trial.sensing.seen[0]
+            see(model.mechanism, state, sensors, seen)
+        next_phase(trial)
         if run.real != 0:
-            guard(mechanism, brakes, state, run, row)
+            guard(trial, row)
         if run.simulated_hand != 0:
-            operate(operator, grip, way, run.phase, run.tick, run.phase_tick, state.tip[0], state.tip[1], noise)
+            now = Moment(run.phase, run.tick, run.phase_tick)
+            operate(trial.operator, data.hand.grips[0], trial.way, now, state.tip, trial.noise)
         memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = memory[HOLDS] = math.nan
         if run.slave.on != 0:
             follow_master(run.slave, seen.tip, run.tick, memory)
-        choose_currents(controller, brakes, path, memory, seen, run, row)
+        choose_currents(trial, seen, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
         if run.cobot.wheels != 0:
-            turn_castor(hand, state, run, t, row)
+            turn_castor(data.hand, state, run, t, row)
         elif run.real == 0:
-            apply(mechanism, brakes, state, run.current, run.fidelity)
-            resolve(mechanism, brakes, hand, state, t)
-        log_row(mechanism, brakes, state, grip, run, t, row)
-        log_shown(state, run, memory, row)
-        log_obstacle(controller.around[0], state.tip, memory, row)
+            apply(model, state, run.current)
+            resolve(model.mechanism, model.brakes, data.hand, state, t)
+        log_row(trial, t, row)
+        log_shown(trial, row)
+        log_obstacle(trial, row)
         if run.cobot.wheels != 0:
-            move_with_castor(mechanism, hand, state, run)
+            move_with_castor(model.mechanism, data.hand, state, run)
         elif run.real == 0:
-            lagged = 1 if run.fidelity == MR else 0
-            if run.substeps == 1:
-                advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t, TICK_S, lagged)
-            else:
-                step_finely(mechanism, brakes, hand, state, step_scratch, run, t, lagged)
+            step_device(trial, t)
         run.tick += 1
         run.phase_tick += 1
         if run.phase == END and run.phase_tick >= run.end_ticks:
@@ -208,37 +221,41 @@ def run_ticks(
 
 
 @kernel
-def step_finely(mechanism, brakes, hand, state, step_scratch, run, t, lagged):
-    """Stage STEP in `substeps` equal steps with the tick's currents."""
-    step = TICK_S / run.substeps
+def step_device(trial, t):
+    """Stage STEP: from t on, in `substeps` equal steps with the tick's currents."""
+    run, model, data = trial.run, trial.model, trial.data
+    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
+    lagged, step = 1 if model.fidelity == MR else 0, TICK_S / run.substeps
     for k in range(run.substeps):
         if k > 0:
-            apply(mechanism, brakes, state, run.current, run.fidelity)
+            apply(model, state, run.current)
             resolve(mechanism, brakes, hand, state, t + k * step)
-        advance_event(mechanism, brakes, hand, state, step_scratch, run.current, t + k * step, step, lagged)
+        advance_event(mechanism, brakes, hand, state, data.scratch, run.current, t + k * step, step, lagged)
 
 
 @kernel
-def begin(run, state, operator, way):
+def begin(trial):
     """First tick: the ledger's zero, and the operator sets out for the start."""
+    run, state = trial.run, trial.data.state
     run.energy_zero[0] = state.work_hand
     run.energy_zero[1] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
     run.energy_zero[2] = state.lost_at_stops
     if run.simulated_hand != 0:
-        begin_approach(operator, state.tip[0], state.tip[1], way)
+        begin_approach(trial.operator, state.tip[0], state.tip[1], trial.way)
 
 
 @kernel
-def sense(mechanism, brakes, state, grip, run, row):
+def sense(trial, row):
     """Stage: a real device's sample becomes the state, with what follows from it by linkage and brake model."""
+    state, grip = trial.data.state, trial.data.hand.grips[0]
     for i in range(4):
         state.tip[i] = row[log.TIP_X + i]
     state.acceleration[0], state.acceleration[1] = row[log.TIP_AX], row[log.TIP_AY]
     state.hand_force[0], state.hand_force[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.held[0], grip.held[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.target[0], grip.target[1] = row[log.TIP_X], row[log.TIP_Y]
-    look(mechanism, state)
-    estimate_energies(brakes, state, run, row)
+    look(trial.model.mechanism, state)
+    estimate_energies(trial.model.brakes, state, trial.run, row)
 
 
 @kernel
@@ -262,8 +279,9 @@ def estimate_energies(brakes, state, run, row):
 
 
 @kernel
-def next_phase(run, path, state, grip):
+def next_phase(trial):
     """Stage: the trial's phases; a force that is not finite or a stop from outside ends it at once, brakes off."""
+    run, path, state, grip = trial.run, trial.path, trial.data.state, trial.data.hand.grips[0]
     x, y = state.tip[0], state.tip[1]
     if run.phase == END:
         return
@@ -318,8 +336,9 @@ def enter(run, phase, status, reason):
 
 
 @kernel
-def guard(mechanism, brakes, state, run, row):
+def guard(trial, row):
     """Stage: the trial ends, brakes off, where a real device does not obey, or it or the hand must be spared."""
+    run, state, brakes = trial.run, trial.data.state, trial.model.brakes
     if run.phase == END:
         return
     if disobeys(brakes, run, row):
@@ -328,7 +347,7 @@ def guard(mechanism, brakes, state, run, row):
     if run.phase != MOVE:  # no currents flow
         return
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
-    stop_gap(mechanism, state.distal_side, x, y, run.theta, run.gap, run.side)
+    stop_gap(trial.model.mechanism, state.distal_side, x, y, run.theta, run.gap, run.side)
     for j in range(PLACES):
         if not run.gap[j] >= -PLACE_SLACK:
             enter(run, END, ABORTED, OUT_OF_PLACE)
@@ -371,21 +390,20 @@ def full_lock(brakes, current):
 
 
 @inlined
-def choose_currents(controller, brakes, path, memory, seen, run, row):
+def choose_currents(trial, seen, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
+    run, memory = trial.run, trial.memory
     if run.real != 0:
         row[log.DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
     if run.phase == MOVE and run.newest != 0:
-        tip = seen.tip
-        run.decision, field = decide(
-            controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3],
-            seen.hand_force[0], seen.hand_force[1], seen.g, seen.mass, run.current,
-        )  # fmt: skip
+        what = seen_in(seen.tip, seen.hand_force)
+        tick = Tick(what, seen.g, seen.mass, trial.model.brakes, memory, run.current)
+        run.decision, field = decide(trial.controller, trial.path, tick)
         log_field(field, memory, row)
     else:
         log_field(NO_FIELD, memory, row)
         if run.phase == MOVE:
-            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(path, seen.tip[0], seen.tip[1])[1]
+            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(trial.path, seen.tip[0], seen.tip[1])[1]
         else:
             release(run.current)
             run.decision = OFF
@@ -401,15 +419,16 @@ def log_field(field, memory, row):
 
 
 @kernel
-def log_row(mechanism, brakes, state, grip, run, t, row):
+def log_row(trial, t, row):
     """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
+    run, state, grip = trial.run, trial.data.state, trial.data.hand.grips[0]
     row[log.T], row[log.PHASE], row[log.DECISION] = t, run.phase, run.decision
     row[log.TIP_AX], row[log.TIP_AY] = state.acceleration[0], state.acceleration[1]
     row[log.HAND_FX], row[log.HAND_FY] = state.hand_force[0], state.hand_force[1]
     for i in range(4):
         row[log.TIP_X + i] = state.tip[i]
         row[log.CURRENT + i], row[log.TORQUE + i] = run.current[i], state.torque[i]
-    row[log.STUCK] = stuck_bits(mechanism, brakes, state) if run.real == 0 else resting_bits(brakes, state)
+    row[log.STUCK] = stuck_bits(trial.model, state) if run.real == 0 else resting_bits(trial.model.brakes, state)
     row[log.ENERGY_HAND] = state.work_hand - run.energy_zero[0]
     row[log.ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
     row[log.ENERGY_KINETIC] = kinetic(state)
@@ -424,11 +443,11 @@ def log_row(mechanism, brakes, state, grip, run, t, row):
 
 
 @kernel
-def log_shown(state, run, memory, row):
+def log_shown(trial, row):
     """Stage: into the row, the force to be shown, the nearest one that can be had, and what the brakes do, Eq. (7)."""
-    here = run.slave.on != 0
-    row[log.SLAVE_X] = run.slave.place[0] if here else math.nan
-    row[log.SLAVE_Y] = run.slave.place[1] if here else math.nan
+    state, slave, memory = trial.data.state, trial.run.slave, trial.memory
+    row[log.SLAVE_X] = slave.place[0] if slave.on != 0 else math.nan
+    row[log.SLAVE_Y] = slave.place[1] if slave.on != 0 else math.nan
     for axis in range(2):
         row[log.WANTED_FX + axis], row[log.NEAREST_FX + axis] = memory[WANTED + axis], memory[NEAREST + axis]
         row[log.SHOWN_FX + axis] = math.nan
@@ -440,9 +459,10 @@ def log_shown(state, run, memory, row):
 
 
 @kernel
-def log_obstacle(around, tip, memory, row):
+def log_obstacle(trial, row):
     """Stage: into the row, how far the nearest obstacle is, and whether the guard can keep the tip out of it."""
-    row[log.GUARD_HOLDS] = memory[HOLDS]
+    around, tip = trial.controller.around[0], trial.data.state.tip
+    row[log.GUARD_HOLDS] = trial.memory[HOLDS]
     row[log.OBSTACLE_DISTANCE] = math.nan
     if around.count > 0:
         row[log.OBSTACLE_DISTANCE] = nearest_obstacle(around.edges, around.count, tip[0], tip[1]).distance
@@ -458,26 +478,30 @@ def resting_bits(brakes, state):
     return bits
 
 
-@kernel
-def decide_again(path, controller, mechanisms, brake_records, states, sensing, memory, given, taken, codes, currents):
-    """Decision codes (n,) and currents (n, 4), A, of the ticks whose decision was taken (n,), from the rows alone.
+class Decisions(NamedTuple):
+    """What the controller was given in the ticks of a trial, and what it decides by that."""
 
-    given (n, 8), from the first tick on: tip (m), its velocity (m/s), the hand force that the controller was given and
-    the force to be shown (N).
-    """
-    mechanism, brakes, state, sensors = mechanisms[0], brake_records[0], states[0], sensing.sensors[0]
-    for n in range(given.shape[0]):
-        seen = state
+    given: np.ndarray  # (n, 8): tip (m), its velocity (m/s), the hand force and the force to be shown (N)
+    taken: np.ndarray  # (n,): the ticks whose decision was taken
+    memory: np.ndarray  # of the controller
+    codes: np.ndarray  # (n,), filled where the decision was taken
+    currents: np.ndarray  # (n, 4) A, likewise
+
+
+@kernel
+def decide_again(controller, path, model, states, sensing, decisions):
+    """Fill in the decisions of a trial from its rows alone, from the first tick on; states: one STATE, work space."""
+    mechanism, state, sensors, memory = model.mechanism[0], states[0], sensing.sensors[0], decisions.memory
+    for n in range(decisions.given.shape[0]):
+        given, seen = decisions.given[n], state
         for i in range(4):
-            state.tip[i] = given[n, i]
+            state.tip[i] = given[i]
         look(mechanism, state)
         if sensors.on != 0:
             seen = sensing.seen[0]
             see(mechanism, state, sensors, seen)
-        if taken[n]:
-            memory[WANTED], memory[WANTED + 1] = given[n, 6], given[n, 7]
-            tip = seen.tip
-            codes[n] = decide(
-                controller, brakes, path, memory, tip[0], tip[1], tip[2], tip[3], given[n, 4], given[n, 5],
-                seen.g, seen.mass, currents[n],
-            )[0]  # fmt: skip
+        if decisions.taken[n]:
+            memory[WANTED], memory[WANTED + 1] = given[6], given[7]
+            what = seen_in(seen.tip, given[4:6])
+            tick = Tick(what, seen.g, seen.mass, model.brakes[0], memory, decisions.currents[n])
+            decisions.codes[n] = decide(controller, path, tick)[0]

@@ -31,10 +31,11 @@ from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from core import tick_log
+from core.control.algorithm import Tick
 from core.control.controllers import Preset, decide, make_controller
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, valid_sense
-from core.control.velocity_field import PIECE, TRAVEL, new_memory
+from core.control.velocity_field import PIECE, TRAVEL, Seen, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.path import Arc, Polyline, Segment, build_path
@@ -379,7 +380,8 @@ def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> N
         tip = (generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5))
         state = (*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
         g, before = brake_rows(device.mechanism, *tip), memory.copy()
-        _, field = decide(controller, device.brakes, ready, memory, *state, g, np.array((1.0, 0.0, 1.0)), current)
+        tick = Tick(Seen(*state), g, np.array((1.0, 0.0, 1.0)), device.brakes, memory, current)
+        _, field = decide(controller, ready, tick)
         row = np.zeros(tick_log.WIDTH)
         row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]
         log_field(field, memory, row)

@@ -166,7 +166,7 @@ def test_before_and_after_the_movement_the_spring_goes_home_from_where_the_point
 def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> None:
     running = Running(Ring())
     force_max = float(PAPER.mouse.force_max_N)
-    running.ring.aim(*running.arguments.state[0].tip[:2])
+    running.ring.aim(*running.trial.data.state[0].tip[:2])
     running.until(20)
     running.ring.let_go()
     running.until(40)
@@ -174,7 +174,7 @@ def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> 
     running.end()
     rows = running.ring.take()
     assert set(rows[:, tick_log.ARM_FORCE_MAX]) == {0.0, force_max}  # so that a replay feels the same hand
-    assert running.arguments.hand.grips["force_max"][0] == force_max
+    assert running.trial.data.hand.grips["force_max"][0] == force_max
 
 
 class Running:
@@ -182,14 +182,14 @@ class Running:
 
     def __init__(self, ring: Ring, behind: int = 0) -> None:
         """behind: ticks in the ring that the recorder has not taken yet."""
-        self.ring, self.arguments = ring, stopped_trial().arguments()
-        self.arguments.run["stop"][0] = 0
+        self.ring, self.trial = ring, stopped_trial().arguments()
+        self.trial.run["stop"][0] = 0
         ring.begin_trial()
         ring.control.server_beat = FOR_EVER_NS
         ring.control.tail -= behind
         spare = np.zeros((1, tick_log.WIDTH))
         self.thread = threading.Thread(
-            target=run_trial, args=(ring.controls, ring.rows, spare, new_timer(), *self.arguments)
+            target=run_trial, args=(ring.controls, ring.rows, spare, new_timer(), self.trial)
         )
         self.thread.start()
 

@@ -100,8 +100,8 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     near = slice(before - 20, before + 40)
     assert np.all(step[near] <= 1.2e-3 * np.maximum(speed[:-1], speed[1:])[near] + 1e-7)
     assert np.abs(np.diff(rows[near, tick_log.ENERGY_KINETIC])).max() < 0.01  # J: forces of a few N over a tick
-    assert trial.model.ledger().residual == pytest.approx(0.0, abs=1e-6)
-    assert trial.model.ledger().added_by_brakes < 1e-9
+    assert trial.simulation.ledger().residual == pytest.approx(0.0, abs=1e-6)
+    assert trial.simulation.ledger().added_by_brakes < 1e-9
     settings, fields = window.snapshot.sandbox.settings, {**what}
     parameters = fields.pop("parameters", {})
     assert settings == settings._replace(**fields).with_parameters(**parameters)

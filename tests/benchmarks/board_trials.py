@@ -23,6 +23,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
+from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice, hello_of
@@ -179,7 +180,7 @@ def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
     protocol, planned = setting.protocol, setting.planned
     device = with_counts(setting.device, how.counts)
     path_file = protocol.paths[planned.segment]
-    trial = Trial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
+    trial = RealTrial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
     operator = EmulatedOperator(setting.person, trial.path, setting.start, setting.generator())
     operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
     bench = BoardInStep(device, operator, setting.start, how)

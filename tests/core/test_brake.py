@@ -13,8 +13,8 @@ from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_con
 from core.device import load_device
 from core.linkage import tip_force_map
 from core.simulator.hand import new_hand, spring_hand
-from core.simulator.simulation import MR, STATIC, Simulation, apply
-from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from core.simulator.simulation import MR, STATIC, Grid, Schedule, Simulation, apply
+from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import set_costs
 
 BRAKES = pack_brakes(THREE.device.brakes, backlash=True)[0]
@@ -137,7 +137,7 @@ def test_locked_tip_with_backlash_roams_within_the_play(bench):
         simulation.hand.grips[0] = hand.grips[0]
         simulation.hand.grips["wave"][0] = [[10.0, 6.0, 0.0], [10.0, 6.0, 1.57]]
         simulation.hand.grips["waves"][0] = 1
-        rows = simulation.rows(401, 1e-3, 10, np.zeros(1), currents[None], 0, 400)
+        rows = simulation.rows(401, Schedule(np.zeros(1), currents[None]), Grid(0, 400, 10, 1e-3))
         turned = np.array([bench.angles(p) for p in rows[:, 1:3]]) - theta_0
         on = currents > 0
         assert np.all(np.abs(turned[:, on]) <= PLAY / 2 + 4e-4)
@@ -219,13 +219,14 @@ def swung(current: float, fidelity: int, ripple: float = 0.5) -> np.ndarray:
     """Yields of brake A (n,), N m, at places all around the base on which its angle takes a turn."""
     device = replace(SHIPPED, brakes=SHIPPED.brakes._replace(ripple=ripple))
     simulation = Simulation(device, (0.0, 0.4), fidelity=("ideal", "static", "mr")[fidelity])
-    mechanism, brakes, _, states, _ = simulation.arguments()
-    states[0].torque_yield[:] = [torque_gain(brakes[0], i, current) for i in range(4)]
+    brakes, state = simulation.brakes[0], simulation.state[0]
+    model = Model(simulation.mechanism[0], brakes, fidelity, simulation.integrator)
+    state.torque_yield[:] = [torque_gain(brakes, i, current) for i in range(4)]
     found = []
     for angle in np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False):
-        states[0].tip[:2] = 0.4 * np.cos(angle), 0.4 * np.sin(angle)
-        apply(mechanism[0], brakes[0], states[0], np.full(4, current), fidelity)
-        found.append(states[0].torque_yield[0])
+        state.tip[:2] = 0.4 * np.cos(angle), 0.4 * np.sin(angle)
+        apply(model, state, np.full(4, current))
+        found.append(state.torque_yield[0])
     return np.array(found)
 
 
@@ -234,7 +235,7 @@ def swung(current: float, fidelity: int, ripple: float = 0.5) -> np.ndarray:
 def test_ripple_leaves_the_mean_and_never_makes_a_brake_drive(current, fidelity):
     yields = swung(current, fidelity)
     mean = SHIPPED.brakes.k[0, 1]  # K(0)
-    gain = Simulation(SHIPPED, (0.0, 0.4)).arguments()[1][0]
+    gain = Simulation(SHIPPED, (0.0, 0.4)).brakes[0]
     steady = torque_gain(gain, 0, current)
     assert yields.mean() == pytest.approx(steady, rel=1e-9)
     assert yields.min() > 0.0

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from core.cobot import COBOT, CobotFile, advance, advance_at_wall, new_cobot, path_goal, stops_short, velocity
+from core.cobot import (
+    COBOT,
+    UNSTEERED,
+    CobotFile,
+    advance,
+    advance_at_wall,
+    new_cobot,
+    path_goal,
+    stops_short,
+    velocity,
+)
+from core.control.velocity_field import Field
 from core.simulator.state import new_record
 
 STEP = 1e-3
@@ -25,6 +36,11 @@ def moving(file, vx, vy, w=0.0):
         rolls = np.array((vx - w * hub[1], vy + w * hub[0]))
         record["axis"][0, i] = rolls / np.hypot(*rolls)
     return record
+
+
+def towards(beta_x, beta_y):
+    """A field whose tangent is +x."""
+    return Field(0.0, 1.0, 0.0, 0.0, 1.0, beta_x, beta_y)
 
 
 def free_body(file, motion, force, steps):
@@ -62,7 +78,7 @@ def test_a_free_caster_at_20_cm_s_is_the_free_body(file):
     motion = (0.2, 0.0, 0.0)
     record, expected = moving(file, *motion), free_body(file, motion, push, 800)
     for k in range(800):
-        advance(record[0], *push(k), 0, 0.0, 0.0, 0.0, STEP)
+        advance(record[0], tuple(push(k)), 0, UNSTEERED, STEP)
         assert not record["limited"][0]
         assert record["pose"][0] == pytest.approx(expected[k + 1], abs=1e-12)
     assert np.hypot(*expected[-1][:2] - (0.16, 0.0)) > 0.003, "the push bent the way"
@@ -77,7 +93,7 @@ def test_the_hand_alone_supplies_energy_and_the_castors_agree_within_their_rate(
     for k in range(1500):
         axis = record["axis"][0].copy()
         goal = rng.normal(size=3) * (1.0, 1.0, float(len(file.hubs_m) > 1)) if k % 200 < 100 else np.zeros(3)
-        advance(record[0], *push(k), int(goal.any()), *goal, STEP)
+        advance(record[0], tuple(push(k)), int(goal.any()), tuple(goal), STEP)
         assert 0.5 * record["speed"][0] ** 2 == pytest.approx(record["work"][0], abs=1e-9 + 1e-9 * record["work"][0])
         assert axes_agree(record, file) < 1e-9
         for before, after in zip(axis, record["axis"][0], strict=True):
@@ -95,7 +111,7 @@ def test_castors_held_still_roll_round_the_centre_of_their_axles():
     for _ in range(2000):
         vx, vy, w = velocity(record[0])
         assert np.hypot(vx, vy) == pytest.approx(0.4 * radius, rel=1e-9)
-        advance(record[0], 0.0, 0.0, 0.0, 1, c * vx - s * vy, s * vx + c * vy, w, STEP)  # as it rolls on anyway
+        advance(record[0], UNSTEERED, 1, (c * vx - s * vy, s * vx + c * vy, w), STEP)  # as it rolls on anyway
         place = record["pose"][0, :2] - centre
         assert np.hypot(*place) == pytest.approx(radius, abs=2e-6)
     assert record["axis"][0] == pytest.approx(axes, abs=1e-9) and record["pose"][0, 2] == pytest.approx(0.8)
@@ -112,7 +128,7 @@ def through_hub(miss):
         goal = np.array((w * centre[1], -w * centre[0]))
         c, s = np.cos(heading), np.sin(heading)
         axis = record["axis"][0, 0].copy()
-        advance(record[0], 0.0, 0.0, 0.0, 1, c * goal[0] - s * goal[1], s * goal[0] + c * goal[1], w, STEP)
+        advance(record[0], UNSTEERED, 1, (c * goal[0] - s * goal[1], s * goal[0] + c * goal[1], w), STEP)
         after = record["axis"][0, 0]
         turns.append(np.arctan2(axis[0] * after[1] - axis[1] * after[0], axis @ after))
         ticks_limited += record["limited"][0] & 1
@@ -145,7 +161,7 @@ def test_no_hand_within_the_stated_push_passes_the_wall_and_all_come_near_it(fil
             fx, fy = size * np.cos(turn), size * np.sin(turn)
             if record["pose"][0, 1] > 0.4:
                 fy = -size * 0.5
-            advance_at_wall(record, wall, push, fx, fy, 0.0, STEP, most)
+            advance_at_wall(record, wall, push, (fx, fy, 0.0), STEP, most)
             least = min(least, record["pose"][0, 1])
         assert least > 0.0
         assert 0.5 * record["speed"][0] ** 2 == pytest.approx(record["work"][0], rel=1e-9, abs=1e-9)
@@ -162,8 +178,8 @@ def test_a_hand_beyond_the_stated_push_is_not_promised_anything():
 def test_steered_along_a_path_the_heading_is_brought_near_and_the_way_is_the_paths():
     record = new_cobot(SCOOTER, (0.0, 0.0, 0.5))
     for _ in range(4000):
-        goal = path_goal(record[0], 0.8, 0.6, 1.0, 0.0, 0.0, 0.1, 10.0, 0.0, STEP)
-        advance(record[0], 10.0, 0.0, 0.0, 1, *goal, STEP)
+        goal = path_goal(record[0], towards(0.8, 0.6), (10.0, 0.0, 0.0), 0.0, 0.1, STEP)
+        advance(record[0], (10.0, 0.0, 0.0), 1, goal, STEP)
     x, y, heading = record["pose"][0]
     assert heading == pytest.approx(0.0, abs=1e-3)
     vx, vy, _ = velocity(record[0])
@@ -173,12 +189,12 @@ def test_steered_along_a_path_the_heading_is_brought_near_and_the_way_is_the_pat
 
 def test_a_hand_that_pushes_away_still_comes_to_the_path_and_keeps_half_its_force_along_it():
     record, push = new_cobot(UNICYCLE), np.array((5.0, 5.0))
-    assert path_goal(record[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, 5.0, -5.0, STEP) == (0.0, -1.0, 0.0)
-    x, y, _ = path_goal(record[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, *push, STEP)
+    assert path_goal(record[0], towards(0.0, -1.0), (5.0, -5.0, 0.0), 0.0, 1.0, STEP) == (0.0, -1.0, 0.0)
+    x, y, _ = path_goal(record[0], towards(0.0, -1.0), (*push, 0.0), 0.0, 1.0, STEP)
     assert (x, y) == pytest.approx(np.array((0.75, -0.25)) / np.hypot(0.75, 0.25)) and push @ (x, y) > 2.5
-    slowing = path_goal(moving(UNICYCLE, 0.2, -0.2)[0], 0.6, -0.8, 1.0, 0.0, 0.0, 1.0, -5.0, 5.0, STEP)
+    slowing = path_goal(moving(UNICYCLE, 0.2, -0.2)[0], towards(0.6, -0.8), (-5.0, 5.0, 0.0), 0.0, 1.0, STEP)
     assert slowing == (0.6, -0.8, 0.0), "a hand that only slows it down is let on along beta"
-    assert path_goal(moving(UNICYCLE, -0.2, 0.0)[0], 0.0, -1.0, 1.0, 0.0, 0.0, 1.0, *push, STEP)[:2] == (1.0, 0.0)
+    assert path_goal(moving(UNICYCLE, -0.2, 0.0)[0], towards(0.0, -1.0), (*push, 0.0), 0.0, 1.0, STEP)[:2] == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(

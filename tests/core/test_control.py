@@ -11,9 +11,9 @@ from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_ma
 
 from core.control import algorithm
 from core.control import controllers as control
-from core.control.algorithm import LOCKED, UNREACHABLE
+from core.control.algorithm import LOCKED, UNREACHABLE, Tick
 from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller
-from core.control.velocity_field import WANTED, new_memory
+from core.control.velocity_field import WANTED, Seen, new_memory
 from core.files import InputError
 from core.path import Path, line, point_at
 
@@ -40,8 +40,8 @@ def decision(controller, path: Path, x, y, vx, vy, fx, fy, g, mass=MASS, brakes=
     """Decision code and currents (4,) of one tick."""
     current = np.full(4, np.nan)
     memory = new_memory() if memory is None else memory
-    state = (float(value) for value in (x, y, vx, vy, fx, fy))
-    return decide(controller, brakes, path, memory, *state, g, mass, current)[0], current
+    seen = Seen(*map(float, (x, y, vx, vy, fx, fy)))
+    return decide(controller, path, Tick(seen, g, mass, brakes, memory, current))[0], current
 
 
 def random_state(rng: np.random.Generator) -> list[float]:
@@ -135,7 +135,7 @@ def test_currents_are_those_that_the_decision_names_and_never_beyond_the_brake(s
 def test_no_brake_gets_more_than_it_may_have_whatever_an_algorithm_writes():
     brakes = brakes_on("AEB")
     current = np.array([1e3, math.nan, -1.0, 0.5])
-    algorithm.limit(brakes, current)
+    algorithm.limit(Tick(Seen(*[0.0] * 6), np.zeros((4, 2)), MASS, brakes, new_memory(), current))
     assert current.tolist() == [CURRENT_MAX, 0.0, 0.0, 0.0]  # C has no brake
 
 

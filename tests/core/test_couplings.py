@@ -11,7 +11,7 @@ from devices import APART, COUPLED, PTER, S1, S4, THREE, UNEQUAL, stops_of, swit
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import CARRIED
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import START, BenchScene
@@ -52,7 +52,7 @@ def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scen
     expected = reference_tips(BenchScene(scene, bar.device, 0.3, wave, np.zeros(2), times, torques))
     simulation = Simulation(bar.device, START, hand=wave_hand(wave))
     n = len(expected) - 1
-    rows = simulation.rows(n + 1, 1e-3, round(0.3 / n / 1e-3), times, torques, 0, n)
+    rows = simulation.rows(n + 1, Schedule(times, torques), Grid(0, n, round(0.3 / n / 1e-3), 1e-3))
     error = np.linalg.norm(rows[:, 1:3] - expected, axis=1)
     assert error.max() < 1e-10
     assert np.linalg.norm(expected - START, axis=1).max() > 0.004
@@ -88,7 +88,7 @@ def test_pter_coupled_directly_is_a_brake_at_an_elbow():
     for bar in (elbow, clutch):
         times, torques = switching(replace(bar, braked="AEB"), 0.5)
         simulation = Simulation(bar.device, START, hand=wave_hand(S4))
-        found.append(simulation.rows(501, 1e-3, 1, times, torques, 0, 500))
+        found.append(simulation.rows(501, Schedule(times, torques), Grid(0, 500, 1, 1e-3)))
     assert found[0][:, 1:3] == pytest.approx(found[1][:, 1:3], abs=1e-12)
     assert np.array_equal(found[0][:, 9], found[1][:, 9])
     assert np.ptp(found[0][:, 2]) > 0.01
@@ -100,7 +100,7 @@ def test_pter_coupled_directly_is_a_brake_at_an_elbow():
 def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelity):
     times, values = switching(bar, 1.0)
     simulation = Simulation(bar.device, START, (0.1, -0.2), fidelity, integrator, wave_hand(S4))
-    simulation.rows(1001, 1e-3, 1, times, values if fidelity == "ideal" else values / 5.6, 0, 1000)
+    simulation.rows(1001, Schedule(times, values if fidelity == "ideal" else values / 5.6), Grid(0, 1000, 1, 1e-3))
     ledger = simulation.ledger()
     assert ledger.added_by_brakes < 1e-12
     assert min(ledger.heat) >= 0.0 and ledger.heat[1] > 1e-3 and ledger.heat[3] > 1e-3
@@ -115,7 +115,7 @@ def test_stepping_tends_to_event(bar):
 
     def end(integrator, step):
         simulation = Simulation(bar.device, START, integrator=integrator, hand=wave_hand(S4))
-        return simulation.rows(2, step, round(0.3 / step), times, values, 0, 1)[-1, 1:3]
+        return simulation.rows(2, Schedule(times, values), Grid(0, 1, round(0.3 / step), step))[-1, 1:3]
 
     exact = end("event", 1e-3)
     coarse, fine = (np.linalg.norm(end("stepping", step) - exact) for step in (1e-3, 1e-4))

@@ -6,9 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from core.control.algorithm import Tick
 from core.control.controllers import DECISIONS, Preset, decide, make_controller
-from core.control.guard import Around, Guard, least_held, make_around, seen_at, stopping_distance
-from core.control.velocity_field import HOLDS, new_memory
+from core.control.guard import Around, Guard, least_held, make_around, stopping_distance, tick_at
+from core.control.velocity_field import HOLDS, Seen, new_memory
 from core.device import Device, load_device
 from core.files import InputError, from_plain
 from core.obstacles import MOST_EDGES, Nearest, ObstacleFile, away_from, build_obstacles
@@ -133,18 +134,17 @@ def test_where_it_cannot_be_sure_the_guard_locks_and_says_so() -> None:
     wall = ObstacleFile(half_plane_m=(0.005, 0.4, -1.0, 0.0))
     guard = make_around(Around(obstacles=(wall,), guard=Guard(push_N=17.0)), FOUR)
     controller = make_controller(Preset("", "none"), FOUR.force_normalised_N, around=guard)
-    memory, current, seen = new_memory(), np.zeros(4), seen_at(FOUR, (0.0, 0.4), (0.5, 0.0))
-    brakes = pushed_device(FOUR, (0.0, 0.4)).brakes[0]
-    code, _ = decide(controller, brakes, line((-0.1, 0.4), (0.1, 0.4)), memory, *seen[:6], seen.g, seen.mass, current)
+    tick = tick_at(FOUR, (0.0, 0.4), (0.5, 0.0))
+    code, _ = decide(controller, line((-0.1, 0.4), (0.1, 0.4)), tick)
     assert DECISIONS[code] == "lock: obstacle, too late to be sure"
-    assert memory[HOLDS] == 0.0
-    assert (current == FOUR.brakes.current_max).all()
+    assert tick.memory[HOLDS] == 0.0
+    assert (tick.current == FOUR.brakes.current_max).all()
 
 
 def way(device: Device, force: float, speed: float, turns: int = 0) -> float:
     """The stopping distance (m) of a tip that moves to the right, for a hand that pushes with at most `force` (N)."""
     around = make_around(Around(guard=Guard(push_N=force, turns=turns)), device)
-    return float(stopping_distance(around[0], seen_at(device, (0.0, 0.4), (speed, 0.0))))
+    return float(stopping_distance(around[0], tick_at(device, (0.0, 0.4), (speed, 0.0))))
 
 
 def test_the_more_the_hand_may_push_and_the_faster_it_comes_the_longer_the_way() -> None:
@@ -203,9 +203,8 @@ def test_near_an_obstacle_the_field_leads_round_it_and_at_its_edge_away_from_it(
     g, mass, path = device.state["g"][0], device.state["mass"][0], line((-0.1, 0.4), (0.1, 0.4))
 
     def beta(y: float, force: float) -> tuple[float, float]:
-        _, field = decide(
-            controller, device.brakes[0], path, new_memory(), 0.0, y, 0.0, 0.0, force, 0.0, g, mass, np.zeros(4)
-        )
+        seen = Seen(0.0, y, 0.0, 0.0, force, 0.0)
+        _, field = decide(controller, path, Tick(seen, g, mass, device.brakes[0], new_memory(), np.zeros(4)))
         return field.beta_x, field.beta_y
 
     assert beta(0.43 - 1e-9, 5.0) == pytest.approx((0.0, -1.0), abs=1e-6)  # at the edge: outward

@@ -9,7 +9,7 @@ from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, random_five_bar, rods
 from scipy.optimize import brentq
 
 from core.simulator.hand import Hand, new_hand, spring_hand, wave_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 
 START = (0.05, 0.40)
 #: J; the largest energy a brake may add in a step: rounding of its heat, which is summed from powers of one sign
@@ -37,7 +37,9 @@ def check(simulation: Simulation, rows: np.ndarray) -> None:
 def test_one_locked_brake_keeps_its_angle_for_a_minute(bench, joint, integrator):
     hand = tethered(S1)
     simulation = Simulation(bench.device, START, integrator=integrator, hand=hand)
-    rows = simulation.rows(6001, 1e-3, 10, np.zeros(1), yields(bench, 0.3, **{joint: 5.6})[None], 0, 6000)
+    rows = simulation.rows(
+        6001, Schedule(np.zeros(1), yields(bench, 0.3, **{joint: 5.6})[None]), Grid(0, 6000, 10, 1e-3)
+    )
     angle = np.array([bench.angles(p)["AEBC".index(joint)] for p in rows[:, 1:3]])
     assert np.ptp(rows[:, 1:3], axis=0).max() > 1e-3
     assert np.max(np.abs(angle - angle[0])) < 1e-9
@@ -196,10 +198,10 @@ def test_mouse_jump_on_a_stiff_spring_makes_no_energy(five_bar, integrator, fide
         hand = spring_hand((1e5, 0.0, 1e5), (damping, 0.0, damping), target=START)
         simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, integrator, hand)
         commands = yields(five_bar, 0.3)[None]
-        simulation.rows(50, 1e-3, 1, np.zeros(1), commands, 0, -1)
+        simulation.rows(50, Schedule(np.zeros(1), commands), Grid(0, -1, 1, 1e-3))
         target = np.add(START, jump)
         hand.grips["target"][0, :2] = target
-        rows = simulation.rows(300, 1e-3, 1, np.zeros(1), commands, 50, -1)
+        rows = simulation.rows(300, Schedule(np.zeros(1), commands), Grid(50, -1, 1, 1e-3))
         check(simulation, rows)
         stored = 0.5e5 * np.sum((rows[:, 1:3] - target) ** 2, axis=1)
         kinetic = [five_bar.kinetic(row[1:3], row[3:5]) for row in rows]
@@ -214,7 +216,7 @@ def test_brakes_switching_every_tick_for_a_minute(bench, integrator, fidelity):
     present = yields(bench, 1.0)
     values = top * rng.integers(0, 2, (n, 4)) * present
     simulation = Simulation(bench.device, START, (0.0, 0.0), fidelity, integrator, tethered(S4, 200.0, 5.0))
-    rows = simulation.rows(n + 1, 1e-3, 1, np.arange(n) * 1e-3, values, 0, n)
+    rows = simulation.rows(n + 1, Schedule(np.arange(n) * 1e-3, values), Grid(0, n, 1, 1e-3))
     check(simulation, rows)
     assert np.ptp(rows[-20000:, 1:3], axis=0).max() > 1e-3
     if fidelity == "ideal":
@@ -244,7 +246,7 @@ def test_an_hour_stays_finite_and_passive(integrator, seconds):
     order = ("A", "B", "E")
     values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])
     simulation = Simulation(BENCH_THREE.device, START, integrator=integrator, hand=tethered(S4, 100.0, 5.0))
-    rows = simulation.rows(seconds + 1, 1e-3, 1000, times, values, 0, seconds)
+    rows = simulation.rows(seconds + 1, Schedule(times, values), Grid(0, seconds, 1000, 1e-3))
     check(simulation, rows)
     ledger = simulation.ledger()
     assert ledger.steps == 1000 * seconds

@@ -5,7 +5,7 @@ import pytest
 from devices import S1, S4, FiveBar, slope, switching, yields
 
 from core.simulator.hand import wave_hand
-from core.simulator.simulation import Ledger, Simulation
+from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
 from core.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
 
 START = (0.05, 0.40)
@@ -27,7 +27,7 @@ def run(
     hand = wave_hand(S4 if scene == "S4" else S1)
     simulation = Simulation(bar.device, START, (0.0, 0.0), fidelity, integrator, hand, backlash=False)
     n = round(duration / 5e-3)
-    rows = simulation.rows(n + 1, step, round(5e-3 / step), times, values, 0, n)
+    rows = simulation.rows(n + 1, Schedule(times, values), Grid(0, n, round(5e-3 / step), step))
     return rows, simulation.ledger()
 
 
@@ -92,9 +92,12 @@ def test_a_run_in_pieces_equals_one_run(bench, integrator, fidelity):
     def simulation() -> Simulation:
         return Simulation(bench.device, START, (0.0, 0.0), fidelity, integrator, wave_hand(S4))
 
-    whole = simulation().rows(301, 1e-3, 1, times, values, 0, 300)
+    whole = simulation().rows(301, Schedule(times, values), Grid(0, 300, 1, 1e-3))
     one = simulation()
-    pieces = [one.rows(n, 1e-3, 1, times, values, first, 300) for first, n in ((0, 1), (1, 99), (100, 200), (300, 1))]
+    pieces = [
+        one.rows(n, Schedule(times, values), Grid(first, 300, 1, 1e-3))
+        for first, n in ((0, 1), (1, 99), (100, 200), (300, 1))
+    ]
     assert np.array_equal(np.vstack(pieces), whole)
 
 
@@ -105,13 +108,13 @@ def test_a_command_inside_a_step_splits_it(bench, integrator):
     values = np.array([yields(bench, y) for y in (0.3, 2.0, 0.1)])
     hand = wave_hand(S4)
     inside = Simulation(bench.device, START, integrator=integrator, hand=hand)
-    rows = inside.rows(41, 1e-3, 1, times, values, 0, 40)
+    rows = inside.rows(41, Schedule(times, values), Grid(0, 40, 1, 1e-3))
     aligned = Simulation(bench.device, START, integrator=integrator, hand=hand)
-    fine = aligned.rows(201, 2e-4, 1, times, values, 0, 200)[::5]
+    fine = aligned.rows(201, Schedule(times, values), Grid(0, 200, 1, 2e-4))[::5]
     assert rows[:, 0] == pytest.approx(fine[:, 0], abs=1e-15)
     assert rows[:, 1:3] == pytest.approx(fine[:, 1:3], abs=1e-9 if integrator == "event" else 1e-4)
     late = Simulation(bench.device, START, integrator=integrator, hand=hand)
-    held = late.rows(41, 1e-3, 1, np.array([0.0, 0.011, 0.021]), values, 0, 40)
+    held = late.rows(41, Schedule(np.array([0.0, 0.011, 0.021]), values), Grid(0, 40, 1, 1e-3))
     assert np.abs(held[:, 1:3] - fine[:, 1:3]).max() > 1e-6  # the split is seen: not the same as at the next edge
 
 
@@ -123,8 +126,8 @@ def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
         times, values = (HOLDS, yields(bench, 0.3, A=5.6 if scene == "S2" else 0.3)[None])
         if scene == "S4":
             times, values = switching(bench, 2.0)
-        one = coarse.rows(2001, 1e-3, 1, times, values, 0, 2000)[:, 9]
-        two = fine.rows(2001, 5e-4, 2, times, values, 0, 2000)[:, 9]
+        one = coarse.rows(2001, Schedule(times, values), Grid(0, 2000, 1, 1e-3))[:, 9]
+        two = fine.rows(2001, Schedule(times, values), Grid(0, 2000, 2, 5e-4))[:, 9]
         for k in np.flatnonzero(one != two):
             near = two[max(0, k - 1) : k + 2]
             assert one[k] in near
@@ -133,7 +136,7 @@ def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
 def test_forces_at_the_row_are_the_forces_of_the_motion(bench):
     """M a + b = F + sum of g_i tau_i with the torques of the rows, a by differences of the velocity."""
     simulation = Simulation(bench.device, START, hand=wave_hand(S1))
-    rows = simulation.rows(401, 1e-4, 1, HOLDS, yields(bench, 0.3, A=5.6)[None], 0, 400)
+    rows = simulation.rows(401, Schedule(HOLDS, yields(bench, 0.3, A=5.6)[None]), Grid(0, 400, 1, 1e-4))
     wave = simulation.hand.grips["wave"][0]
     for k in range(20, 380, 40):
         t, p, v, torque = rows[k, 0], rows[k, 1:3], rows[k, 3:5], rows[k, 5:9]

@@ -6,7 +6,7 @@ from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
@@ -21,7 +21,7 @@ def scene(bar, step, integrator="karnopp", wave=S1, commands=None, duration=1.0,
 def test_no_torque_exceeds_its_yield(bench):
     times, values = switching(bench, 1.0)
     simulation = Simulation(bench.device, START, hand=wave_hand(S4), integrator="karnopp")
-    rows = simulation.rows(1001, 1e-3, 1, times, values, 0, 1000)
+    rows = simulation.rows(1001, Schedule(times, values), Grid(0, 1000, 1, 1e-3))
     row_of = np.minimum((rows[:, 0] + 1e-9) // 0.01, len(values) - 1).astype(int)
     assert np.all(np.abs(rows[:, 5:9]) <= values[row_of] * (1 + 1e-9))
     assert np.all(np.isfinite(rows))

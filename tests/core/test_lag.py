@@ -8,7 +8,7 @@ from devices import BENCH_FOUR, S4, switching
 
 from core.device import Device, load_device
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import CARRIED
 
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -39,7 +39,7 @@ def tips(device: Device, scene: dict, step: float, tolerance: float = 1.0) -> tu
     simulation = Simulation(
         device, scene["tip"], scene["velocity"], "mr", "event", hand, backlash=False, tolerance=tolerance
     )
-    rows = simulation.rows(21, step, round(4e-3 / step), np.arange(4) * 0.02, scene["currents"], 0, 20)
+    rows = simulation.rows(21, Schedule(np.arange(4) * 0.02, scene["currents"]), Grid(0, 20, round(4e-3 / step), step))
     return rows[:, 1:3], simulation
 
 
@@ -95,13 +95,15 @@ def test_yields_that_have_arrived_are_those_of_brakes_without_lag():
     device, hand = load_device("er-two-brake"), new_hand(forces=np.array([[9.0, 6.0]]))
     lagging, without = (Simulation(device, (0.0, 0.4), fidelity=f, hand=hand) for f in ("mr", "static"))
     currents = np.full((1, 4), 0.5)
-    lagging.rows(2, 1e-3, 10, np.zeros(1), currents, 0, 10)
+    lagging.rows(2, Schedule(np.zeros(1), currents), Grid(0, 10, 10, 1e-3))
     assert lagging.state["lagging"][0] == 1
-    lagging.rows(2, 1e-3, 290, np.zeros(1), currents, 10, 300)
+    lagging.rows(2, Schedule(np.zeros(1), currents), Grid(10, 300, 290, 1e-3))
     assert lagging.state["lagging"][0] == 0 and np.any(lagging.state["rate"][0] != 0.0)
     for name in CARRIED:
         without.state[name] = lagging.state[name]
-    found = [one.rows(51, 1e-3, 1, np.zeros(1), currents, 300, 350)[:, 1:] for one in (lagging, without)]
+    found = [
+        one.rows(51, Schedule(np.zeros(1), currents), Grid(300, 350, 1, 1e-3))[:, 1:] for one in (lagging, without)
+    ]
     assert np.array_equal(*found)
 
 
@@ -111,6 +113,6 @@ def test_a_rate_that_crosses_an_edge_and_comes_back_within_a_step_is_seen():
 
     def end(step: float) -> np.ndarray:
         simulation = Simulation(BENCH_FOUR.device, (0.05, 0.40), fidelity="mr", hand=wave_hand(S4), backlash=False)
-        return simulation.rows(61, step, round(5e-3 / step), times, torques / 5.6, 0, 60)[:, 1:3]
+        return simulation.rows(61, Schedule(times, torques / 5.6), Grid(0, 60, round(5e-3 / step), step))[:, 1:3]
 
     assert np.abs(end(2.5e-3) - end(2e-5)).max() < 2e-8

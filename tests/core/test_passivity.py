@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.simulator.hand import Hand, new_hand, spring_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 
 START = (0.05, 0.40)
 #: J; the largest energy that a brake may add in a step. Powers of one sign are summed, so not even rounding is needed
@@ -47,7 +47,7 @@ def test_brakes_never_add_energy_in_any_tick(seed, kind, spring):
         times, values = np.arange(n) * 1e-3, commands(bar, rng, fidelity, n)
         before = simulation.ledger()
         for k in range(n):
-            row = simulation.rows(1, 1e-3, 1, times, values, k, -1)[0]
+            row = simulation.rows(1, Schedule(times, values), Grid(k, -1, 1, 1e-3))[0]
             after = simulation.ledger()
             assert np.all(np.isfinite(row))
             assert all(b >= a for a, b in zip(before.heat, after.heat, strict=True))
@@ -64,7 +64,7 @@ def test_brake_torque_stays_within_the_yield_and_opposes_slip(five_bar, integrat
     n = 400
     times, values = np.arange(n) * 1e-3, commands(five_bar, rng, fidelity, n)
     simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, integrator, pulling(rng, True))
-    rows = simulation.rows(n, 1e-3, 1, times, values, 0, n)
+    rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
     limit = values
     if fidelity == "static":
         gain = np.where(values < 0.2, 3.25 * values + 0.35, -1.5625 * values**2 + 7.25 * values - 0.3875)
@@ -85,7 +85,7 @@ def test_lagged_brakes_with_backlash_stay_within_what_they_can_hold(five_bar):
     n = 600
     times, values = np.arange(n) * 1e-3, commands(five_bar, rng, "mr", n)
     simulation = Simulation(five_bar.device, START, (0.0, 0.0), "mr", "event", pulling(rng, True))
-    rows = simulation.rows(n, 1e-3, 1, times, values, 0, n)
+    rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
     rates = np.array([five_bar.rows(row[1:3]) @ row[3:5] for row in rows])
     assert np.all(np.abs(rows[:, 5:9]) <= 5.3 * (1 + 1e-12))
     assert np.max(rows[:, 5:9] * rates) <= 1e-9
@@ -105,7 +105,7 @@ def test_energy_seen_from_outside_never_rises(five_bar, fidelity):
     ):
         times, values = np.arange(n) * 1e-3, commands(five_bar, rng, fidelity, n) * 0.2
         simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, "event", hand)
-        rows = simulation.rows(n, 1e-3, 1, times, values, 0, n)
+        rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
         energy = np.array([five_bar.kinetic(row[1:3], row[3:5]) + stored(row[1:3]) for row in rows])
         assert np.max(np.diff(energy)) <= 1e-9
         assert energy[-1] < energy[0] - 1e-3
@@ -118,7 +118,7 @@ def test_stuck_means_still(five_bar, integrator):
     n = 1000
     times, values = np.arange(0, n, 20) * 1e-3, commands(five_bar, rng, "ideal", n // 20)
     simulation = Simulation(five_bar.device, START, (0.0, 0.0), "ideal", integrator, pulling(rng, True))
-    rows = simulation.rows(n, 1e-3, 1, times, values, 0, n)
+    rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
     angles = np.array([five_bar.angles(p) for p in rows[:, 1:3]])
     bits = rows[:, 9].astype(int)
     seen = 0

@@ -8,7 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from synthetic_device import brakes_on, random_mass, random_rows
 
+from core.control.algorithm import Tick
 from core.control.proportional import (
+    Push,
     best_brake,
     commanded_force,
     decision_velocity,
@@ -20,7 +22,7 @@ from core.control.proportional import (
     priority,
 )
 from core.control.rule_sets import LITERAL, SETTLED
-from core.control.velocity_field import Field
+from core.control.velocity_field import Field, Seen, new_memory
 
 pytestmark = pytest.mark.nojit
 
@@ -145,7 +147,8 @@ def test_the_chosen_brake_is_the_best_by_an_independent_reading_of_the_paper(
         growing = f @ beta > 0 if rules is SETTLED else (f @ beta) * (v @ beta) > 0 or v @ beta == 0
         column = 0 if abs(f @ beta) <= 0.02 else 1 if growing else -1
         candidates.append((column, f @ beta, i))
-    chosen = best_brake(brakes_on(joints), g, field_along(direction), *v, *push, True, rules)
+    tick = Tick(Seen(0.0, 0.0, *v, *push), g, np.ones(3), brakes_on(joints), new_memory(), np.zeros(4))
+    chosen = best_brake(tick, field_along(direction), v, Push(True, *push), rules)
     assert chosen == (max(candidates)[2] if candidates else -1)
     if chosen >= 0:
         sense = joint_sense(g[chosen] @ v, g[chosen] @ push, True, rules.still_rate)
@@ -173,8 +176,8 @@ def test_the_impending_direction_is_that_of_the_acceleration_from_rest(seed, pus
 
 def test_settled_1_at_rest_under_a_felt_hand_the_velocity_is_2_mm_s_along_the_push():
     rest = SETTLED.rest_speed
-    assert decision_velocity(0.0, 0.0, 0.6, -0.8, True, rest) == pytest.approx((0.0012, -0.0016))
-    assert decision_velocity(0.0019, 0.0, 0.6, -0.8, True, rest) == pytest.approx((0.0012, -0.0016))
-    assert decision_velocity(0.0021, 0.0, 0.6, -0.8, True, rest) == (0.0021, 0.0)
-    assert decision_velocity(0.0019, 0.0, 0.6, -0.8, False, rest) == (0.0019, 0.0)
-    assert decision_velocity(0.0, 0.0, 0.6, -0.8, True, LITERAL.rest_speed) == (0.0, 0.0)
+    assert decision_velocity(0.0, 0.0, Push(True, 0.6, -0.8), rest) == pytest.approx((0.0012, -0.0016))
+    assert decision_velocity(0.0019, 0.0, Push(True, 0.6, -0.8), rest) == pytest.approx((0.0012, -0.0016))
+    assert decision_velocity(0.0021, 0.0, Push(True, 0.6, -0.8), rest) == (0.0021, 0.0)
+    assert decision_velocity(0.0019, 0.0, Push(False, 0.6, -0.8), rest) == (0.0019, 0.0)
+    assert decision_velocity(0.0, 0.0, Push(True, 0.6, -0.8), LITERAL.rest_speed) == (0.0, 0.0)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, lsq_linear
 
+from core.control.algorithm import Tick
 from core.control.controllers import DECISIONS, decide, make_controller, make_preset
 from core.control.reflect import nearest_passive_force
-from core.control.velocity_field import NEAREST, WANTED, new_memory
+from core.control.velocity_field import NEAREST, WANTED, Seen, new_memory
 from core.device import load_device
 from core.path import line
 from core.simulator.simulation import Simulation
@@ -107,10 +108,8 @@ def one_tick(device, controller, velocity, push, wanted):
     memory, current = new_memory(), np.zeros(4)
     memory[WANTED : WANTED + 2] = wanted
     brakes, state = pack_brakes(device.brakes, backlash=False)[0], simulation.state[0]
-    code, _ = decide(
-        controller, brakes, line((-0.1, 0.4), (0.1, 0.4)), memory, 0.02, 0.42, *velocity, *push, state.g, state.mass,
-        current,
-    )  # fmt: skip
+    tick = Tick(Seen(0.02, 0.42, *velocity, *push), state.g, state.mass, brakes, memory, current)
+    code, _ = decide(controller, line((-0.1, 0.4), (0.1, 0.4)), tick)
     return DECISIONS[code], current, memory, state.g[:4].copy()
 
 

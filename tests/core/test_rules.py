@@ -14,10 +14,10 @@ from synthetic_device import DEVICES, brakes_on, random_mass, random_rows, rows
 
 from core.control import algorithm
 from core.control import controllers as control
-from core.control.algorithm import LOCKED, pushes_away
+from core.control.algorithm import LOCKED, Tick, pushes_away
 from core.control.controllers import decide, make_controller
 from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED, rule_set
-from core.control.velocity_field import Field, new_memory
+from core.control.velocity_field import Field, Seen, new_memory
 from core.files import InputError
 from core.path import line
 
@@ -40,8 +40,8 @@ def decision(controller, x, y, v, f, g=None, mass=MASS, memory=None):
     """Decision code and currents (4,) of one tick of the three-brake device on segment 1."""
     g = rows("three-brake", x, y) if g is None else g
     current, memory = np.zeros(4), new_memory() if memory is None else memory
-    state = (float(value) for value in (x, y, *v, *f))
-    return decide(controller, BRAKES, PATH, memory, *state, g, mass, current)[0], current
+    seen = Seen(*map(float, (x, y, *v, *f)))
+    return decide(controller, PATH, Tick(seen, g, mass, BRAKES, memory, current))[0], current
 
 
 def test_there_are_two_rule_sets_and_no_third():
@@ -110,8 +110,8 @@ def test_settled_3_a_push_is_outward_above_half_a_newton_and_within_60_degrees(d
     outward = -(force[0] * n[0] + force[1] * n[1])
     assume(abs(outward - 0.5) > 1e-9 and abs(outward - 0.5 * f) > 1e-9 and (abs(outward) > 1e-9 or f == 0.0))
     within_60_degrees = f > 0.0 and math.acos(max(-1.0, min(outward / f, 1.0))) < math.pi / 3
-    assert pushes_away(*force, field, SETTLED) == (outward > 0.5 and within_60_degrees)
-    assert pushes_away(*force, field, LITERAL) == (outward > 0.0)
+    assert pushes_away(Seen(0.0, 0.0, 0.0, 0.0, *force), field, SETTLED) == (outward > 0.5 and within_60_degrees)
+    assert pushes_away(Seen(0.0, 0.0, 0.0, 0.0, *force), field, LITERAL) == (outward > 0.0)
 
 
 def test_the_proportional_controller_locks_if_no_brake_helps_an_outward_push_or_the_tip_moves_back():

@@ -14,7 +14,7 @@ from scipy.optimize import linprog, minimize
 from core.mechanism import PLACES
 from core.simulator.hand import new_hand
 from core.simulator.load_sharing import share_at_rest
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import new_state
 from core.simulator.stick_slip import FREE, STILL, holding_torque, largest_excess, solve_at_rest
 
@@ -153,7 +153,7 @@ def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_1
     for u in DIRECTIONS:
         limit = hold_limit(g, yields, u)
         below = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=0.99 * limit * u[None]))
-        rows = below.rows(11, 1e-3, tenth, np.zeros(1), yields[None], 0, 10)
+        rows = below.rows(11, Schedule(np.zeros(1), yields[None]), Grid(0, 10, tenth, 1e-3))
         assert np.all(rows[:, 1:3] == p) and np.all(rows[:, 3:5] == 0.0)
         above = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=1.01 * limit * u[None]))
         rows = above.run(0.01, 1e-3, yields)

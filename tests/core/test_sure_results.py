@@ -8,7 +8,7 @@ from devices import BRAKE_TEXT, THREE
 
 from core.device import Device, build_device
 from core.simulator.hand import new_hand
-from core.simulator.simulation import Ledger, Simulation
+from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
 
 STEPS = (1e-3, 5e-3, 2e-2)
 ONE_ABOVE_THE_OTHER = """
@@ -76,7 +76,9 @@ def free_place(device: Device, rng: np.random.Generator) -> tuple[float, float]:
 def tips_every_20_ms(simulation: Simulation, duration: float, step: float, torques) -> np.ndarray:
     """Tip positions (n, 2) every 20 ms."""
     n = round(duration / 0.02)
-    rows = simulation.rows(n + 1, step, round(0.02 / step), np.zeros(1), np.array([torques], dtype=float), 0, n)
+    rows = simulation.rows(
+        n + 1, Schedule(np.zeros(1), np.array([torques], dtype=float)), Grid(0, n, round(0.02 / step), step)
+    )
     return rows[:, 1:3]
 
 

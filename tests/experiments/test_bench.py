@@ -9,7 +9,7 @@ from devices import BENCH
 
 import core.brake
 from app.cli import main
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.report import STEP
 from experiments.benchmark.bench import Row, creep, simulated, table, with_order, work_precision
@@ -97,7 +97,7 @@ def test_the_reference_has_the_torque_gain_and_time_constant_of_the_brake_model(
 def test_hand_of_a_scene_exerts_the_force_of_the_scene(scene):
     simulation = Simulation(scene.device, START, hand=scene.hand())
     for t in (0.0, 0.31, 0.77):
-        simulation.rows(1, 1e-3, 1, np.zeros(1), np.zeros((1, 4)), round(t / 1e-3), round(t / 1e-3))
+        simulation.rows(1, Schedule(np.zeros(1), np.zeros((1, 4))), Grid(round(t / 1e-3), round(t / 1e-3), 1, 1e-3))
         assert simulation.state["hand_force"][0] == pytest.approx(scene.force(t), abs=1e-12)
 
 

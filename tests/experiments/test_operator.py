@@ -9,6 +9,7 @@ from core import tick_log
 from core.path import Arc, build_path, line, point_at
 from core.simulator.hand import grip_force, new_hand
 from experiments.trial.operator import (
+    Moment,
     begin_approach,
     minimum_jerk,
     new_operator,
@@ -34,7 +35,7 @@ class Scripted:
         """Ticks of one phase at tips (n, 2); targets (n, 2) and the added force (n, 2)."""
         targets, held = np.empty((len(tips), 2)), np.empty((len(tips), 2))
         for tick, (x, y) in enumerate(tips):
-            operate(self.operator[0], self.grip, self.path, phase, tick, tick, x, y, self.noise)
+            operate(self.operator[0], self.grip, self.path, Moment(phase, tick, tick), (x, y), self.noise)
             targets[tick], held[tick] = self.grip.target[:2], self.grip.held
         return targets, held
 
@@ -164,7 +165,7 @@ def test_the_arm_never_pushes_harder_than_its_clip():
     hand, strongest = Scripted(person, path, generator.standard_normal((4096, 2))), 0.0
     for tick in range(3000):
         x, y = (-0.1, 0.4) if tick < 1500 else generator.uniform(-0.3, 0.6, 2)
-        operate(hand.operator[0], hand.grip, path, tick_log.MOVE, tick, tick, x, y, hand.noise)
+        operate(hand.operator[0], hand.grip, path, Moment(tick_log.MOVE, tick, tick), (x, y), hand.noise)
         force = np.hypot(*grip_force(hand.grip, x, y, *generator.uniform(-1.0, 1.0, 2)))
         strongest = max(strongest, force)
         assert force <= person.force_max_N * (1.0 + 1e-12)

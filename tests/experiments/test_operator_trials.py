@@ -142,7 +142,7 @@ def test_the_mass_of_the_arm_is_on_the_hands_side_of_the_force_sensor():
     person = somebody(8)
     trial = new_trial(person)
     tick, taken, seen = np.zeros((1, tick_log.WIDTH)), 0.0, 0
-    grip = trial.model.hand.grips[0]
+    grip = trial.simulation.hand.grips[0]
     while not trial.finished and trial.ticks < 3000:
         trial.run(tick)
         at = tick[0]

@@ -95,16 +95,16 @@ def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
         rows = np.empty((1, tick_log.WIDTH))
         while trial.phase != "move":
             writer.write(rows[: trial.run(rows)])
-        play = np.array(trial.model.state["play"][0])
+        play = np.array(trial.simulation.state["play"][0])
         while not trial.finished:
             writer.write(rows[: trial.run(rows)])
         session.finish(trial, writer)
         recorded = read_recorded(recordings(data, "77")[0])
-        found, edge = play_after(recorded.recording, recorded.first, trial.model.device)
+        found, edge = play_after(recorded.recording, recorded.first, trial.simulation.device)
     finally:
         session.close()
         shutil.rmtree(data / "sub-77")
-    width = trial.model.device.brakes.play
+    width = trial.simulation.device.brakes.play
     assert np.allclose(found, play, rtol=0.0, atol=1e-6)
     assert np.array_equal(edge[width > 0.0] != 0.0, ((found == 0.0) | (found == width))[width > 0.0])
 

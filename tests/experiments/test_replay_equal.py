@@ -51,7 +51,7 @@ def by_hand(tmp_path_factory):
     session = Session(folder, "02", short(paths=1, practice_trials="1"), sync=False)
     for _ in range(2):
         trial, writer = session.begin(session.next_planned())
-        rows, at = np.empty((20, tick_log.WIDTH)), trial.model.state["tip"][0]
+        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
         hand = SyntheticHand(1, (at[0], at[1]))
         while not trial.finished:
             trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
@@ -81,7 +81,7 @@ def push_through_a_trial(session):
     grip = session.simulation(planned.configuration).hand.grips
     grip["spring"][0], grip["stiffness"][0], grip["damping"][0] = 1, 0.0, 0.0
     trial, writer = session.begin(planned)
-    tip, rows = trial.model.state["tip"][0], np.empty((1, tick_log.WIDTH))
+    tip, rows = trial.simulation.state["tip"][0], np.empty((1, tick_log.WIDTH))
     while not trial.finished:
         x, y = (trial.path.x0, trial.path.y0) if trial.phase in ("approach", "hold") else (trial.path.x1, trial.path.y1)
         grip["held"][0] = np.clip(3000.0 * (np.array((x, y)) - tip[:2]) - 80.0 * tip[2:], -15.0, 15.0)
@@ -219,7 +219,7 @@ def test_a_ledger_that_contradicts_the_motion_is_said_by_recording_verify_and_re
     session = new_session(tmp_path, protocol=short(paths=1))
     trial, writer = session.begin(session.next_planned())
     run(trial, writer)
-    trial.model.state["work_hand"][0] += 1.0
+    trial.simulation.state["work_hand"][0] += 1.0
     session.finish(trial, writer)
     session.close()
     [path] = recordings(tmp_path)

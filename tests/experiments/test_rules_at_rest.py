@@ -20,7 +20,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol
 from experiments.trial.encoder_sensing import new_sensing
 from experiments.trial.operator import OPERATOR
-from experiments.trial.tick import new_run, run_ticks
+from experiments.trial.tick import RunningTrial, new_run, run_ticks
 from experiments.trial.trial import Trial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
@@ -37,14 +37,14 @@ def push(device, path, number, tip, force, ticks, fidelity="static", rules="sett
     hand = new_hand(np.array([0.0, 0.2]), np.array([(0.0, 0.0), force]))
     simulation = Simulation(device, tip, fidelity=fidelity, hand=hand)
     controller = make_controller(PAPER.controllers[number], device.force_normalised_N, rules)
-    run = new_run(TrialRules(), simulation.fidelity, simulated_hand=False)
+    run = new_run(TrialRules(), simulated_hand=False)
     run["phase"][0] = tick_log.MOVE
     rows = np.zeros((ticks, tick_log.WIDTH))
-    s = simulation
-    n = run_ticks(
-        path, path, controller, s.mechanism, s.brakes, s.hand, s.state, s.step_scratch,
-        run, new_record(OPERATOR), np.zeros((1, 2)), new_memory(), new_sensing(device, DEFAULTS), rows,
+    trial = RunningTrial(
+        path, path, controller, simulation.model, simulation.data, run, new_record(OPERATOR), np.zeros((1, 2)),
+        new_memory(), new_sensing(device, DEFAULTS),
     )  # fmt: skip
+    n = run_ticks(trial, rows)
     return rows[:n]
 
 

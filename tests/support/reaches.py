@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from core.control.algorithm import Tick
 from core.control.controllers import Controller, Preset, decide, make_controller
 from core.control.guard import Around, Guard, make_around
-from core.control.velocity_field import HOLDS, LOCKED, new_memory
+from core.control.velocity_field import HOLDS, LOCKED, new_memory, seen_in
 from core.device import Device
 from core.kernels import kernel
 from core.obstacles import ObstacleFile, nearest_obstacle
@@ -16,7 +17,7 @@ from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice, move, settle
 from core.workspace import tip_is_free
 from experiments.assumptions import DEFAULTS, Assumptions
-from experiments.trial.encoder_sensing import new_sensing, see, sensed
+from experiments.trial.encoder_sensing import Sensing, new_sensing, see, sensed
 
 PATH: Path = line((-0.1, 0.4), (0.1, 0.4))
 TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
@@ -29,15 +30,22 @@ PUSHES_N = {"er-two-brake": 8.0, "three-brake": 11.0, "four-brake": 17.0, "pter"
 LEAST, LAST, LOCKS, UNSURE, FIRST_UNSURE, ENTERED, FASTEST, FIRST_LOCK, FOUND = range(9)
 
 
-@kernel
-def reach(
-    controller, path, mechanisms, brakes, hand, states, scratches, sensing, memory, forces, feigns, current, found
-):  # fmt: skip
-    """Ticks of a hand that pushes with forces (n, 2), N; found (FOUND,).
+class Reach(NamedTuple):
+    """A hand that pushes a device, tick by tick."""
 
-    feigns: 1: a locked hand pulls away with 3 N until it is let go, then pushes again.
-    """
-    around, state, grip = controller.around[0], states[0], hand.grips[0]
+    controller: Controller
+    sensing: Sensing
+    memory: np.ndarray  # of the controller
+    forces: np.ndarray  # (n, 2) N
+    feigns: int  # 1: a locked hand pulls away with 3 N until it is let go, then pushes again
+    current: np.ndarray  # (4,) A
+
+
+@kernel
+def run_pushes(model, data, path, reach, found):
+    """All ticks of a `Reach`; found (FOUND,)."""
+    memory, forces, current, sensing = reach.memory, reach.forces, reach.current, reach.sensing
+    around, state, grip = reach.controller.around[0], data.state[0], data.hand.grips[0]
     for i in range(FOUND):
         found[i] = 0.0
     found[LEAST] = found[FIRST_UNSURE] = found[ENTERED] = found[FIRST_LOCK] = math.inf
@@ -46,25 +54,22 @@ def reach(
         near = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1])
         was_locked = memory[LOCKED]
         grip.held[0], grip.held[1] = forces[n, 0], forces[n, 1]
-        if feigns != 0 and was_locked != 0.0:
+        if reach.feigns != 0 and was_locked != 0.0:
             grip.held[0], grip.held[1] = 3.0 * near.n_x, 3.0 * near.n_y
-        settle(mechanisms, brakes, hand, states, scratches, current, t, 2, 0)
+        settle(model, data, current, t)
         seen = state
         if sensing.sensors[0].on != 0:
             seen = sensing.seen[0]
-            see(mechanisms[0], state, sensing.sensors[0], seen)
-        tip = seen.tip
-        decide(
-            controller, brakes[0], path, memory, tip[0], tip[1], tip[2], tip[3], seen.hand_force[0],
-            seen.hand_force[1], seen.g, seen.mass, current,
-        )  # fmt: skip
+            see(model.mechanism[0], state, sensing.sensors[0], seen)
+        what = seen_in(seen.tip, seen.hand_force)
+        decide(reach.controller, path, Tick(what, seen.g, seen.mass, model.brakes[0], memory, current))
         if memory[LOCKED] > was_locked:
             found[LOCKS] += 1.0
             found[FIRST_LOCK] = min(found[FIRST_LOCK], near.distance) if found[LOCKS] == 1.0 else found[FIRST_LOCK]
         if memory[HOLDS] == 0.0:
             found[UNSURE] += 1.0
             found[FIRST_UNSURE] = min(found[FIRST_UNSURE], float(n))
-        move(mechanisms, brakes, hand, states, scratches, current, t, 1e-3, 2, 0)
+        move(model, data, current, t, 1e-3)
         found[LAST] = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1]).distance
         found[LEAST] = min(found[LEAST], found[LAST])
         found[FASTEST] = max(found[FASTEST], math.sqrt(state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]))
@@ -105,10 +110,9 @@ def run_reach(
 ) -> Reached:  # fmt: skip
     """Push the device with forces (n, 2), N, one a tick, with the assumed sensing."""
     found, sensing = np.zeros(FOUND), new_sensing(device.device, assumed)
-    reach(
-        controller, PATH, *device.arguments(), sensing, new_memory(), np.ascontiguousarray(forces, dtype=float),
-        int(feigns), np.zeros(4), found,
-    )  # fmt: skip
+    forces = np.ascontiguousarray(forces, dtype=float)
+    pushes = Reach(controller, sensing, new_memory(), forces, int(feigns), np.zeros(4))
+    run_pushes(device.model, device.data, PATH, pushes, found)
     least, last, locks, unsure, first_unsure, entered, fastest, first_lock = found.tolist()
     return Reached(least, last, int(locks), int(unsure), first_unsure, entered, fastest, first_lock)
 

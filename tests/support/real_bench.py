@@ -16,7 +16,7 @@ from core.simulator.hand import Hand
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
 from experiments.trial.operator import Person
-from experiments.trial.trial import Trial
+from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.device import EmulatedHand
 from hardware.serial_device import SerialDevice
 
@@ -72,16 +72,16 @@ class RealBench:
 
     def trial(
         self, controller: int = 2, how: TrialRules = PAPER.trial, preset: Preset | None = None, rules: str = PAPER.rules
-    ) -> Trial:
+    ) -> RealTrial:
         planned = PlannedTrial(1, 1, self.device.name, controller, 1, 1)
         if isinstance(self.hand, Late):
             self.hand.begun = True
         preset = preset or PAPER.controllers[controller]
-        trial = Trial(self.device, planned, PATH, preset, rules, how)
+        trial = RealTrial(self.device, planned, PATH, preset, rules, how)
         trial.connect(self.link)
         return trial
 
-    def exchange(self, trial: Trial) -> list[np.ndarray]:
+    def exchange(self, trial: RealTrial) -> list[np.ndarray]:
         """One exchange of a trial; time goes on where there is no link, too."""
         before = self.board.ticks
         if self.operator is not None:
@@ -99,7 +99,7 @@ class RealBench:
             for _ in range(ticks):
                 self.board.backlog += self.board.tick()
 
-    def run(self, trial: Trial, until: Callable[[Trial], bool] = lambda trial: trial.finished) -> np.ndarray:
+    def run(self, trial: RealTrial, until: Callable[[RealTrial], bool] = lambda trial: trial.finished) -> np.ndarray:
         """Exchange until something is so; the rows (n, BENCH_WIDTH)."""
         rows: list[np.ndarray] = []
         while not until(trial):

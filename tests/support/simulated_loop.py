@@ -43,7 +43,7 @@ class SimulatedLoop:
                 self._answers.append(Tried(np.zeros(ticks)))
             case Run(trial):
                 self._trial = trial
-                self._force_max = float(trial.arguments().hand.grips["force_max"][0])
+                self._force_max = float(trial.simulation.hand.grips["force_max"][0])
 
     def receive(self, wait_s: float = 0.0) -> list[object]:
         if self._trial is not None:
@@ -53,22 +53,22 @@ class SimulatedLoop:
 
     def _advance(self) -> None:
         """As `real_time.run_trial`, without waiting."""
-        ring, arguments, row = self._ring, self._trial.arguments(), np.zeros((1, tick_log.WIDTH))
+        ring, running, row = self._ring, self._trial.arguments(), np.zeros((1, tick_log.WIDTH))
+        grip = running.data.hand.grips[0]
         for _ in range(PIECE):
             if ring.control.stop == HAND_BACK:
-                arguments.hand.grips["force_max"][0] = self._force_max
+                grip.force_max = self._force_max
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return
-            end_early(ring.controls, arguments.run, int(ring.control.server_beat), len(ring.rows))  # never silent
-            if not arguments.run["simulated_hand"][0]:
-                grip, phase = arguments.hand.grips[0], arguments.run["phase"][0]
-                take_aim(ring.control, grip, arguments.state[0].tip, phase, self._force_max)
-                arguments.run["held"][0] = ring.control.taken
-            run_ticks(*arguments, row)
+            end_early(ring.controls, running.run, int(ring.control.server_beat), len(ring.rows))  # never silent
+            if not running.run["simulated_hand"][0]:
+                take_aim(ring.control, grip, running.data.state[0].tip, running.run["phase"][0], self._force_max)
+                running.run["held"][0] = ring.control.taken
+            run_ticks(running, row)
             put(ring.controls, ring.rows, row[0])
             if self._trial.finished:
-                arguments.hand.grips["force_max"][0] = self._force_max
+                grip.force_max = self._force_max
                 self._answers.append(Done(self._trial.changed()))
                 self._trial = None
                 return
