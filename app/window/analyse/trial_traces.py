@@ -56,8 +56,8 @@ class TrialTrace(TimePlot):
         self.figures.show_parts((self.figure(self.values[0, at]), theme.TEXT), (self.unit, theme.QUIET))
 
     def draw(self) -> None:
-        self.draw_curves(self.curves[:1], self.t, self.values)
-        self.draw_curves(self.curves[1:], *self._beside)
+        self.curves[0].setData(self.t, self.values[0])
+        self.curves[1].setData(self._beside[0], self._beside[1][0])
 
     def _clicked(self, event: MouseClickEvent) -> None:
         place = self.item.vb.mapSceneToView(event.scenePos())
@@ -66,7 +66,7 @@ class TrialTrace(TimePlot):
 
 
 class CurrentTrace(TrialTrace):
-    """The current of each brake: its mean, as a line, within its envelope, as a band. A chatter is no solid block."""
+    """The current of each brake: its mean as a line, over a faint band from its lowest to its highest tick."""
 
     figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
 
@@ -75,11 +75,10 @@ class CurrentTrace(TrialTrace):
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
         self.graph.setMinimumHeight(46)  # with the axis of time
         self.hidden, self.labels = False, dict[str, str]()
-        self.means, self.bands = [], []
-        for joint in JOINTS:
-            self.bands.append([pg.PlotDataItem(pen=None) for _ in range(2)])
-            self.item.addItem(pg.FillBetweenItem(*self.bands[-1], brush=theme.shade(theme.JOINT[joint], BAND)))
-            self.means.append(self.item.plot(pen=pg.mkPen(theme.JOINT[joint], width=1)))
+        self.bands = [self.add_curve(pg.mkPen(theme.shade(theme.JOINT[joint], BAND), width=1)) for joint in JOINTS]
+        self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
+        for mean in self.means:
+            mean.setDownsampling(method="mean")  # now that it is added: a plot gives what is added its own method
         self.currents = np.empty((len(JOINTS), 0))
 
     def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
@@ -103,18 +102,10 @@ class CurrentTrace(TrialTrace):
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 
     def draw(self) -> None:
-        seen, pixel_s = self.seen(self.t)
-        t = self.t[seen]
-        starts = np.flatnonzero(np.diff(np.floor(t / max(2.0 * pixel_s, 0.002)), prepend=-1.0))
-        sizes = np.diff(starts, append=len(t))
-        for current, (low, high), mean in zip(self.currents[:, seen], self.bands, self.means, strict=True):
-            if self.hidden or not len(t) or current[0] != current[0]:
-                for curve in (low, high, mean):
-                    curve.setData([], [])
-                continue
-            low.setData(t[starts], np.minimum.reduceat(current, starts))
-            high.setData(t[starts], np.maximum.reduceat(current, starts))
-            mean.setData(t[starts], np.add.reduceat(current, starts) / sizes)
+        for current, band, mean in zip(self.currents, self.bands, self.means, strict=True):
+            without = self.hidden or not len(current) or current[0] != current[0]
+            for curve in (band, mean):
+                curve.setData(*(([], []) if without else (self.t, current)))
 
 
 class TrialTraces(QWidget):

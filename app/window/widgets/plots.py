@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QMouseEvent
+from PySide6.QtGui import QMouseEvent, QPen
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
@@ -35,19 +35,6 @@ def range_for(value: float, least: float) -> float:
         return least
     decade = 10.0 ** math.floor(math.log10(value))
     return next(step * decade for step in STEPS if step * decade >= value * (1.0 - 1e-12))
-
-
-def envelope(t: np.ndarray, values: np.ndarray, bin_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest tick of each bin of time: times (2 bins,), values (series, 2 bins); a spike is never lost.
-
-    t (n,) s, rising; values (series, n). Bins lie at whole multiples of bin_s, so that a curve that scrolls does not
-    shimmer. A bin with a NaN is NaN: the curve is interrupted there. What is thinner already comes back as it is.
-    """
-    if len(t) < 2 or len(t) <= 2.0 * (t[-1] - t[0]) / bin_s:
-        return t, values
-    starts = np.flatnonzero(np.diff(np.floor(t / bin_s), prepend=-1.0))
-    low, high = np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)
-    return np.repeat(t[starts], 2), np.stack((low, high), axis=2).reshape(len(values), -1)
 
 
 def start_of_hold(ticks: np.ndarray) -> int:
@@ -124,40 +111,29 @@ class TimePlot(Plot):
         super().__init__(word(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
         self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
-        self.curves = [self.item.plot(pen=pg.mkPen(colour, width=1), connect="finite") for colour in colours]
+        self.item.setDownsampling(auto=True, mode="peak")  # the lowest and highest tick of each pixel: no spike is lost
+        self.item.setClipToView(True)
+        self.curves = [self.add_curve(pg.mkPen(colour, width=1)) for colour in colours]
         self.item.setMouseEnabled(x=True, y=False)
-        self.item.vb.sigXRangeChanged.connect(lambda *_: self.zoomed())
+
+    def add_curve(self, pen: QPen, per_px: float = 1.0) -> pg.PlotDataItem:
+        """A curve of so many pieces a pixel, interrupted where there is no value."""
+        return self.item.plot(pen=pen, connect="finite", autoDownsampleFactor=per_px)
 
     def draw(self) -> None:
-        """Draw what is seen of it."""
-        self.draw_curves(self.curves, self.t, self.values)
+        """Hand its values to the curves."""
+        for curve, series in zip(self.curves, self.values, strict=True):
+            curve.setData(self.t, series)
 
     def show_all(self) -> None:
         if len(self.t):
             self.item.setXRange(self.t[0], self.t[-1], padding=0.01)
-
-    def zoomed(self) -> None:
-        """Another part of it is seen."""
-        self.draw()
 
     def scale_to(self, highest: float) -> None:
         """Let the scale end at a round number that holds this value."""
         self.end = range_for(highest, self.least)
         self.item.setYRange(0.0, self.end, padding=self.padding)
         self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
-
-    def seen(self, t: np.ndarray) -> tuple[slice, float]:
-        """Of rising times (n,) s, those that are seen; the time of a pixel, s."""
-        begin, end = self.item.viewRange()[0]
-        first, last = np.searchsorted(t, (begin, end))
-        return slice(max(int(first) - 1, 0), int(last) + 1), (end - begin) / max(self.graph.width(), 1)
-
-    def draw_curves(self, curves: Sequence[pg.PlotDataItem], t: np.ndarray, values: np.ndarray) -> None:
-        """Times (n,) s and values (curves, n), NaN where there is none: at most two points a pixel."""
-        seen, pixel_s = self.seen(t)
-        times, found = envelope(t[seen], values[:, seen], pixel_s)
-        for curve, series in zip(curves, found, strict=True):
-            curve.setData(times, series)
 
     def figure(self, value: float) -> str:
         """A value without its unit."""
@@ -248,10 +224,6 @@ class Trace(TimePlot):
         self._following = True
         self.draw()
 
-    def zoomed(self) -> None:
-        if not self._following:
-            self.draw()
-
     def draw(self) -> None:
         if self._following:
             now = max(self.t[-1] if len(self.t) else 0.0, WINDOW_S)
@@ -260,7 +232,6 @@ class Trace(TimePlot):
 
     def _stop_following(self, *_: object) -> None:
         self._following = False
-        self.draw()
 
     def _rescale(self, values: np.ndarray) -> None:
         highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
