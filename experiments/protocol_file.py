@@ -21,6 +21,7 @@ from experiments.language import ENGLISH
 from experiments.slave import Slave
 
 NUMBER, TEXT = "number", "text"  # what a field of the form takes where it lists no choices
+FEEDBACK = ("none", "time", "error")
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 Seed = Annotated[int, msgspec.Meta(ge=0)]
@@ -123,7 +124,7 @@ class Settings(Table, frozen=True, kw_only=True):
     participants: tuple[Label, ...] = ()  # none named: anybody
     blind: bool = False  # the experimenter sees codes in place of controllers
     show_linkage: bool = False  # to the participant
-    feedback: Annotated[str, choice("none", "time", "error")] = "none"  # to the participant, after a trial
+    feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()

@@ -143,7 +143,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text + FORM)
     page._take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
-    assert not page.start.isEnabled() and page.why.text() == "Fill in handedness and age."
+    assert not page.start.isEnabled() and page.why.text() == "Fill in handedness.\nFill in age."
     for hand, asked in ((OPERATOR, False), (MOUSE, True)):
         page.hand.fill({hand: hand}, hand)
         page.hand.activated.emit(0)
@@ -154,7 +154,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     )
     shown.click(right)
     shown.type(page.form.fields["age"], "old")
-    assert page.why.text() == "Fill in age."
+    assert page.why.text() == "Age must be a number."
     shown.type(page.form.fields["age"], "27")
     shown.click(page.start)
     ((_, command),) = shown.setups
@@ -213,7 +213,7 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
     monkeypatch.setattr("app.window.home.board_ports.look_at_ports", lambda before, mine: found if not mine else ())
-    page.link.choose(BOARD)
+    page.link.show_value(BOARD)
     page._link_chosen(BOARD)
     shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)
     assert "answers, three-brake" in texts(shown)
@@ -229,7 +229,7 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.show_snapshot(before(checks=(m.Check("Device", m.BAD, "not homed"), *WELL[1:])))
     shown.wait()
     assert "connected" in texts(shown) and page.start.isEnabled(), "the first steps of the session home the encoders"
-    page.link.choose(SIMULATED)
+    page.link.show_value(SIMULATED)
     page._link_chosen(SIMULATED)
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
 

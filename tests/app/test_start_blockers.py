@@ -26,7 +26,7 @@ ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
         ({"loaded": None}, "Loading …"),
         ({"loaded": InputError("blocks must be at least 1")}, "This protocol cannot be run."),
         ({"loaded": ONLY_TWO}, "The protocol's participants are A, B."),
-        ({"missing": ["age", "handedness"]}, "Fill in age and handedness."),
+        ({"form_problems": ["Fill in age."]}, "Fill in age."),
         ({"operators": 2}, "This folder holds a study of 2 simulated operators"),
         ({"found": BEGUN._replace(problem="session.json cannot be read")}, "session.json cannot be read"),
     ),
@@ -43,12 +43,14 @@ def test_each_reason_is_a_sentence_of_its_own_and_stands_before_what_the_checks_
 
 def test_nothing_keeps_a_whole_choice_or_a_session_that_is_there_from_going_on() -> None:
     assert start_blockers(WANTED, "", before(), False) == []
-    unread = Wanted("01", BEGUN, None, 3, ["age"])  # what a new session needs does not matter to it
+    unread = Wanted("01", BEGUN, None, 3, ["Fill in age."])  # what a new session needs does not matter to it
     assert start_blockers(unread, "", before(), False) == []
 
 
 def test_while_a_session_is_open_that_is_the_only_reason() -> None:
-    (only,) = start_blockers(WANTED._replace(participant="", missing=["age"]), "02", before(checks=RED), False)
+    (only,) = start_blockers(
+        WANTED._replace(participant="", form_problems=["Fill in age."]), "02", before(checks=RED), False
+    )
     assert only.startswith("The session of 02 is open: close it to open or choose another.")
 
 

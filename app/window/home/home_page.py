@@ -98,7 +98,7 @@ class HomePage(Page):
         self.summary, self.hand_words = line("", bold=True), line("", "quiet")
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
-        self.link.chosen.connect(self._link_chosen)
+        self.link.changed.connect(self._link_chosen)
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
         self.ports.device_page_asked.connect(lambda: self.begin(HOME))
@@ -159,7 +159,7 @@ class HomePage(Page):
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
             self._typed, self._named = False, setup.participant
-            self.link.choose(BOARD if setup.link else SIMULATED)
+            self.link.show_value(BOARD if setup.link else SIMULATED)
             self._take(setup)
         self.ports.show_link(setup.link)
 
@@ -321,9 +321,9 @@ class HomePage(Page):
     def _wanted(self) -> Wanted:
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
-        missing = self.form.missing() if self._asks_a_person else []
+        problems = self.form.problems() if self._asks_a_person else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, missing)
+        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems)
 
     def _refresh(self) -> None:
         """Whether a session can start, and what the button then does."""

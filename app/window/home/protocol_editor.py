@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
 
 from app.window.canvas.path_drawing import PathDrawing
 from app.window.widgets import theme
+from app.window.widgets.fields import Field, NumberField, Tick, is_number, make_field
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     Choice,
@@ -43,12 +44,14 @@ from app.window.widgets.parts import (
 )
 from app.window.widgets.work import Work
 from core.control.controllers import ALGORITHMS
+from core.control.rule_sets import RULE_SETS
 from core.device import shipped_devices
 from core.files import InputError, Pair, read_text
 from core.workspace import tip_is_free
 from experiments.language import shipped_languages
 from experiments.plan import plan_summary, print_plan
 from experiments.protocol import SHIPPED_FOLDER, read_protocol, shipped_protocols
+from experiments.protocol_file import FEEDBACK, Settings
 from experiments.protocol_writer import POINTS, path_through, points_of, protocol_text, save_protocol
 
 WAIT_MS = 200  # after the last change, before the content is read
@@ -56,22 +59,26 @@ TOML = "TOML files (*.toml)"
 WHERE = "protocol"  # begins the reader's sentences
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
 
-#: key of the file -> what stands at its field, its value where the file has none, and its choices, if any
-FIELDS: dict[str, tuple[str, Any, tuple[str, ...]]] = {
-    "name": ("Name", "", ()),
-    "blocks": ("Blocks", 1, ()),
-    "repetitions": ("Repetitions", 1, ()),
-    "practice_trials": ("Practice trials", 0, ()),
-    "breaks.after_trials": ("Break after trials", "", ()),
-    "breaks.least_s": ("Break, at least s", "", ()),
-    "rules": ("Rules", "settled", ("settled", "literal")),
-    "feedback": ("Feedback", "none", ("none", "time", "error")),
-    "language": ("Language", "en", tuple(shipped_languages())),
-    "blind": ("Blind: codes in place of controller names", False, ()),
-    "show_linkage": ("The participant sees the linkage", False, ()),
-    "questionnaire.on": ("A questionnaire after each block", False, ()),
-    "tones": ("Tones at “go” and at the end of a trial", True, ()),
+#: key of the file -> what stands at its field
+LABELS = {
+    "name": "Name",
+    "blocks": "Blocks",
+    "repetitions": "Repetitions",
+    "practice_trials": "Practice trials",
+    "breaks.after_trials": "Break after trials",
+    "breaks.least_s": "Shortest break (s)",
+    "rules": "Rules",
+    "feedback": "Feedback",
+    "language": "Language",
+    "blind": "Blind: codes in place of controller names",
+    "show_linkage": "The participant sees the linkage",
+    "questionnaire.on": "A questionnaire after each block",
+    "tones": "Tones at “go” and at the end of a trial",
 }
+CHOICES: dict[str, tuple[str, ...]] = {
+    "rules": tuple(RULE_SETS), "feedback": FEEDBACK, "language": tuple(shipped_languages())
+}  # fmt: skip
+DEFAULTS = Settings(name="")
 
 
 class ProtocolEditor(Panel):
@@ -88,9 +95,9 @@ class ProtocolEditor(Panel):
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
-        sections = ("", "devices", "controller", "path", "form", "instruction", *FIELDS)
+        sections = ("", "devices", "controller", "path", "form", "instruction", *LABELS)
         self.sentences = {section_of(name): line("", "bad") for name in sections}
-        self.fields = {key: self._field(key) for key in FIELDS}
+        self.fields = {key: self._field(key) for key in LABELS}
         self.drawing, self.summary = PathDrawing(), line("", bold=True)
         self.plan = printed("No plan: the sentence in red says why.")
         self.title, self.save = word("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
@@ -104,19 +111,10 @@ class ProtocolEditor(Panel):
         self.instructions.textChanged.connect(self._instructions_changed)
         self._lay_out()
 
-    def _field(self, key: str) -> QCheckBox | Choice | QLineEdit:
-        name, default, choices = FIELDS[key]
-        if isinstance(default, bool):
-            box = QCheckBox(name)
-            box.toggled.connect(lambda on: self._put(key, on))
-            return box
-        if choices:
-            choice = Choice()
-            choice.addItems(choices)
-            choice.textActivated.connect(lambda text: self._put(key, text))
-            return choice
-        field = QLineEdit(accessibleName=name)
-        field.textEdited.connect(lambda text: self._put(key, text if key == "name" else value_of(text)))
+    def _field(self, key: str) -> Field:
+        choices = {choice: choice for choice in CHOICES.get(key, ())}
+        field = make_field(LABELS[key], str if key == "name" else type(default_of(key)), choices)
+        field.changed.connect(lambda value: self._put(key, "" if value is None and key == "name" else value))
         return field
 
     def _lay_out(self) -> None:
@@ -145,7 +143,7 @@ class ProtocolEditor(Panel):
         add("Controllers", "controller", self._controllers, row(button("Add one", self._add_controller, small), 1))
         add("Paths, in mm", "path", self._paths, row(*draw, 1))
         for key, field in list(self.fields.items())[1:]:
-            add("" if isinstance(field, QCheckBox) else FIELDS[key][0], key, field)
+            add("" if isinstance(field, Tick) else LABELS[key], key, field)
         self.form.setPlaceholderText("handedness: right, left; age: number")
         self.instructions.setPlaceholderText("What the participant reads first; a line of --- begins another page.")
         self.instructions.setFixedHeight(90)
@@ -175,13 +173,7 @@ class ProtocolEditor(Panel):
         except (InputError, ValueError):
             self.content = {}  # the reader names each key that is missing
         for key, field in self.fields.items():
-            value = self._get(key)
-            if isinstance(field, QCheckBox):
-                field.setChecked(bool(value))
-            elif isinstance(field, Choice):
-                field.setCurrentText(str(value))
-            else:
-                field.setText(str(value))
+            field.show_value(self._get(key))
         self.form.setText(form_text(self.content.get("form", {})))
         pages = [str(page.get("text", "")) for page in self.content.get("instruction", [])]
         self.instructions.setPlainText(PAGE_BREAK.join(pages))
@@ -194,7 +186,7 @@ class ProtocolEditor(Panel):
 
     def _get(self, key: str) -> Any:
         table, _, inner = key.rpartition(".")
-        return (self.content.get(table, {}) if table else self.content).get(inner, FIELDS[key][1])
+        return (self.content.get(table, {}) if table else self.content).get(inner, default_of(key))
 
     def _put(self, key: str, value: Any) -> None:
         """Another value for a key; None: the file does not have it any more."""
@@ -248,12 +240,11 @@ class ProtocolEditor(Panel):
         parts: list[QWidget] = [name, kind]
         for one in ALGORITHMS[kind.currentText()].parameters:
             value = scaled(controller.get(one.name, one.default), one.scale)
-            field = QLineEdit("" if value is None else f"{value:.10g}" if is_number(value) else value)
-            field.setAccessibleName(f"{one.word} of controller {place + 1}")
+            field = NumberField(f"{one.word} of controller {place + 1}")
+            field.show_value(f"{value:.10g}" if is_number(value) else value)
             field.setFixedWidth(64)
-            field.setCursorPosition(0)  # the first digits of a long number are seen
-            field.textEdited.connect(
-                lambda text, one=one: self._change(controller, one.name, scaled(value_of(text), 1.0 / one.scale))
+            field.changed.connect(
+                lambda value, one=one: self._change(controller, one.name, scaled(value, 1.0 / one.scale))
             )
             parts += [word(f"{one.word}, {one.unit}" if one.unit else one.word, "quiet"), field]
         return row(*parts, button("×", lambda: self._remove("controller", place), "small", "Remove this controller"))
@@ -365,6 +356,14 @@ class ProtocolEditor(Panel):
                 self.saved.emit(str(path))
 
 
+def default_of(key: str) -> Any:
+    """What holds where a file lacks the key; None: nothing does."""
+    value: Any = DEFAULTS
+    for part in key.split("."):
+        value = getattr(value, part, None)
+    return value
+
+
 def section_of(key: str) -> str:
     """The first part of a key, with which the reader's sentences begin."""
     return key.partition(".")[0]
@@ -387,21 +386,6 @@ def typed_points(text: str) -> list[Pair]:
         return [(x, y) for x, y in ([float(number) / 1e3 for number in pair.split()] for pair in text.split(","))]
     except ValueError:
         raise InputError("path: each point is two numbers, in mm: -100 400, 100 400") from None
-
-
-def value_of(text: str) -> Any:
-    """A number as it is typed; None: nothing; any other text as it is, for the reader to refuse."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text or None
-
-
-def is_number(value: Any) -> bool:
-    """Whether it can be scaled."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def scaled(value: Any, scale: float) -> Any:

@@ -52,7 +52,7 @@ class Wanted(NamedTuple):
     found: SessionOverview | None  # the participant's session in the data folder
     loaded: Loaded | InputError | None  # the chosen protocol, or why it cannot be run; None: being read
     operators: int  # simulated operators whose study the data folder holds
-    missing: list[str]  # fields of the form that are still empty
+    form_problems: list[str]  # what is still to be done in the form, a sentence each
 
 
 def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
@@ -85,7 +85,7 @@ def new_session_blockers(wanted: Wanted) -> list[str]:
     known = wanted.loaded.protocol.participants
     if known and wanted.participant not in known:
         return [f"The protocol's participants are {', '.join(known)}."]
-    return [f"Fill in {' and '.join(wanted.missing)}."] if wanted.missing else []
+    return wanted.form_problems
 
 
 def session_blocker(is_open: str, snapshot: m.Snapshot, real_device: bool) -> str:

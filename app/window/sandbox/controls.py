@@ -11,7 +11,8 @@ from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWi
 from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, OneLine, Part, Segments, button, line, panel, row, word
+from app.window.widgets.fields import Field, make_field
+from app.window.widgets.parts import NO_FOCUS, OneLine, Part, button, line, panel, row, word
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
 from experiments.assumptions import SENSINGS
@@ -83,7 +84,7 @@ class Controls(QScrollArea):
         self._controllers: Mapping[int, Preset] = {}
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
-        self.segments: dict[str, Segments] = {}
+        self.segments: dict[str, Field] = {}
         self._names: list[QWidget] = []
 
     def show_protocol(self, protocol: Protocol) -> None:
@@ -106,8 +107,8 @@ class Controls(QScrollArea):
             "sensing": {name: name.capitalize() for name in SENSINGS},
         }
         for field, among in choices.items():
-            name, segments = word(field.capitalize()), Segments(among)
-            segments.chosen.connect(partial(self._turn, field))
+            name, segments = word(field.capitalize()), make_field(field.capitalize(), str, among)
+            segments.changed.connect(partial(self._turn, field))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             parts.append(row(name, segments))
             self._names.append(name)
@@ -116,7 +117,7 @@ class Controls(QScrollArea):
         for dial in dials_of(protocol):
             made = self.dials[dial.name] = DialRow(dial)
             self._names.append(made.name)
-            made.moved.connect(self._turn)
+            made.changed.connect(partial(self._turn, dial.name))
             parts.append(made)
         self.changes = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
         hint = "All of these as the protocol has them, for this guidance, device and path"
@@ -170,11 +171,11 @@ class Controls(QScrollArea):
             preset = preset_of(s, self._controllers) if number == s.controller else self._controllers[number]
             guide.show_feel(feel(preset, self._controllers))
         for field, segments in self.segments.items():
-            segments.choose(getattr(s, field))
+            segments.show_value(getattr(s, field))
             segments.setEnabled(field not in now.fixed)
         own = preset_of(s, self._controllers).named
         for name, dial in self.dials.items():
-            dial.show_setting(dial.dial.setting(s))
+            dial.show_value(dial.dial.setting(s))
             dial.setEnabled(name not in now.fixed and (name in own or name not in s.values))
         weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
         drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."

@@ -84,7 +84,7 @@ class Slider(QSlider):
 class DialRow(QWidget):
     """Name, slider and value of a dial."""
 
-    moved = Signal(str, float)  # name, value of the setting
+    changed = Signal(float)  # the value of the setting
 
     def __init__(self, dial: Dial) -> None:
         super().__init__()
@@ -92,12 +92,12 @@ class DialRow(QWidget):
         self.dial, self.name, self.value = dial, word(dial.label), word("")
         self.slider = Slider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
         self.slider.setRange(0, dial.place(dial.most))
-        self.slider.valueChanged.connect(lambda place: self.moved.emit(dial.name, dial.at(place) / dial.scale))
+        self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
         self.setLayout(row(self.name, self.slider, self.value))
 
-    def show_setting(self, setting: float) -> None:
+    def show_value(self, setting: float) -> None:
         """The value that is set; a slider in hand stays where it is."""
         shown = setting * self.dial.scale
         self.value.setText(f"{grouped(shown)} {self.dial.unit}")

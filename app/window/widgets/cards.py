@@ -155,7 +155,7 @@ class Question(Card):
         self.confirm, self.cancel = self.buttons
         self.choices = Segments(dict(ask.choices))
         if ask.choices:
-            self.choices.choose(ask.choices[0][0])
+            self.choices.show_value(ask.choices[0][0])
             self.inside.addWidget(self.choices)
             self.inside.addWidget(word("Why?", "quiet"))
         for number, reason in enumerate(ask.reasons, start=1):

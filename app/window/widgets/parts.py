@@ -296,7 +296,7 @@ def clear(layout: QLayout) -> None:
 class Segments(QWidget):
     """One of a few, side by side; in several lines where a text would not fit."""
 
-    chosen = Signal(object)  # its value
+    changed = Signal(object)  # the value that was chosen
 
     def __init__(self, choices: Mapping[Any, str]) -> None:
         """choices: value -> text; none is chosen at first."""
@@ -305,7 +305,7 @@ class Segments(QWidget):
         self._values, self._group = tuple(choices), QButtonGroup(self)
         for place, text in enumerate(choices.values()):
             self._group.addButton(QPushButton(text, objectName="segment", checkable=True), place)
-        self._group.idClicked.connect(lambda place: self.chosen.emit(self._values[place]))
+        self._group.idClicked.connect(lambda place: self.changed.emit(self._values[place]))
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(4)
@@ -330,8 +330,10 @@ class Segments(QWidget):
         place = self._group.checkedId()
         return self._values[place] if place >= 0 else None
 
-    def choose(self, value: Any) -> None:
-        self._group.button(self._values.index(value)).setChecked(True)
+    def show_value(self, value: Any) -> None:
+        """Choose a value; one that is not among them changes nothing."""
+        if value in self._values:
+            self._group.button(self._values.index(value)).setChecked(True)
 
 
 class Flow(QLayout):

@@ -1,0 +1,83 @@
+"""Fields: what can be typed, ticked or chosen. Each has `value`, `show_value`, and `changed` for what its user does."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QCheckBox, QLineEdit
+
+from app.window.widgets.parts import Segments
+
+LONGEST = 200  # letters of a text
+
+
+class TextField(QLineEdit):
+    """A text in one line."""
+
+    changed = Signal(object)
+
+    def __init__(self, label: str) -> None:
+        super().__init__(accessibleName=label, maxLength=LONGEST)
+        self.textEdited.connect(lambda _: self.changed.emit(self.value()))
+
+    def value(self) -> Any:
+        return self.text().strip() or None
+
+    def show_value(self, value: Any) -> None:
+        self.setText("" if value is None else str(value))
+        self.setCursorPosition(0)  # the first letters of a long text are seen
+
+
+class NumberField(TextField):
+    """A number; text that is none is kept as it is, for the reader of the value to refuse."""
+
+    def value(self) -> Any:
+        return number_of(self.text())
+
+
+class Tick(QCheckBox):
+    """Yes or no."""
+
+    changed = Signal(object)
+
+    def __init__(self, label: str) -> None:
+        super().__init__(label)
+        self.toggled.connect(lambda on: self.changed.emit(on))
+
+    def value(self) -> bool:
+        return self.isChecked()
+
+    def show_value(self, value: Any) -> None:
+        self.setChecked(bool(value))
+
+
+Field = TextField | Tick | Segments
+
+
+def make_field(label: str, kind: type, choices: Mapping[Any, str] | None = None) -> Field:
+    """The field for a value of this kind (bool, str or a number), or for one of the choices: value -> text."""
+    if choices:
+        segments = Segments(choices)
+        segments.setAccessibleName(label)
+        return segments
+    if kind is bool:
+        return Tick(label)
+    return TextField(label) if kind is str else NumberField(label)
+
+
+def number_of(text: str) -> Any:
+    """A number as a person types it, 3.5 or 3,5; None: nothing; any other text as it is."""
+    text = text.strip()
+    for kind in (int, float):
+        try:
+            number = kind(text.replace(",", "."))
+        except ValueError:
+            continue
+        return number if math.isfinite(number) else text
+    return text or None
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a number, and no yes or no."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
