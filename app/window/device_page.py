@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.cards import Card, Cards
-from app.window.widgets.parts import OneLine, button, column, holder, line, panel, row, word
+from app.window.widgets.cards import Cards, OverlayCard
+from app.window.widgets.parts import OneLine, button, column, holder, panel, row, text_label, wrapped_label
 from app.window.widgets.preflight import Checklist
 from core.control.controllers import Preset
 from core.device import Device
@@ -182,7 +182,7 @@ def at(when: float) -> str:
 class DevicePage(QWidget):
     """What is wrong; board, sensors and link in figures; the steps as buttons."""
 
-    left = Signal()
+    closed = Signal()
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__()
@@ -192,8 +192,8 @@ class DevicePage(QWidget):
         self._status: m.DeviceStatus | None = None
         self._rates, self._recent = dict[str, float](), Rates()
         self.cards = Cards(self)
-        self.simulated, self.health = line(SIMULATED, size=theme.TITLE), Checklist()
-        self.why, self.quantised = line("", "quiet"), line("", "quiet")
+        self.simulated, self.health = wrapped_label(SIMULATED, size=theme.TITLE), Checklist()
+        self.why, self.quantised = wrapped_label("", "quiet"), wrapped_label("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, partial(self._ask, text)) for text in STEPS}
         self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
@@ -206,14 +206,14 @@ class DevicePage(QWidget):
         groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
         panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
         self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))
-        head = row(word("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.left.emit))
+        head = row(text_label("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.closed.emit))
         self.setLayout(column(head, self.simulated, (self.bench, 1), 1, spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
         grid = QGridLayout()
         grid.setColumnStretch(1, 1)
         for place, name in enumerate(names):
-            grid.addWidget(word(name, "quiet"), place, 0)
+            grid.addWidget(text_label(name, "quiet"), place, 0)
             grid.addWidget(self.values[name], place, 1)
         return grid
 
@@ -276,7 +276,7 @@ class DevicePage(QWidget):
             self.send(m.Rig(step))
 
         answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
-        self.cards.put(Card(text.removesuffix(" …"), needs, answers, self))
+        self.cards.put(OverlayCard(text.removesuffix(" …"), needs, answers, self))
 
 
 def why_no_step(opened: m.Opened, snapshot: m.Snapshot) -> str:

@@ -21,7 +21,7 @@ from app.window.widgets import theme
 from app.window.widgets.cards import Cards
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import OneLine, Panel, breakable, button, column, line, row, word
+from app.window.widgets.parts import OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import from_home, show_folder, size
 from experiments.plan import grouped
@@ -48,11 +48,11 @@ class Footer(Panel):
         self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
-        self.lamp, self.origin = word("●", size=theme.SMALL), word("", "quiet", theme.SMALL)
+        self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)
         self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin, self.keys)
-        self.setLayout(row(word("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
+        self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
         self._light(theme.BRAKE_OFF)
 
     def _light(self, colour: str) -> None:
@@ -109,7 +109,7 @@ class MainWindow(QWidget):
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
-        self.banner = line("", "banner", theme.TITLE, bold=True)
+        self.banner = wrapped_label("", "banner", theme.TITLE, bold=True)
         self.banner.hide()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
         self._lay_out()
@@ -159,8 +159,8 @@ class MainWindow(QWidget):
             module, cls = PAGES[name]
             page = getattr(import_module(f"app.window.{module}"), cls)(self.send)
             page.page_asked.connect(self.show_page)
-            page.aimed.connect(lambda x, y: self.client.aim(x, y))
-            page.left.connect(lambda: self.client.let_go())
+            page.pointer_moved.connect(lambda x, y: self.client.aim(x, y))
+            page.pointer_left.connect(lambda: self.client.let_go())
             page.setup_asked.connect(self.restart_asked)
             page.turn_asked.connect(self.turn_asked)
             self.pages[name] = page

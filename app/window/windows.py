@@ -22,8 +22,8 @@ from app.window.main_window import MainWindow
 from app.window.participant.participant_window import ParticipantWindow
 from app.window.widgets import theme, words
 from app.window.widgets.keys import bind
-from app.window.widgets.theme import show_whole
-from app.window.widgets.work import Verb
+from app.window.widgets.theme import show_fitted
+from app.window.widgets.work import VerbProcess
 from core import tick_log
 from core.files import InputError
 from core.kernels.cache import is_compiled
@@ -262,7 +262,7 @@ def make_ready() -> QApplication:
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
     application.setOrganizationName("phd")  # where the user's settings are
-    theme.dress(application)
+    theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     return application
 
@@ -278,7 +278,7 @@ def compile_kernels() -> None:
     bar.setMinimumDuration(0)
     bar.setValue(0)
     waiting = QEventLoop()
-    compiling = Verb(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
+    compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
     compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
     compiling.begin(module="app.compile_kernels")
     waiting.exec()
@@ -312,14 +312,14 @@ def run(client: Client) -> int:
 
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, leave)
-        show_whole(windows.main, *LARGEST)
+        show_fitted(windows.main, *LARGEST)
         windows.show()
         refused = client.refused(meanwhile=application.processEvents)
         if refused and not windows.over:
             windows.close()
             show_refusal(refused)
             raise InputError(refused)
-        if not windows.over:  # somebody may have closed them meanwhile
+        if not windows.over:  # the user may have closed them meanwhile
             application.exec()
     except BaseException:
         client.stop("the window failed")

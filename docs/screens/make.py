@@ -114,7 +114,7 @@ class MadeUpHand(QObject):
 def main() -> None:
     """All pictures; with `light` as the argument those of the light palette."""
     application = QApplication(sys.argv[:1])
-    theme.dress(application)
+    theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
         protocol = Path(folder) / "paper.toml"  # held for longer: there is time for two pictures

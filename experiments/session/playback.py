@@ -140,7 +140,7 @@ def fill_field(path: Way, rows: np.ndarray) -> None:
     )
 
 
-class Beside(NamedTuple):
+class Comparison(NamedTuple):
     """A trial's hand through another controller: what `phd replay` has made of it."""
 
     ticks: np.ndarray  # (n, tick_log.WIDTH), of the movement; of its texts the phase alone
@@ -150,11 +150,11 @@ class Beside(NamedTuple):
     text: str  # how it is to be read
 
 
-def read_beside(path: Path, summary: str) -> Beside:
+def read_comparison(path: Path, summary: str) -> Comparison:
     """A replay from the table that `phd replay --out` has written and the summary that it has printed."""
     about, ticks = json.loads(summary), _replayed_ticks(path)
     metrics = {name: change["after"] for name, change in about["metrics"].items()}
-    return Beside(ticks, errors(ticks), metrics, about["after"]["status"], about["says"])
+    return Comparison(ticks, errors(ticks), metrics, about["after"]["status"], about["says"])
 
 
 def _replayed_ticks(path: Path) -> np.ndarray:

@@ -12,7 +12,7 @@ from app.window.widgets import theme
 @pytest.fixture(scope="session", autouse=True)
 def dressed(application: QApplication) -> Iterator[None]:
     """The typeface and the colours, once; and no window loads what later pages need beside the tests."""
-    theme.dress(application)
+    theme.apply_theme(application)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.window.windows.load_statistics", lambda: None)
         yield

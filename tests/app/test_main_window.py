@@ -169,7 +169,7 @@ def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_i
 def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(
     screens: Screens, monkeypatch
 ) -> None:
-    monkeypatch.setattr("app.window.run.trial_card.DEAF_S", 0.0)
+    monkeypatch.setattr("app.window.run.trial_card.IGNORE_SPACE_S", 0.0)
     for snapshot, says, sent in ((ready(1), "Keep and start", [m.Start()]), (ready(2, paused=True), "Keep", [])):
         screens.hear(opened(), running(len(snapshot.rows) - 1), snapshot)
         card, start = screens.run.card, screens.run.panel.start
@@ -311,7 +311,7 @@ def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_
     screens: Screens,
 ) -> None:
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
-    assert "The plan is done" in visible_texts(console) and not screens.run.panel.start.isEnabled()
+    assert "Session complete" in visible_texts(console) and not screens.run.panel.start.isEnabled()
     screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
     QTest.mouseClick(screens.run.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
     question = screens.run.cards.question

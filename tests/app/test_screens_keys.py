@@ -15,7 +15,7 @@ from app.window.participant.questionnaire import ITEMS
 from app.window.widgets.cards import ABORT
 from app.window.widgets.keys import KEYS
 from app.window.widgets.page import RUN, TRY
-from app.window.widgets.theme import show_whole
+from app.window.widgets.theme import show_fitted
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 
@@ -195,7 +195,7 @@ def test_a_window_opens_whole_with_its_frame_or_over_all_of_its_screen(qtbot) ->
         (2 * room.width(), room.height() // 2, False),
         (room.width() // 2, room.height(), False),
     ):
-        show_whole(window, width, height)
+        show_fitted(window, width, height)
         assert window.isMaximized() != fits
         if fits:
             assert (window.width(), window.height()) == (width, height)

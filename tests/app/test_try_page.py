@@ -139,7 +139,10 @@ def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> Non
     slider, count = held.page.controls.dials["spring_N_m"].slider, len(held.sent)
     for place in range(20, 60):
         slider.setValue(place)
-    assert held.last().spring_N_m == held.page.controls.dials["spring_N_m"].dial.at(59) and len(held.sent) == count + 1
+    assert (
+        held.last().spring_N_m == held.page.controls.dials["spring_N_m"].dial.value_at(59)
+        and len(held.sent) == count + 1
+    )
     assert held.page.controls.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
 
 
@@ -152,9 +155,11 @@ def test_a_slider_comes_to_where_it_is_pressed(held: Held) -> None:
 
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
 def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
-    places = range(dial.place(dial.most) + 1)
-    assert [dial.place(dial.at(place)) for place in places] == pytest.approx(list(places), abs=1 if dial.log else 0)
-    assert dial.at(0) == dial.least and dial.at(places[-1]) == pytest.approx(dial.most, rel=0.03)
+    places = range(dial.slider_position(dial.most) + 1)
+    assert [dial.slider_position(dial.value_at(place)) for place in places] == pytest.approx(
+        list(places), abs=1 if dial.log else 0
+    )
+    assert dial.value_at(0) == dial.least and dial.value_at(places[-1]) == pytest.approx(dial.most, rel=0.03)
 
 
 def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(held: Held) -> None:
@@ -182,7 +187,7 @@ def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_h
     assert "gain_N_s_m" not in held.page.controls.dials
     wall = held.page.controls.dials["wall_N_m"]
     assert (wall.isEnabled(), wall.value.text()) == (True, "2\u202f000 N/m")
-    wall.slider.setValue(wall.dial.place(500.0))
+    wall.slider.setValue(wall.dial.slider_position(500.0))
     assert held.last() == settings.with_parameters(wall_N_m=500.0)
 
 
@@ -231,8 +236,8 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
 
 def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held: Held) -> None:
     aimed, left, canvas = [], [], held.page.canvas
-    held.page.aimed.connect(lambda x, y: aimed.append((x, y)))
-    held.page.left.connect(lambda: left.append(True))
+    held.page.pointer_moved.connect(lambda x, y: aimed.append((x, y)))
+    held.page.pointer_left.connect(lambda: left.append(True))
     point(canvas, canvas.to_screen((0.02, 0.41)))
     assert aimed[-1] == pytest.approx((0.02, 0.41), abs=1e-6)
     QApplication.sendEvent(canvas, QEvent(QEvent.Type.Leave))
@@ -330,4 +335,4 @@ def test_save_as_protocol_asks_for_a_name_and_the_server_writes(held: Held, monk
 def test_brakes_off_is_said_and_what_lets_them_act_again(held: Held) -> None:
     state = tried().sandbox
     held.page.show_snapshot(before(sandbox=state, brakes_off="Esc was pressed in the main window"))
-    assert held.page.large.text() == "Brakes are off"
+    assert held.page.large.text() == "Brakes off"

@@ -115,7 +115,7 @@ def _until(done: Callable[[], bool], hand: Hand | None = None) -> None:
 
 def main() -> None:
     application = QApplication(sys.argv[:1])
-    theme.dress(application)
+    theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     print(json.dumps(measure(*sys.argv[1:])))
 

@@ -180,7 +180,7 @@ def main() -> None:
     """One case: seconds, width, height; a line of JSON on the standard output."""
     seconds, width, height = sys.argv[1:]
     application = QApplication(sys.argv[:1])
-    theme.dress(application)
+    theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     found = measure(float(seconds), int(width), int(height))
     print(json.dumps({"refused": found} if isinstance(found, str) else found._asdict()))

@@ -145,7 +145,7 @@ def main() -> None:
     """One case: seconds, width, height, 0 or 1 (both windows); a line of JSON on the standard output."""
     seconds, width, height, both = sys.argv[1:]
     application = QApplication(sys.argv[:1])
-    theme.dress(application)
+    theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     print(json.dumps(measure(float(seconds), int(width), int(height), both == "1")._asdict()))
 

@@ -14,7 +14,7 @@ from app.ipc import messages as m
 from app.window.analyse.box_plot import ChartPlot, trial_of
 from app.window.analyse.chips import Chips
 from app.window.analyse.trial_view import TrialView
-from app.window.analyse.verdicts import Verdicts, in_colour
+from app.window.analyse.verdicts import Verdicts
 from app.window.widgets import theme
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
@@ -25,15 +25,15 @@ from app.window.widgets.parts import (
     button,
     column,
     holder,
-    line,
     row,
     stack,
+    text_label,
     toggle,
-    word,
+    wrapped_label,
 )
 from app.window.widgets.theme import colour_of
-from app.window.widgets.words import show_folder
-from app.window.widgets.work import Verb, Work
+from app.window.widgets.words import in_colour, show_folder
+from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.analysis.charts import (
     ORDER,
@@ -80,8 +80,8 @@ class AnalysePage(Page):
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = Path()  # that is shown or being read
-        self._reading, self._opening = Work(self._show_results), Work(self._show_trial)
-        self._excluding = Work(self._excluded)
+        self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
+        self._excluding = BackgroundTask(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.timeouts, self.logarithmic = (
@@ -90,16 +90,16 @@ class AnalysePage(Page):
         for chips in (self.people, self.devices, self.statuses):
             chips.changed.connect(self._show)
         self.caption = OneLine("", "quiet", dots=END)
-        self.warning, self.summary = (word("", name, theme.SMALL) for name in ("caution", "quiet"))
+        self.warning, self.summary = (text_label("", name, theme.SMALL) for name in ("caution", "quiet"))
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(3)]
-        self.empty, self.verdicts = line("", "quiet", theme.TITLE), Verdicts()
-        self.colours = line("", size=theme.SMALL)  # which controller is which
+        self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
+        self.colours = wrapped_label("", size=theme.SMALL)  # which controller is which
         self.colours.setTextFormat(Qt.TextFormat.RichText)
         self._charts = holder(column((row(*self.plots), 1), self.colours))
         self.stack = stack(self._charts, self.verdicts, self.empty)
         self.side = TrialView()
-        self._concluding = Work(self.verdicts.show_conclusions)
+        self._concluding = BackgroundTask(self.verdicts.show_conclusions)
         self.side.excluded.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
@@ -112,7 +112,7 @@ class AnalysePage(Page):
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
-        self._export, self._cancelled = Verb(self._exported), False
+        self._export, self._cancelled = VerbProcess(self._exported), False
         self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._lay_out()
         self._show_busy()
@@ -407,7 +407,7 @@ class AnalysePage(Page):
         self.folder_button.setVisible(done)
 
     def _tell(self, text: str, look: str) -> None:
-        theme.name_anew(self.message, look)
+        theme.set_style(self.message, look)
         self.message.setText(text)
         self._foot.setVisible(bool(text) or self._export.busy)
 

@@ -6,7 +6,7 @@ from functools import partial
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import QGridLayout, QMenu, QPushButton, QWidget, QWidgetAction
 
-from app.window.widgets.parts import button, clear, column, holder, row, toggle, word
+from app.window.widgets.parts import button, clear, column, holder, row, text_label, toggle
 
 MOST_CHIPS = 8  # more are a menu
 
@@ -47,7 +47,7 @@ class Chips(QWidget):
             self._row.addWidget(self.menu)
             self._count()
             return
-        self._row.addWidget(word(self._title, "quiet"))
+        self._row.addWidget(text_label(self._title, "quiet"))
         for chip in self.chips.values():
             self._row.addWidget(chip)
 

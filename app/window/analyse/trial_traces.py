@@ -11,7 +11,7 @@ from app.window.widgets.parts import column
 from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, start_of_hold
 from core import tick_log
 from core.mechanism import JOINTS
-from experiments.session.playback import Beside, Playback
+from experiments.session.playback import Comparison, Playback
 
 BESIDE = theme.WEDGE  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
@@ -139,7 +139,7 @@ class TrialTraces(QWidget):
         # with room for the last number of the axis; a double click shows all
         self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.03)
 
-    def show_beside(self, other: Beside | None) -> None:
+    def show_beside(self, other: Comparison | None) -> None:
         """The same hand through another controller."""
         if other is None:
             self.error.show_beside(*NONE)

@@ -18,20 +18,20 @@ from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QS
 from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
-from app.window.canvas.force_view import Reading
+from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.widgets import theme
-from app.window.widgets.parts import Choice, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import start_of_hold
-from app.window.widgets.theme import colour_of, show_whole
+from app.window.widgets.theme import colour_of, show_fitted
 from app.window.widgets.words import REASONS
-from app.window.widgets.work import Verb, Work
+from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
 from experiments.analysis.trials_table import COUNTED, TrialRow
-from experiments.session.playback import Beside, Playback, read_beside, read_playback
+from experiments.session.playback import Comparison, Playback, read_comparison, read_playback
 
 FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -62,14 +62,14 @@ class TrialView(Panel):
         super().__init__()
         self.trial: Playback | None = None
         self.at = 0  # the tick that is shown
-        self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, Reading()
+        self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
-        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
+        self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
-        self.note = line("", "quiet", theme.SMALL)
+        self.note = wrapped_label("", "quiet", theme.SMALL)
         self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
         self.exclude.setMenu(reasons := QMenu(self.exclude))
         for reason in REASONS:
@@ -82,14 +82,14 @@ class TrialView(Panel):
                 self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
-        self.play_button, self.clock = button("", self.play_or_pause), word("")
+        self.play_button, self.clock = button("", self.play_or_pause), text_label("")
         self.decision = OneLine("", "quiet")
         self.speed, self.beside = Choice(), Choice()
         self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
         self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
-        self.replay, self._reading = Verb(self._replayed), Work(self._show_beside)
+        self.replay, self._reading = VerbProcess(self._replayed), BackgroundTask(self._show_beside)
         self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
         self._table = Path()  # these
         self.steps = (
@@ -168,7 +168,7 @@ class TrialView(Panel):
 
     def note_that(self, text: str, bad: bool = False) -> None:
         """A sentence under the trial."""
-        theme.name_anew(self.note, "caution" if bad else "quiet")
+        theme.set_style(self.note, "caution" if bad else "quiet")
         self.note.setText(text)
         self.note.setVisible(bool(text))
 
@@ -231,7 +231,7 @@ class TrialView(Panel):
         first = tuple(ticks[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
         self.workspace.view.show_trial(trial.device, trial.way, first)
         self.workspace.view.show_until(ticks[: at + 1], near)
-        self._numbers = Reading()
+        self._numbers = RefreshClock()
         self._show_place(trial, at)
 
     def _show_place(self, trial: Playback, at: int) -> None:
@@ -268,14 +268,14 @@ class TrialView(Panel):
         if isinstance(summary, InputError):
             self._show_beside(summary)
         else:
-            self._reading.ask(read_beside, self._table, summary)
+            self._reading.ask(read_comparison, self._table, summary)
 
     def _forget_replay(self) -> None:
         for work in (self.replay, self._reading):
             work.forget()
         self.replay.stop()
 
-    def _show_beside(self, other: Beside | InputError | None) -> None:
+    def _show_beside(self, other: Comparison | InputError | None) -> None:
         if isinstance(other, InputError):
             self.note_that(str(other), bad=True)
             return
@@ -339,9 +339,9 @@ def run(path: Path) -> int:
     """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
     application = QApplication(sys.argv[:1])
-    theme.dress(application)
+    theme.apply_theme(application)
     window = TrialWindow(path)
-    show_whole(window, *LARGEST)
+    show_fitted(window, *LARGEST)
     gc.collect()
     gc.freeze()  # else looking through all that was imported costs 50 ms now and then
     return application.exec()

@@ -6,10 +6,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QScrollArea
 
 from app.window.widgets import theme
+from app.window.widgets.words import in_colour
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS
 from experiments.export.results import Conclusions
 
-VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION, DEPENDS: theme.CAUTION}  # the look of each
+VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION, DEPENDS: theme.CAUTION}  # looks
 
 
 class Verdicts(QScrollArea):
@@ -41,8 +42,3 @@ class Verdicts(QScrollArea):
         if conclusions.sentences:
             parts.append("<h3>What else to know</h3>")
         self._text.setText("".join(parts + [f"<p>{escape(sentence)}</p>" for sentence in conclusions.sentences]))
-
-
-def in_colour(text: str, colour: str) -> str:
-    """A text as HTML; no line ends within a unit such as m/s."""
-    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")

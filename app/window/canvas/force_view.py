@@ -24,7 +24,7 @@ FORCE_COLOUR = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 
 
-class Reading:
+class RefreshClock:
     """When numbers are written anew: ten times a second, in the time of the ticks."""
 
     def __init__(self) -> None:

@@ -7,8 +7,8 @@ from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import Flow, OneLine, button, clear, column, line, row, word
-from app.window.widgets.work import Work
+from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, text_label, wrapped_label
+from app.window.widgets.work import BackgroundTask
 from hardware.discovery import BoardFound, look_at_ports
 
 LOOK_MS = 2000  # between two looks at the ports
@@ -25,7 +25,7 @@ class BoardPorts(QWidget):
         self.setObjectName("clear")
         self._found: tuple[BoardFound, ...] = ()
         self._mine = ""  # the port that is connected
-        self._looking = Work(self._show_found)
+        self._looking = BackgroundTask(self._show_found)
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
@@ -68,12 +68,12 @@ class BoardPorts(QWidget):
         clear(self._rows)
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
-            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), word("connected", "good"), own))
+            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), text_label("connected", "good"), own))
         for found in (one for one in self._found if one.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
-            self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), word(found.words, "quiet"), connect))
+            self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), text_label(found.words, "quiet"), connect))
         if not self._found and not self._mine:
-            self._rows.addWidget(line("No board answers on USB. Plug one in, or type its port.", "quiet"))
+            self._rows.addWidget(wrapped_label("No board answers on USB. Plug one in, or type its port.", "quiet"))
 
     def _connect_typed(self) -> None:
         if self.port.text():

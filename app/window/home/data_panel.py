@@ -20,14 +20,14 @@ from app.window.widgets.parts import (
     clear,
     column,
     holder,
-    line,
     row,
     rule,
     scrolled,
-    word,
+    text_label,
+    wrapped_label,
 )
 from app.window.widgets.words import LACKING, LEAVE, from_home, show_folder
-from app.window.widgets.work import Verb, Work
+from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
@@ -71,8 +71,8 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
         self._recent = Recent("folders")
-        self._looking, self._export, self._out = Work(self._looked), Verb(self._exported), Path()
-        self.where, self.count = OneLine("", "quiet", theme.NORMAL), line("", "quiet")
+        self._looking, self._export, self._out = BackgroundTask(self._looked), VerbProcess(self._exported), Path()
+        self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
@@ -81,7 +81,7 @@ class DataPanel(Panel):
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
-        self.exporting, self.bar = line("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
+        self.exporting, self.bar = wrapped_label("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self._export.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
@@ -93,7 +93,7 @@ class DataPanel(Panel):
     def _lay_out(self) -> None:
         self.area = scrolled(holder(self._rows))
         self.setLayout(column(
-            row(word("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
+            row(text_label("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
             row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
             row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
         ))  # fmt: skip
@@ -178,15 +178,15 @@ class DataPanel(Panel):
             main.setToolTip(self._why)
         main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
-        theme.name_anew(bar, "done" if session.complete else "")
+        theme.set_style(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
-        done = word("cannot be read" if session.problem else f"{session.done} of {session.planned}")
+        done = text_label("cannot be read" if session.problem else f"{session.done} of {session.planned}")
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        about = column(name, word(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
+        about = column(name, text_label(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
         how_far = column(done, bar, spacing=3)
         if session.lacking:
-            how_far.addWidget(line(f"{session.lacking} without a result", "quiet", theme.SMALL))
+            how_far.addWidget(wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL))
             how_far.itemAt(2).widget().setToolTip(LACKING)
         return row((about, 3), (how_far, 3), main, self._more(session, is_open), spacing=6)
 

@@ -40,16 +40,16 @@ from app.window.widgets.parts import (
     button,
     column,
     holder,
-    line,
     panel,
     printed,
     row,
     scrolled,
     stack,
-    word,
+    text_label,
+    wrapped_label,
 )
 from app.window.widgets.preflight import Checklist
-from app.window.widgets.work import Work
+from app.window.widgets.work import BackgroundTask
 from core.device import shipped_devices
 from core.files import InputError
 from core.path import outline
@@ -74,7 +74,7 @@ class HomePage(Page):
         self._typed = False  # the participant was typed, and is not proposed anew
         self._asked_from = HOME  # the page that led to the device page
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
-        self._loading, self._planning = Work(self._show_loaded), Work(self._show_plan)
+        self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
         self.data = DataPanel()
         self.device, self.editor = DevicePage(send), ProtocolEditor()
@@ -87,7 +87,7 @@ class HomePage(Page):
         self.data.looked.connect(self._refresh)
         self.editor.saved.connect(self._take_protocol)
         for inner in (self.editor, self.device):
-            inner.left.connect(self._show_columns)
+            inner.closed.connect(self._show_columns)
 
     def _make_choices(self) -> None:
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
@@ -95,7 +95,7 @@ class HomePage(Page):
         self.devices.activated.connect(self._devices_chosen)
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
         self.hand.fill(HANDS, MOUSE)
-        self.summary, self.hand_words = line("", bold=True), line("", "quiet")
+        self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.changed.connect(self._link_chosen)
@@ -108,18 +108,18 @@ class HomePage(Page):
         self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
-        self.standing = word("", "quiet")  # "new", "14 of 60 done"
+        self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
         self.blind = QCheckBox("Hide the names of the controllers")
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.checks = Checklist()
-        self.why, self.start = line("", "caution"), button("Start session", self._start, "main")
+        self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
         self.plan_text = printed()
 
     def _lay_out(self) -> None:
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
-        about = line("Feel what the controllers do. Nothing is saved.", "quiet")
+        about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
         try_it = panel("Try it", about, (holder(column(self._picture)), 1), self.try_it)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 6, 0)
@@ -134,7 +134,7 @@ class HomePage(Page):
         )  # fmt: skip
         for at, (name, first, others) in enumerate(lines):
             if name:
-                label = word(name, "quiet")
+                label = text_label(name, "quiet")
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
             grid.addLayout(row(first, *others), at, 1)
@@ -250,7 +250,7 @@ class HomePage(Page):
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
         self.loaded = loaded
         wrong = isinstance(loaded, InputError)
-        theme.name_anew(self.summary, "bad" if wrong else "")
+        theme.set_style(self.summary, "bad" if wrong else "")
         self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
         self.show_plan.setEnabled(not wrong)
         if isinstance(loaded, Loaded):

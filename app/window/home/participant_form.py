@@ -4,7 +4,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.window.widgets.fields import Field, is_number, make_field
-from app.window.widgets.parts import clear, word
+from app.window.widgets.parts import clear, text_label
 from experiments.protocol_file import NUMBER
 
 
@@ -33,7 +33,7 @@ class ParticipantForm(QWidget):
             choices = None if isinstance(kind, str) else {choice: choice for choice in kind}
             field = self.fields[name] = make_field(name, float if kind == NUMBER else str, choices)
             field.changed.connect(lambda _: self.changed.emit())
-            self._grid.addWidget(word(name.replace("_", " ").capitalize(), "quiet"), place, 0)
+            self._grid.addWidget(text_label(name.replace("_", " ").capitalize(), "quiet"), place, 0)
             self._grid.addWidget(field, place, 1)
         self.setVisible(bool(asked))
 

@@ -36,13 +36,13 @@ from app.window.widgets.parts import (
     button,
     clear,
     column,
-    line,
     printed,
     row,
     scrolled,
-    word,
+    text_label,
+    wrapped_label,
 )
-from app.window.widgets.work import Work
+from app.window.widgets.work import BackgroundTask
 from core.control.controllers import ALGORITHMS
 from core.control.rule_sets import RULE_SETS
 from core.device import shipped_devices
@@ -85,22 +85,22 @@ class ProtocolEditor(Panel):
     """A form on the left; workspace, summary and plan on the right."""
 
     saved = Signal(str)  # the file
-    left = Signal()
+    closed = Signal()
 
     def __init__(self) -> None:
         super().__init__()
-        self._reader = Work(self._show_read)
+        self._reader = BackgroundTask(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
         self._name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
         sections = ("", "devices", "controller", "path", "form", "instruction", *LABELS)
-        self.sentences = {section_of(name): line("", "bad") for name in sections}
+        self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
         self.fields = {key: self._field(key) for key in LABELS}
-        self.drawing, self.summary = PathDrawing(), line("", bold=True)
+        self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
         self.plan = printed("No plan: the sentence in red says why.")
-        self.title, self.save = word("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
+        self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
         self.form, self.instructions = QLineEdit(), QPlainTextEdit()
         self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
@@ -127,7 +127,7 @@ class ProtocolEditor(Panel):
             """A line of the form, or several below their name; below them the sentence that is about them."""
             place = grid.rowCount()
             if name:
-                grid.addWidget(word(name, "quiet"), place, 0)
+                grid.addWidget(text_label(name, "quiet"), place, 0)
             for part in parts:
                 if isinstance(part, QLayout):
                     place += 1
@@ -151,11 +151,11 @@ class ProtocolEditor(Panel):
         add("Instructions", "instruction", self.instructions)
         self._form_area = scrolled(inside)
         self.save.setToolTip("Comments of a file are not kept")
-        how = line("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
+        how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
         both = row((self._form_area, 6), (right, 5), spacing=16)
         head = row(self.title, (self.sentences[""], 1), spacing=16)  # beside it: nothing below moves
-        foot = row(1, button("Undo all changes", self._undo), button("Back  Esc", self.left.emit), self.save)
+        foot = row(1, button("Undo all changes", self._undo), button("Back  Esc", self.closed.emit), self.save)
         self.setLayout(column(head, (both, 1), foot, margins=PANEL_MARGINS))
 
     # ----------------------------------------------------------------------------------------- the content
@@ -222,8 +222,10 @@ class ProtocolEditor(Panel):
             text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path))
             points = QLineEdit(text, accessibleName=f"Path {place + 1}")
             points.textEdited.connect(lambda text, place=place: self._reshape(place, lambda: typed_points(text), True))
-            gone = button("×", partial(self._remove, "path", place), "small", "Remove this path")
-            self._paths.addLayout(row(word(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, gone))
+            remove_button = button("×", partial(self._remove, "path", place), "small", "Remove this path")
+            self._paths.addLayout(
+                row(text_label(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, remove_button)
+            )
         self.drawing.show_paths(paths)
         self._grid.activate()
         self._form_area.setMinimumWidth(self._form_area.widget().minimumSizeHint().width() + 12)
@@ -246,7 +248,7 @@ class ProtocolEditor(Panel):
             field.changed.connect(
                 lambda value, one=one: self._change(controller, one.name, scaled(value, 1.0 / one.scale))
             )
-            parts += [word(f"{one.word}, {one.unit}" if one.unit else one.word, "quiet"), field]
+            parts += [text_label(f"{one.word}, {one.unit}" if one.unit else one.word, "quiet"), field]
         return row(*parts, button("×", lambda: self._remove("controller", place), "small", "Remove this controller"))
 
     def _change(self, of: dict[str, Any], key: str, value: Any) -> None:
@@ -313,7 +315,7 @@ class ProtocolEditor(Panel):
 
     def _read(self) -> None:
         """Let the reader see the content."""
-        self._reader.ask(look, protocol_text(self.content), self._folder)
+        self._reader.ask(preview, protocol_text(self.content), self._folder)
 
     def _show_read(self, found: tuple[str, str, np.ndarray] | InputError) -> None:
         if isinstance(found, InputError):
@@ -369,7 +371,7 @@ def section_of(key: str) -> str:
     return key.partition(".")[0]
 
 
-def look(text: str, folder: Path) -> tuple[str, str, np.ndarray]:
+def preview(text: str, folder: Path) -> tuple[str, str, np.ndarray]:
     """Of a protocol's text: summary, plan, and places of a grid of 1 cm that every device reaches (n, 2), m.
 
     InputError if it cannot be run.

@@ -16,7 +16,7 @@ NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one
 
 
 class Loaded(NamedTuple):
-    """A protocol that can be run, and what is to be read of it before anyone sits down."""
+    """A protocol that can be run, and what Home says of it."""
 
     protocol: Protocol
     summary: str

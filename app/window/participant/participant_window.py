@@ -193,7 +193,7 @@ class ParticipantWindow(QWidget):
         if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
             self.questions.clear()
         self.questions.show_feedback(words.feedback(snapshot, self._opened))
-        if snapshot.running is not None:  # whoever did not see the instructions by now does without them
+        if snapshot.running is not None:  # it is too late for the instructions
             self.instructions.leave()
         self._choose_page()
         if snapshot.running is not None:

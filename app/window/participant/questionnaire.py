@@ -8,7 +8,7 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import Panel, column, line, word
+from app.window.widgets.parts import Panel, column, text_label, wrapped_label
 from app.window.widgets.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.protocol_file import Page
@@ -108,18 +108,18 @@ class Questionnaire(QWidget):
         self._by = 0.0  # how much larger than in a small window
         self._language = ENGLISH_WORDS
         self.scales = {item: Scale(item) for item, *_ in ITEMS}
-        self.done, self.lacking = Done(), word("", "quiet")
+        self.done, self.lacking = Done(), text_label("", "quiet")
         self.done.clicked.connect(self._answer)
         self._card = card = Panel()
         self._grid = grid = QGridLayout(card)
-        self._title = word("", bold=True)
-        self._feedback = line("", "quiet")  # of the trial before, which nothing else shows now
+        self._title = text_label("", bold=True)
+        self._feedback = wrapped_label("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
         grid.addLayout(column(self._title, self._feedback), 0, 0, 1, 4)
         self._asked: dict[QLabel, str] = {}  # the questions -> key of the language, and what stands at both ends
         self._ends: dict[QLabel, str] = {}
         for at, (item, low, high) in enumerate(ITEMS, start=1):
-            asked, left, right = line(""), word("", "quiet"), word("", "quiet")
+            asked, left, right = wrapped_label(""), text_label("", "quiet"), text_label("", "quiet")
             self._asked |= {asked: item}
             self._ends |= {left: low, right: high}
             grid.addWidget(asked, at, 0)
@@ -209,8 +209,8 @@ class Instructions(QWidget):
         self._pages: tuple[Page, ...] = ()
         self._language = ENGLISH_WORDS
         self.at = 0
-        self.text, self.picture = line("", size=theme.LARGE), QLabel()
-        self.place = word("", "quiet", theme.HEAD)
+        self.text, self.picture = wrapped_label("", size=theme.LARGE), QLabel()
+        self.place = text_label("", "quiet", theme.HEAD)
         middle = Qt.AlignmentFlag.AlignHCenter
         self.setLayout(column(1, self.picture, self.text, 1, self.place, margins=(60, 40, 60, 40)))
         for part in (self.picture, self.text, self.place):

@@ -4,7 +4,7 @@ import numpy as np
 from PySide6.QtWidgets import QFrame
 
 from app.window.widgets import theme
-from app.window.widgets.parts import Figures, Panel, column, row, word
+from app.window.widgets.parts import Figures, Panel, column, row, text_label
 from app.window.widgets.plots import NO_TRIAL
 from core import tick_log
 
@@ -63,7 +63,7 @@ class EnergyPanel(Panel):
             part.setStyleSheet(f"background: {colour}; border: none")
             self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
         self.balance, self.proof = Figures(), Figures()
-        title = word("Energy this trial", bold=True)
+        title = text_label("Energy this trial", bold=True)
         self.setLayout(column(title, self._bar, self.balance, self.proof, spacing=4, margins=(12, 6, 12, 8)))
         self.refresh_text()
 

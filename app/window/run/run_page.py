@@ -10,7 +10,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import Reading
+from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
 from app.window.run.energy_panel import EnergyPanel
@@ -19,10 +19,10 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import ABORT, REDO, SKIP, Cards
 from app.window.widgets.page import Page
-from app.window.widgets.parts import column, holder, line, row, stack, word
+from app.window.widgets.parts import column, holder, row, stack, text_label, wrapped_label
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.words import describe, feedback, hand_is_mouse, place
-from app.window.widgets.work import Work
+from app.window.widgets.work import BackgroundTask
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
@@ -48,7 +48,7 @@ class RunPage(Page):
         super().__init__(send)
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
-        self.large, self.small = word("", size=theme.LARGE, bold=True), line("", "quiet", theme.TITLE)
+        self.large, self.small = text_label("", size=theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
         self.workspace = Workspace()
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
@@ -60,8 +60,8 @@ class RunPage(Page):
         self._judged: set[int] = set()  # runs whose card was answered
         self._asked, self._looked_at = 0, 0  # runs, 0 for none: whose cell of the plan was clicked; of the card of such
         self._read: np.ndarray | None = None  # its ticks (n, tick_log.WIDTH)
-        self._reading = Work(self._show_read)  # its recording
-        self._numbers = Reading()
+        self._reading = BackgroundTask(self._show_read)  # its recording
+        self._numbers = RefreshClock()
         self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
@@ -91,8 +91,8 @@ class RunPage(Page):
             (self.card.redo.clicked, self.redo),
             (self.card.excluded, self._exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
-            (self.workspace.view.pointer_moved, self.aimed),
-            (self.workspace.view.pointer_left, self.left),
+            (self.workspace.view.pointer_moved, self.pointer_moved),
+            (self.workspace.view.pointer_left, self.pointer_left),
         ):
             signal.connect(do)
 
@@ -105,7 +105,7 @@ class RunPage(Page):
     def own_keys(self) -> dict[str, str]:
         return self.workspace.keys
 
-    # ------------------------------------------------------------------------------------------- what is asked for
+    # ------------------------------------------------------------------------------------------- user actions
 
     def start(self) -> None:
         """Press the first button of what is asked; else keep the trial on the card and start the next one."""
@@ -137,7 +137,7 @@ class RunPage(Page):
         last = on_card or next(filter(can_be_redone, reversed(self.snapshot.rows)), None)
         if last is None or not can_be_redone(last) or self.opened is None or not self.panel.redo.isEnabled():
             return
-        ask = REDO._replace(title=REDO.title.format(last.run))
+        ask = REDO._replace(title=REDO.title.format(place(last, self.opened.plan)))
         self.cards.ask(ask, lambda reason: self.send(m.Redo(last.run, reason)))
 
     def skip(self) -> None:

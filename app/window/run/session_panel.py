@@ -10,7 +10,18 @@ from app.ipc import messages as m
 from app.window.participant.tone import player
 from app.window.run.plan_grid import PlanGrid
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, KeyButton, OneLine, Panel, breakable, column, line, row, scrolled, word
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    KeyButton,
+    OneLine,
+    Panel,
+    breakable,
+    column,
+    row,
+    scrolled,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.preflight import advice
 from app.window.widgets.words import LACKING, cell, done_of, minutes, place
 from experiments.analysis.trials_table import TrialRow
@@ -19,7 +30,7 @@ from experiments.session.files import settled_cells
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
 READS = "The participant reads the instructions; after the last page the first trial can be started."
-SILENT = "No tones: neither paplay nor aplay is installed here."
+SILENT = "No sound: install pulseaudio-utils or alsa-utils."
 
 
 class SessionPanel(Panel):
@@ -29,13 +40,13 @@ class SessionPanel(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.head = word("", size=theme.HEAD, bold=True)
-        self.done, self.left = word("", "quiet", theme.SMALL), word("", size=theme.TITLE, bold=True)
+        self.head = text_label("", size=theme.HEAD, bold=True)
+        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", size=theme.TITLE, bold=True)
         self.grid = PlanGrid()
-        self.coming_head = word("Next", "quiet")
-        self.coming = word("", bold=True)
+        self.coming_head = text_label("Next", "quiet")
+        self.coming = text_label("", bold=True)
         self.cell = OneLine("", "quiet")
-        self.notice = line("", "caution", theme.SMALL)
+        self.notice = wrapped_label("", "caution", theme.SMALL)
         self.start = KeyButton("Start", "Space", "main")
         self.redo = KeyButton("Repeat last trial …", "Ctrl+R")
         self.skip = KeyButton("Skip next trial …", "Ctrl+S")
@@ -90,7 +101,7 @@ class SessionPanel(Panel):
         self.done.setToolTip(LACKING if lacking else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
-        self._say(opened, snapshot, reads)
+        self._show_status(opened, snapshot, reads)
         self._allow(snapshot)
         self.start.setText("Next page of instructions" if reads else "Start")
         text = "\n".join(snapshot.notes)
@@ -105,22 +116,23 @@ class SessionPanel(Panel):
         self.coming_head.setVisible(now is not None)
         self.coming_head.setText("Now" if snapshot.running else "Next")
         if now is None:
-            self.coming.setText("The plan is done" if snapshot.stage == m.FINISHED else "")
+            self.coming.setText("Session complete" if snapshot.stage == m.FINISHED else "")
             self.cell.setText("")
             return
         self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
         self.cell.setText(cell(now, opened, snapshot.blind))
 
-    def _say(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
+    def _show_status(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
         notice, bad = snapshot.notice, snapshot.notice_bad
         if snapshot.undone and notice == f"{snapshot.undone}.":  # the banner says it
             notice = ""
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
-            notice = snapshot.why_not or (
-                READS if reads else SILENT if opened.protocol.tones and player() is None else ""
-            )
-        theme.name_anew(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
+            silent = (
+                opened.protocol.tones and not snapshot.rows and player() is None
+            )  # said once, before the first trial
+            notice = snapshot.why_not or (READS if reads else SILENT if silent else "")
+        theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
 

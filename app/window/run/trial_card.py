@@ -6,20 +6,31 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Choice, KeyButton, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    Choice,
+    KeyButton,
+    OneLine,
+    Panel,
+    button,
+    column,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
 from app.window.widgets.theme import colour_of
-from app.window.widgets.words import REASONS, SHORT, place
+from app.window.widgets.words import REASONS, SHORT, in_colour, place
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
-DEAF_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
+IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
 
@@ -30,7 +41,7 @@ class Measure(QWidget):
     def __init__(self, metric: Metric) -> None:
         super().__init__()
         self._metric = metric
-        self.value, self.unit = word("", size=theme.HEAD, bold=True), word(metric.shown_unit, "quiet")
+        self.value, self.unit = text_label("", size=theme.HEAD, bold=True), text_label(metric.shown_unit, "quiet")
         self.graph = Graph()
         self.graph.setMouseEnabled(x=False, y=False)
         self.graph.hideAxis("left")
@@ -106,12 +117,13 @@ class TrialCard(Panel):
         super().__init__()
         self.row: TrialRow | None = None
         self._since_s = 0.0
-        self.dot, self.title = word("●", size=theme.TITLE), word("", size=theme.TITLE, bold=True)
-        self.outcome, self.what = word("", "quiet"), OneLine("")
-        self.legend = line("", "quiet", theme.SMALL)
+        self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
+        self.outcome, self.what = text_label("", "quiet"), OneLine("")
+        self.legend = wrapped_label("", "quiet", theme.SMALL)
+        self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
         self.trace = WholeTrace()
-        self.flags = line("", "quiet")
+        self.flags = wrapped_label("", "quiet")
         self.keep = KeyButton("Keep", "Space", "main")
         self.redo = KeyButton("Repeat …", "Ctrl+R")
         self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
@@ -131,7 +143,7 @@ class TrialCard(Panel):
     @property
     def ready(self) -> bool:
         """Whether Space is heard yet."""
-        return time.perf_counter() - self._since_s > DEAF_S
+        return time.perf_counter() - self._since_s > IGNORE_SPACE_S
 
     def show_row(
         self, row: TrialRow, rows: Sequence[TrialRow], ticks: np.ndarray | None, opened: m.Opened, snapshot: m.Snapshot
@@ -150,15 +162,15 @@ class TrialCard(Panel):
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
         self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
-        earlier = f" · in its colour: {len(same)} earlier with this controller" if same else ""
-        self.legend.setText(f"Large: this trial{earlier}{' · grey: others' if len(here) > len(same) else ''}")
+        shown = [(colour, "this trial"), (colour if same else "", "same controller"), (theme.QUIET, "others")]
+        self.legend.setText("   ".join(f"{in_colour('●', dot)} {name}" for dot, name in shown if dot))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self.trace.setVisible(ticks is not None)
         flags = trial_flags(row, ticks)
         if ticks is not None:
             self.trace.show_ticks(ticks)
-        theme.name_anew(self.flags, "caution" if flags else "quiet")
+        theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
 
     def exclude(self) -> None:

@@ -12,7 +12,7 @@ from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
 from app.window.widgets.fields import Field, make_field
-from app.window.widgets.parts import NO_FOCUS, OneLine, Part, button, line, panel, row, word
+from app.window.widgets.parts import NO_FOCUS, OneLine, Part, button, panel, row, text_label, wrapped_label
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
 from experiments.assumptions import SENSINGS
@@ -57,11 +57,11 @@ class GuideButton(QPushButton):
 
     def __init__(self, number: int, name: str, key: str) -> None:
         super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
-        self.key, self.feel, bar = key, word("", bold=True), QFrame()
+        self.key, self.feel, bar = key, text_label("", bold=True), QFrame()
         bar.setFixedWidth(5)
         bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, theme.QUIET)}")
         self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
-        self.setLayout(row(bar, self.feel, self._beside, word(key, "quiet"), margins=(6, 0, 12, 0)))
+        self.setLayout(row(bar, self.feel, self._beside, text_label(key, "quiet"), margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
@@ -74,7 +74,7 @@ class GuideButton(QPushButton):
 class Controls(QScrollArea):
     """The settings of Try as they are shown, and what sets them."""
 
-    changed = Signal()  # somebody has set something
+    changed = Signal()  # emitted when the user changes a setting
 
     def __init__(self) -> None:
         super().__init__(widgetResizable=True)
@@ -97,7 +97,7 @@ class Controls(QScrollArea):
             guide.show_feel(feel(preset, protocol.controllers))
             guide.clicked.connect(partial(self._choose, number))
             parts.append(guide)
-        self.warning = line("", "caution")
+        self.warning = wrapped_label("", "caution")
         self.warning.setMinimumHeight(2 * self.warning.fontMetrics().lineSpacing() + 2)  # so that nothing jumps
         parts.append(self.warning)
         choices: dict[str, dict] = {
@@ -107,7 +107,7 @@ class Controls(QScrollArea):
             "sensing": {name: name.capitalize() for name in SENSINGS},
         }
         for field, among in choices.items():
-            name, segments = word(field.capitalize()), make_field(field.capitalize(), str, among)
+            name, segments = text_label(field.capitalize()), make_field(field.capitalize(), str, among)
             segments.changed.connect(partial(self._turn, field))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             parts.append(row(name, segments))

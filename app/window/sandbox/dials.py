@@ -11,7 +11,7 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QSlider, QStyle, QWidget
 
 from app.ipc import messages as m
-from app.window.widgets.parts import NO_FOCUS, row, word
+from app.window.widgets.parts import NO_FOCUS, row, text_label
 from core.control.controllers import PARAMETERS, Parameter
 from experiments.plan import grouped
 from experiments.protocol import Protocol
@@ -44,12 +44,12 @@ class Dial(NamedTuple):
         """What is set."""
         return s.values[self.name] if self.name in s.values else getattr(s, self.name)
 
-    def place(self, shown: float) -> int:
+    def slider_position(self, shown: float) -> int:
         """Of the slider."""
         scaled = math.log10(max(shown, self.least) / self.least) if self.log else shown - self.least
         return round(scaled / self.step)
 
-    def at(self, place: int) -> float:
+    def value_at(self, place: int) -> float:
         """What is shown there."""
         if self.log:
             return float(f"{self.least * 10.0 ** (place * self.step):.2g}")
@@ -89,10 +89,10 @@ class DialRow(QWidget):
     def __init__(self, dial: Dial) -> None:
         super().__init__()
         self.setObjectName("clear")
-        self.dial, self.name, self.value = dial, word(dial.label), word("")
+        self.dial, self.name, self.value = dial, text_label(dial.label), text_label("")
         self.slider = Slider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
-        self.slider.setRange(0, dial.place(dial.most))
-        self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.at(place) / dial.scale))
+        self.slider.setRange(0, dial.slider_position(dial.most))
+        self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.value_at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.value.setMinimumWidth(92)
         self.setLayout(row(self.name, self.slider, self.value))
@@ -103,4 +103,4 @@ class DialRow(QWidget):
         self.value.setText(f"{grouped(shown)} {self.dial.unit}")
         if not self.slider.isSliderDown():
             with QSignalBlocker(self.slider):
-                self.slider.setValue(self.dial.place(shown))
+                self.slider.setValue(self.dial.slider_position(shown))

@@ -43,7 +43,7 @@ class Bars(QStyledItemDelegate):
 MEASURES = (
     ("path_error_m", "Error mm", 1e3, 2),
     ("mean_tip_force_N", "Force N", 1.0, 1),
-    ("acceleration_weighted_rms_m_s2", "Roughness m/s²", 1.0, 1),
+    ("acceleration_weighted_rms_m_s2", "Accel. rms m/s²", 1.0, 1),
     ("duration_s", "Time s", 1.0, 1),
 )
 

@@ -10,13 +10,13 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QGridLayout
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import Layered, Reading
+from app.window.canvas.force_view import Layered, RefreshClock
 from app.window.sandbox.controls import Controls
 from app.window.sandbox.pass_table import PassTable
 from app.window.sandbox.pass_view import INSET_PX, LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.page import Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, line, row, word
+from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.protocol import Protocol
@@ -28,7 +28,7 @@ READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
 
-def shown_of(protocol: Protocol) -> tuple:
+def choices_key(protocol: Protocol) -> tuple:
     """What of a protocol the page shows."""
     devices = [(one.name, one.text) for one in protocol.devices]
     return devices, protocol.controllers, protocol.paths, protocol.obstacle, protocol.trial
@@ -42,12 +42,12 @@ class TryPage(Page):
         self._theirs: m.SandboxSettings | None = None  # the server's newest; it has what is set SEND_MS later
         self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
         self._place: tuple[str, int] | None = None  # device and path on the canvas
-        self._reading = Reading()
+        self._reading = RefreshClock()
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
-        self.large, self.small = word("", size=30, bold=True), line("", "quiet", theme.TITLE)
-        self.error, self.time = word("–", size=22, bold=True), word("–", size=22, bold=True)
+        self.large, self.small = text_label("", size=30, bold=True), wrapped_label("", "quiet", theme.TITLE)
+        self.error, self.time = text_label("–", size=22, bold=True), text_label("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
         self.bring = button(
@@ -59,14 +59,14 @@ class TryPage(Page):
         self.save = button("Save as protocol …", self._save, "small")
         self._lay_out()
         self.controls.changed.connect(self._set)
-        self.canvas.pointer_moved.connect(self.aimed)
-        self.canvas.pointer_left.connect(self.left)
+        self.canvas.pointer_moved.connect(self.pointer_moved)
+        self.canvas.pointer_left.connect(self.pointer_left)
 
     def _lay_out(self) -> None:
         over = QGridLayout(self.canvas)
         over.setContentsMargins(20, 10, INSET_PX + 30, 0)
         over.setHorizontalSpacing(26)
-        figures = (self.error, word("from the line", "quiet")), (self.time, word("this pass", "quiet"))
+        figures = (self.error, text_label("from the line", "quiet")), (self.time, text_label("this pass", "quiet"))
         to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
         for across, labels in enumerate(((self.large, self.small), *figures)):
             for down, label in enumerate(labels):
@@ -78,13 +78,13 @@ class TryPage(Page):
         self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
         self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
-        head = row(word("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
+        head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
         passes.setLayout(column(head, self.table, margins=(14, 8, 10, 8)))
         left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
 
-    # ------------------------------------------------------------------------------------------- what is asked for
+    # ------------------------------------------------------------------------------------------- user actions
 
     def begin(self, what: object = None) -> None:
         self._front = True
@@ -129,7 +129,7 @@ class TryPage(Page):
         self.canvas.setFocus()
 
     def _set(self) -> None:
-        """Somebody has set something."""
+        """A setting has changed."""
         if not self._timer.isActive():
             self._timer.start()
         self.canvas.show_gap(self.controls.gap_m)
@@ -152,7 +152,7 @@ class TryPage(Page):
     def show_opened(self, opened: m.Opened) -> None:
         before, protocol = self.opened, opened.protocol
         super().show_opened(opened)
-        if before is None or shown_of(before.protocol) != shown_of(protocol):
+        if before is None or choices_key(before.protocol) != choices_key(protocol):
             self._theirs = self._place = None
             self.controls.show_protocol(protocol)
             self.canvas.show_obstacles(protocol.obstacle)
@@ -168,7 +168,7 @@ class TryPage(Page):
         now, settings = snapshot.sandbox, self.controls.settings
         elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
         self.notice.setText("" if elsewhere else snapshot.notice)
-        theme.name_anew(self.notice, "bad" if snapshot.notice_bad else "quiet")
+        theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
         self.bring.setVisible(not self.opened.real_device and words.hand_is_mouse(self.opened))
@@ -178,7 +178,7 @@ class TryPage(Page):
             self.canvas.show_handle(None)
             self._place = None
             wait = Shown("One moment", snapshot.why_not or "Everything is being prepared")
-            self._say(IN_SESSION if self.opened.participant else wait)
+            self._show_status(IN_SESSION if self.opened.participant else wait)
         else:
             refused = snapshot.notice_bad and not before.notice_bad
             if not self._timer.isActive() and (settings is None or now.settings != self._theirs or refused):
@@ -188,8 +188,8 @@ class TryPage(Page):
             self.controls.show_settings(settings, now)
             self.canvas.show_gap(self.controls.gap_m)
             if snapshot.running is None:
-                off = Shown("Brakes are off", "Ctrl+B lets them act again") if snapshot.brakes_off else None
-                self._say(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
+                off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
+                self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
                 if off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
@@ -207,7 +207,7 @@ class TryPage(Page):
             self.canvas.refresh_text()
         held = taken or not by_pointer
         said = words.moving(phase, held, words.language_of(self.opened)) or BACK
-        self._say(said if held or self.canvas.handle_seen else AWAY)
+        self._show_status(said if held or self.canvas.handle_seen else AWAY)
         if phase == tick_log.MOVE:
             self.time.setText(f"{now[tick_log.T] - self.canvas.began_s:.1f} s")
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
@@ -216,7 +216,7 @@ class TryPage(Page):
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()
 
-    def _say(self, shown: Shown) -> None:
+    def _show_status(self, shown: Shown) -> None:
         self.large.setText(shown.large)
         self.small.setText(shown.small)
 

@@ -11,7 +11,17 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, RUN, Page
-from app.window.widgets.parts import KeyButton, Panel, Segments, breakable, button, column, line, row, word
+from app.window.widgets.parts import (
+    KeyButton,
+    Panel,
+    Segments,
+    breakable,
+    button,
+    column,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
 from experiments.session.files import settled_cells
@@ -38,7 +48,7 @@ ABORT = Ask(
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
 )  # fmt: skip
 REDO = Ask(
-    "redo", "Repeat the trial of run {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
     ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
 )  # fmt: skip
 SKIP = Ask(
@@ -63,7 +73,7 @@ UNSAVED = (
 )
 
 
-class Card(Panel):
+class OverlayCard(Panel):
     """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.
 
     buttons: words -> what it does; Enter presses the first.
@@ -74,7 +84,10 @@ class Card(Panel):
     def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], object]]], parent: QWidget):
         super().__init__("card", parent)
         self._around = parent
-        self.title, self.text = line(title, size=theme.HEAD, bold=True), line(breakable(text), "quiet")
+        self.title, self.text = (
+            wrapped_label(title, size=theme.HEAD, bold=True),
+            wrapped_label(breakable(text), "quiet"),
+        )
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)
         self.buttons = [button(words, do, "" if at else "main") for at, (words, do) in enumerate(buttons)]
@@ -143,7 +156,7 @@ class Card(Panel):
         return super().eventFilter(watched, event)
 
 
-class Question(Card):
+class Question(OverlayCard):
     """What to do, and why: Alt with 1, 2, 3, or one's own words and Enter, which may begin with any digit."""
 
     def __init__(
@@ -157,7 +170,7 @@ class Question(Card):
         if ask.choices:
             self.choices.show_value(ask.choices[0][0])
             self.inside.addWidget(self.choices)
-            self.inside.addWidget(word("Why?", "quiet"))
+            self.inside.addWidget(text_label("Why?", "quiet"))
         for number, reason in enumerate(ask.reasons, start=1):
             made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
             made.clicked.connect(lambda _=False, reason=reason: answered(reason))
@@ -184,15 +197,15 @@ class Cards:
 
     def __init__(self, parent: QWidget) -> None:
         self._parent = parent
-        self.question: Card | None = None
+        self.question: OverlayCard | None = None
         self._kind = ""  # of the question
-        self.notice: Card | None = None
+        self.notice: OverlayCard | None = None
         self._waits: tuple | None = None  # what the notice is about
         self._over_s: float | None = None  # when the break may end
 
     # questions
 
-    def put(self, question: Card, kind: str = "") -> None:
+    def put(self, question: OverlayCard, kind: str = "") -> None:
         """Show a question, in place of another one."""
         self.leave()
         self.question, self._kind = question, kind
@@ -211,11 +224,11 @@ class Cards:
 
     def show_message(self, title: str, text: str) -> None:
         """Something that has to be read."""
-        self.put(Card(title, text, [("Close  Enter", self.leave)], self._parent))
+        self.put(OverlayCard(title, text, [("Close  Enter", self.leave)], self._parent))
 
     def show_keys(self, groups: Mapping[str, Mapping[str, str]]) -> None:
         """Title of a group -> key -> what it does."""
-        card = Card("Keys", "", [("Close  Enter", self.leave)], self._parent)
+        card = OverlayCard("Keys", "", [("Close  Enter", self.leave)], self._parent)
         card.wide = KEYS_PX
         columns = row(spacing=24)
         for title, keys in groups.items():
@@ -224,21 +237,26 @@ class Cards:
             grid.setVerticalSpacing(4)
             grid.setColumnStretch(1, 1)
             for down, (key, does) in enumerate(keys.items()):
-                grid.addWidget(word(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
-                grid.addWidget(line(does, "quiet"), down, 1)
-            columns.addLayout(column(word(title, size=theme.TITLE), grid, 1), 1)
+                grid.addWidget(text_label(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
+                grid.addWidget(wrapped_label(does, "quiet"), down, 1)
+            columns.addLayout(column(text_label(title, size=theme.TITLE), grid, 1), 1)
         card.inside.addLayout(columns)
         self.put(card)
 
     def ask_to_leave(self, close: Callable[[], None]) -> None:
         buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
-        self.put(Card("Close the session?", LEAVE, buttons, self._parent), "leave")
+        self.put(OverlayCard("Close the session?", LEAVE, buttons, self._parent), "leave")
 
     def ask_to_close(self, close: Callable[[], None], unsaved: str = "") -> None:
         """unsaved: what would be lost; "": the running trial would be ended."""
         title, text = (UNSAVED[0], UNSAVED[1].format(unsaved)) if unsaved else CLOSE
         do = "Lose it and close" if unsaved else "Abort and close"
-        card = Card(title, text, [("Go on  Enter", self.leave), (f"{do}  Alt+C", close)], self._parent)
+        card = OverlayCard(
+            title,
+            text,
+            [("Keep recording  Enter" if not unsaved else "Cancel  Enter", self.leave), (f"{do}  Alt+C", close)],
+            self._parent,
+        )
         card.key("Alt+C", close)
         self.put(card, "abort")
 
@@ -254,7 +272,7 @@ class Cards:
         return True
 
     def _typing(self) -> bool:
-        """Whether somebody is writing a note: a notice that comes must not take the next letters for an answer."""
+        """Whether the user is typing: a notice that comes must not take the next letters for an answer."""
         at = self._parent.window().focusWidget()
         return isinstance(at, QLineEdit) and at.isVisible()
 
@@ -297,14 +315,14 @@ class Cards:
             if self.question is not None:
                 self.question.raise_()
 
-    def _make(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> Card:
+    def _make(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> OverlayCard:
         if (card := snapshot.card) is not None:
             if card.wait_s or snapshot.stage == m.BREAK:
                 self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
                 buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
-            return Card(card.title, card.text, buttons, self._parent)
+            return OverlayCard(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
         text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
@@ -315,7 +333,7 @@ class Cards:
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
         buttons.append(("Next participant", lambda: page.send(m.Leave())))
-        return Card("The plan is done", text, buttons, self._parent)
+        return OverlayCard("Session complete", text, buttons, self._parent)
 
     def show_time(self, now_s: float) -> None:
         """The countdown of a break."""

@@ -18,10 +18,10 @@ class Page(QWidget):
     """
 
     page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
-    aimed = Signal(float, float)  # m: the pointer, while it is over a workspace in which it is the hand
+    pointer_moved = Signal(float, float)  # m, over a workspace in which the pointer is the hand
     setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
     turn_asked = Signal()  # the next page of the instructions, which the participant reads
-    left = Signal()  # the pointer has left that workspace: the hand lets the handle go
+    pointer_left = Signal()  # the pointer has left that workspace: the hand lets the handle go
 
     def __init__(self, send: Callable[[object], None]) -> None:
         """send: brings a command (`app.ipc.messages`) to the session server; returns at once."""

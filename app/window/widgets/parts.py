@@ -36,16 +36,16 @@ def breakable(text: str) -> str:
     return text.replace("/", "/\u200b").replace("\\", "\\\u200b")
 
 
-def line(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
+def wrapped_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
     """A text that breaks into lines where it must. name: quiet, good, caution, bad or banner."""
     label = QLabel(text, objectName=name, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
     label.setFont(theme.font(size, bold))
     return label
 
 
-def word(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
+def text_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
     """A text in one line that takes the room that it needs."""
-    label = line(text, name, size, bold)
+    label = wrapped_label(text, name, size, bold)
     label.setWordWrap(False)
     return label
 
@@ -190,8 +190,8 @@ class KeyButton(QPushButton):
         super().__init__(text, objectName=name, focusPolicy=NO_FOCUS, minimumHeight=30)
         self.setFont(theme.font(theme.NORMAL, bold=name == "main"))
         self.setStyleSheet("text-align: left")
-        self.key = word(key, "hint" if name == "main" else "quiet", theme.SMALL)
-        self.toggled.connect(lambda on: theme.name_anew(self.key, "hint" if on else "quiet"))
+        self.key = text_label(key, "hint" if name == "main" else "quiet", theme.SMALL)
+        self.toggled.connect(lambda on: theme.set_style(self.key, "hint" if on else "quiet"))
         self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.setLayout(row(1, self.key, margins=(12, 0, 10, 0)))
 
@@ -269,7 +269,7 @@ def stack(*pages: QWidget) -> QStackedWidget:
 
 def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
     """A panel with a title and, in a column below it, these parts."""
-    frame, head = Panel(), word(title, size=theme.HEAD, bold=True)
+    frame, head = Panel(), text_label(title, size=theme.HEAD, bold=True)
     frame.setLayout(column(head, *parts, spacing=spacing, margins=PANEL_MARGINS))
     return frame
 

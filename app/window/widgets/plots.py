@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
 from app.window.widgets import theme
-from app.window.widgets.parts import Figures, Panel, column, row, word
+from app.window.widgets.parts import Figures, Panel, column, row, text_label
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
@@ -108,7 +108,7 @@ class TimePlot(Plot):
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
-        super().__init__(word(title, bold=True))
+        super().__init__(text_label(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
         self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
         self.item.setDownsampling(auto=True, mode="peak")  # the lowest and highest tick of each pixel: no spike is lost

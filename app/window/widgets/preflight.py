@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWi
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, line, row, word
+from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, row, text_label, wrapped_label
 
 COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
 #: Said by shape too, not by colour alone.
@@ -16,7 +16,7 @@ DEVICE = "Device"  # the check that leads to the device page
 
 def mark_of(check: m.Check, size: int) -> QLabel:
     """The shape and colour of a check's state."""
-    mark = word(MARKS[check.state], size=size)
+    mark = text_label(MARKS[check.state], size=size)
     mark.setStyleSheet(f"color: {COLOURS[check.state]}")
     return mark
 
@@ -28,7 +28,7 @@ class Pill(Panel):
 
     def __init__(self, check: m.Check) -> None:
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
-        self.mark, name = mark_of(check, theme.SMALL), word(check.name, size=theme.SMALL, bold=True)
+        self.mark, name = mark_of(check, theme.SMALL), text_label(check.name, size=theme.SMALL, bold=True)
         self.text = OneLine(check.text, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
         self.text.setToolTip("")
@@ -55,7 +55,7 @@ class Preflight(QWidget):
         self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.advice = line("", "banner", theme.NORMAL)
+        self.advice = wrapped_label("", "banner", theme.NORMAL)
         self.advice.hide()
         self._row = row(spacing=4)
         self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
@@ -77,7 +77,7 @@ class Preflight(QWidget):
         self.advice.setText(breakable("\n".join(wrong)))
         self.advice.setVisible(bool(wrong))
         off = bool(snapshot.brakes_off)
-        theme.name_anew(self.brakes, "brakes-off" if off else "brakes")
+        theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
         self.brakes.setToolTip(
             "Let currents flow again" if off else "Zero current at once; a running trial ends and is kept"
@@ -89,7 +89,7 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     lines = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)
-        lines.append(f"Brakes are off: {cause} Ctrl+B or the button lets them act again.")
+        lines.append(f"Brakes off: {cause} Press Ctrl+B or “Allow brakes”.")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.text == m.BRAKES_OFF):
             lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
@@ -123,5 +123,5 @@ class Checklist(QWidget):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
             self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
             if check.name:
-                self._grid.addWidget(word(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
-            self._grid.addWidget(line(breakable(text), "quiet"), at, 2)
+                self._grid.addWidget(text_label(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(wrapped_label(breakable(text), "quiet"), at, 2)

@@ -94,7 +94,7 @@ def mixed(a: str, b: str, share: float) -> QColor:
     return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
 
 
-def name_anew(widget: QWidget, name: str) -> None:
+def set_style(widget: QWidget, name: str) -> None:
     """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
     if widget.objectName() != name:
         widget.setObjectName(name)
@@ -179,7 +179,7 @@ QCheckBox::indicator:focus {{ border-color: {ACCENT}; }}
 """
 
 
-def dress(application: QApplication) -> None:
+def apply_theme(application: QApplication) -> None:
     """Give the application its typeface and colours, and let it paint in one thread."""
     os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")  # shared out, our small areas cost more than they gain
     matplotlib = find_spec("matplotlib")  # not imported, which takes a fifth of a second
@@ -251,7 +251,7 @@ def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: boo
 FRAME = (8, 44)  # px across, down. Our choice: what borders and title bar of the common desktops take at most
 
 
-def show_whole(window: QWidget, width: int, height: int) -> None:
+def show_fitted(window: QWidget, width: int, height: int) -> None:
     """Show it this large (px), or over all of a screen that has no room for that and a frame."""
     room = window.screen().availableSize()
     across, down = room.width() - FRAME[0], room.height() - FRAME[1]

@@ -1,6 +1,7 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import NamedTuple
 
@@ -81,7 +82,7 @@ def language_of(opened: m.Opened | None) -> Language:
 def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown | None:
     """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go".
 
-    seen: the handle is in sight; else nobody is asked to touch it.
+    seen: the handle is in sight; else the participant is not asked to touch it.
     """
     if phase not in PHASES:
         return None
@@ -117,9 +118,9 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
 
 
 def with_keys(shown: Shown, snapshot: m.Snapshot, language: Language) -> Shown:
-    """The lines while no trial runs for somebody who has no main window beside them: which keys lead on."""
+    """The lines while no trial runs, for a user who sees the participant's window alone: which keys lead on."""
     allow = language["brakes_key"] if snapshot.brakes_off and snapshot.stage != m.FAILED else ""
-    waits = shown.small if not allow or shown.small != language["stopped_how"] else ""  # nobody else comes
+    waits = shown.small if not allow or shown.small != language["stopped_how"] else ""  # there is no one to wait for
     return shown._replace(small=" · ".join(filter(None, (waits, allow, language["main_key"]))))
 
 
@@ -184,6 +185,11 @@ def clock(seconds: float) -> str:
     """2:05 for 125 s."""
     whole = max(int(seconds + 0.999), 0)
     return f"{whole // 60}:{whole % 60:02d}"
+
+
+def in_colour(text: str, colour: str) -> str:
+    """A text as HTML; no line ends within a unit such as m/s."""
+    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
 
 
 def size(count: int) -> str:

@@ -13,7 +13,7 @@ from app.progress import PROGRESS
 from core.files import InputError
 
 
-class Work(QObject):
+class BackgroundTask(QObject):
     """One thing at a time is asked for; what was asked before is dropped when it comes.
 
     It has no parent: a thread that outlives its page may still emit.
@@ -51,7 +51,7 @@ class Work(QObject):
             self.done.emit(result)
 
 
-class Verb(Work):
+class VerbProcess(BackgroundTask):
     """A verb of `phd`, or another module's `main`, in a process of its own; its result is what it prints."""
 
     progressed = Signal(float)  # the share done
