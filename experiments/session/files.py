@@ -198,7 +198,23 @@ def read_stored(session: Path) -> StoredSession:
         plan = plan_from_json(about["plan"])
         if plan_hash(plan) != about["plan_sha256"]:
             raise InputError(f"{path}: plan: does not match plan_sha256, it was changed")
-        return StoredSession(about["participant"], protocol_from_json(about["protocol"], str(path)), plan, about)
+        protocol = protocol_from_json(about["protocol"], str(path))
+    for trial in plan:
+        refuse_trial(trial, protocol, f"{path}: plan")
+    return StoredSession(about["participant"], protocol, plan, about)
+
+
+def refuse_trial(trial: PlannedTrial | TrialRow, protocol: Protocol, where: str) -> None:
+    """InputError if a protocol lacks the device, the path or the controller of a trial."""
+    lacks = {
+        f"device {trial.configuration}": trial.configuration not in {device.name for device in protocol.devices},
+        f"path {trial.segment}": trial.segment not in protocol.paths,
+        f"controller {trial.controller}": isinstance(trial.controller, int)
+        and trial.controller not in protocol.controllers,
+    }
+    if any(lacks.values()):
+        missing = ", ".join(name for name, is_missing in lacks.items() if is_missing)
+        raise InputError(f"{where}: the {protocol.name} protocol of the session has no {missing}")
 
 
 def person_of(session: Path, stored: StoredSession) -> Person | None:

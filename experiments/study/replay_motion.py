@@ -42,7 +42,7 @@ from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
-from experiments.session.files import STORED, StoredSession, read_stored
+from experiments.session.files import STORED, StoredSession, read_stored, refuse_trial
 from experiments.session.journal import journal_summary, recorded_row
 from experiments.trial.operator import TICK_S
 from experiments.trial.trial import Trial
@@ -72,6 +72,7 @@ def read_recorded(file: Path) -> Recorded:
     if not (session / STORED).is_file():
         raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")
     stored, row = read_stored(session), recorded_row(recording, session, journal_summary(session))
+    refuse_trial(row, stored.protocol, str(file))
     move = np.flatnonzero(recording.in_phase("move"))
     if not len(move):
         raise InputError(f"{file}: the trial never came to `move`, there is no hand to replay")

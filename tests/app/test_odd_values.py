@@ -219,6 +219,24 @@ def test_a_recording_resealed_with_odd_values_is_named_and_the_others_are_used(d
     assert json.loads(capsys.readouterr().out)["trials"] in (1, 2)
 
 
+@pytest.mark.parametrize("name", ["configuration", "segment", "controller"])
+def test_a_recording_of_a_trial_that_its_session_cannot_have_is_one_sentence_of_a_replay(data, capsys, name):
+    odd = {"configuration": "four-brakes", "segment": 77, "controller": 77}
+    resealed(data, 2, {name: odd[name]})
+    assert main(["replay", str(of(data) / "trials" / "run-002.parquet"), "--json"]) == 2
+    answer = capsys.readouterr().err
+    assert "run-002.parquet: the paper protocol of the session has no " in answer and f" {odd[name]}" in answer
+    assert answer.count("\n") == 1
+
+
+def test_a_plan_whose_device_its_protocol_lacks_is_named_and_no_session_of_it_is_opened(data, capsys):
+    stored_as(data, lambda about: about["protocol"]["devices"].pop(0))
+    assert main(["verify", str(data)]) == 1
+    assert f"{STORED}: " in capsys.readouterr().out
+    with pytest.raises(InputError):
+        Session.resume(data, "01", sync=False)
+
+
 STARTS = {
     "none": (lambda start: None, "'NoneType' object"),
     "of no state": (lambda start: start | {"state": 5}, "'int' object"),
