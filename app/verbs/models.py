@@ -36,8 +36,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps",
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
-        "step_index (tells repeats apart, which are averaged). Eq. (4) takes the current stepped to: falling steps\n"
-        "that all end at one current do not give its a_1, a_3 and a_5.",
+        "step_index (tells repeats apart, which are averaged), in the order in which they were measured. With some\n"
+        "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
+        "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
     ).add_argument  # fmt: skip
     option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
@@ -119,7 +120,7 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
 
 def identify_verb(args: argparse.Namespace) -> None:
-    from experiments.identify.identify import identify, summary
+    from experiments.identify.identify import identify, summary, with_zero
 
     asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
     found, brake, figures = with_progress("identifying", identify, *asked)
@@ -129,10 +130,11 @@ def identify_verb(args: argparse.Namespace) -> None:
         f"{'':12}{'value':>12}{'95 % interval':>26}",
     ]
     for row in fit["parameters"]:
-        interval = f"{row['low']:#.4g} .. {row['high']:#.4g}"
+        interval = "withheld" if row["low"] is None else f"{row['low']:#.4g} .. {row['high']:#.4g}"
         lines.append(f"{row['name']:12}{row['value']:#12.4g}{interval:>26}  {row['unit']}")
     lines += [
         f"omega_0     {found.omega_0_rpm:12.5g}{'':26}  rpm, {fit['omega_0_by']}",
+        f"k_2 is the drag without current{with_zero(found)}",
         f"residuals (rms): steady torque {fit['torque_residual_rms_N_m']:.3g} N m, "
         f"time constant {fit['time_constant_residual_rms_s'] * 1e3:.3g} ms",
         "assumed: " + "; ".join(f"{key} ({why})" for key, why in fit["assumed"].items()),

@@ -78,8 +78,10 @@ def draw_torque_gain(found: Identification) -> Figure:
     for axes in (top, below):
         axes.grid(color=LINE, linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
-    each = zip(found.gain.values, found.gain.half_widths, strict=True)
-    words = [f"$k_{i}$ {significant(value, 4)} ± {significant(half, 1)}" for i, (value, half) in enumerate(each, 1)]
+    words = [
+        f"$k_{i}$ {significant(row.value, 4)} ± {significant(row.half_width or 0.0, 1)}"
+        for i, row in enumerate(found.parameters()[:5], 1)
+    ]
     lines = ["   ".join(words[:3]), "   ".join(words[3:]) + " (half-widths of 95 % intervals)"]
     _write(figure, 0.14, "Torque gain", lines, found)
     return figure
@@ -107,10 +109,13 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     """Fig. 8: Eq. (4) as fitted to one direction, with the measured time constants."""
     fits = found.constants[direction]
     rms = np.sqrt(np.mean(np.concatenate([fits.surface.residuals, fits.average.residuals]) ** 2)) * 1e3
-    average = f"{significant(fits.average.values[0] * 1e3, 4)} ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms"
+    half = (
+        f" ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms (95 %)" if found.transients.exponential else " ms"
+    )
     text = (
-        f"$a_{{avg}}$ {average} (95 %) from $ω_0$ = {found.omega_0_rpm:g} rpm on. Dots: measured, with their distance "
-        f"from the fit, small where the torque changes little; rms residual {significant(rms, 2)} ms."
+        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{half} from $ω_0$ = {found.omega_0_rpm:g} rpm on. "
+        "Dots: measured, with their distance from the fit, small where the torque changes little; "
+        f"rms residual {significant(rms, 2)} ms."
     )
     figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 115))
     every = [*fits.at_surface, *fits.at_average]

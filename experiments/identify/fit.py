@@ -9,117 +9,28 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from scipy import stats
-from scipy.optimize import minimize_scalar
 
 from core.files import InputError
-from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step, measure
+from experiments.identify.doubts import Drift, Transients, Zero, drift, measure_transients, one_way, without_drift
+from experiments.identify.linear import (
+    Array,
+    LinearFit,
+    fit_linear,
+    undetermined,
+    variance_by_group,
+    weights_with_ripple,
+)
+from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step
 from experiments.numbers import significant
-
-Array = npt.NDArray[np.float64]
 
 KNEE_A = 0.2  # Eq. (2)
 K_NAMES = ("k_1", "k_2", "k_3", "k_4", "k_5")
 A_NAMES = ("a_1", "a_2", "a_3", "a_4", "a_5", "a_6")
-CONFIDENCE = 0.95
-#: Relative. A singular value below this share of the largest is zero; so is scatter below this share of the values.
-ZERO = 1e-9
 #: Our choice: the lowest omega_0 with at most this many times the least scatter. The lowest, since a surface that
 #: reaches a_avg at omega_0 follows the flat part for another octave and fits as well there.
 MORE_SCATTER = 1.16
 #: Relative. Time constants that scatter less than this fit perfectly.
 PERFECT = 1e-3
-
-
-class LinearFit(NamedTuple):
-    """Numbers in the order of the rows of `contrasts`."""
-
-    coefficients: Array  # (p,)
-    values: Array  # (q,) contrasts @ coefficients
-    half_widths: Array  # (q,) of their 95 % intervals
-    fitted: Array  # (n,)
-    residuals: Array  # (n,) value - fitted
-
-
-def undetermined(design: Array, names: Sequence[str]) -> list[str]:
-    """The coefficients (of p names) that values with this design (n, p) leave open.
-
-    All of them where there are no more values than coefficients: an exact fit does not show how far to trust it.
-    """
-    if not len(design):
-        return list(names)
-    scale = np.max(np.abs(design), axis=0)
-    _, singular, right = np.linalg.svd(design / np.where(scale > 0.0, scale, 1.0))
-    rank = int(np.sum(singular > ZERO * singular[0]))
-    loose = np.any(np.abs(right[rank:]) > np.sqrt(ZERO), axis=0)
-    if not np.any(loose) and len(design) <= len(names):
-        return list(names)
-    return [name for name, bad in zip(names, loose, strict=True) if bad]
-
-
-def fit_linear(design: Array, values: Array, weights: Array, contrasts: Array | None = None) -> LinearFit:
-    """Minimise sum of weights * (values - design @ coefficients)^2; design (n, p), values and weights (n,).
-
-    The residuals give the common factor of the weights. Their ratios may be a little wrong: each interval rests on
-    the larger of two deviations, one that trusts them and one from the values' own residuals over their leverage
-    ("HC2"). contrasts (q, p): what to report, by default each coefficient. `undetermined` must have named none.
-    """
-    contrasts = np.eye(design.shape[1]) if contrasts is None else contrasts
-    root = np.sqrt(weights)
-    x = design * root[:, None]
-    inverse = np.linalg.pinv(x)  # (p, n)
-    coefficients = inverse @ (values * root)
-    fitted = design @ coefficients
-    residuals = values - fitted
-    squares = (residuals * root) ** 2
-    freedom = len(values) - design.shape[1]
-    kept = np.maximum(1.0 - np.einsum("ij,ji->i", x, inverse), ZERO)
-    pull = (contrasts @ inverse) ** 2
-    variance = np.maximum(np.sum(pull, axis=1) * np.sum(squares) / freedom, pull @ (squares / kept))
-    half_widths = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * np.sqrt(variance)
-    return LinearFit(coefficients, contrasts @ coefficients, half_widths, fitted, residuals)
-
-
-def variance_by_group(design: Array, values: Array, groups: npt.NDArray[np.int_], turns: int = 30) -> Array:
-    """(m,) variance of the values in each group, from the residuals of the fit that weights them by it.
-
-    Each group's sum of squares is divided by its size less its share of the coefficients. groups: 0 .. m - 1.
-    """
-    variance = np.ones(int(groups.max()) + 1)
-    smallest = (ZERO * float(np.max(np.abs(values)))) ** 2
-    for _ in range(turns):
-        root = 1.0 / np.sqrt(variance)[groups]
-        x = design * root[:, None]
-        inverse = np.linalg.pinv(x)
-        residuals = values - design @ (inverse @ (values * root))
-        freedom = np.bincount(groups, 1.0 - np.einsum("ij,ji->i", x, inverse))
-        squares = np.bincount(groups, residuals**2)
-        pooled = np.sum(squares) / np.sum(freedom)
-        own = freedom > 0.5  # with less the group has no scatter of its own
-        variance = np.maximum(np.where(own, squares / np.where(own, freedom, 1.0), pooled), smallest)
-    return variance
-
-
-def weights_with_ripple(design: Array, values: Array, weights: Array, speed: Array) -> Array:
-    """(n,) weights / (1 + (speed / s)^2), with the s that makes the residuals likeliest (restricted likelihood).
-
-    Scatter that has a constant part, and one of ripple that grows with the speed (n,) of the shaft.
-    """
-
-    def scaled(log_s: float) -> Array:
-        return weights / (1.0 + (speed / np.exp(log_s)) ** 2)
-
-    def unlikely(log_s: float) -> float:
-        root = np.sqrt(scaled(log_s))
-        x, y = design * root[:, None], values * root
-        q, r = np.linalg.qr(x)
-        squares = max(float(np.sum((y - q @ (q.T @ y)) ** 2)), (ZERO * float(np.linalg.norm(y))) ** 2)
-        determinants = 2.0 * float(np.sum(np.log(np.abs(np.diag(r))))) - 2.0 * float(np.sum(np.log(root)))
-        return (len(y) - x.shape[1]) * np.log(squares) + determinants
-
-    bounds = np.log([np.min(speed) / 8.0, np.max(speed) * 8.0])
-    return scaled(minimize_scalar(unlikely, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
 
 
 def gain_row(current: float) -> list[float]:
@@ -135,6 +46,11 @@ def surface_row(current: float, speed_rpm: float) -> list[float]:
     return [current, w, current * w, w * w, current * w * w, 1.0]
 
 
+def gain_design(found: Sequence[Measured]) -> Array:
+    """(n, 4) rows of Eq. (2)."""
+    return np.array([gain_row(one.step.current_to) for one in found])
+
+
 def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
     """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
 
@@ -142,7 +58,7 @@ def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
     single repeats about the fit: one for all steps whose torque is an average of whole revolutions, else one for each
     speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the larger).
     """
-    design = np.array([gain_row(one.step.current_to) for one in found])
+    design = gain_design(found)
     names = undetermined(design, K_NAMES[:4])
     if names:
         names += [K_NAMES[4]] if set(names) & {"k_1", "k_3", "k_4"} else []
@@ -305,8 +221,18 @@ class Parameter(NamedTuple):
 
     name: str
     value: float
-    half_width: float
+    half_width: float | None  # None: withheld
     unit: str
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Its bounds."""
+        return None if self.half_width is None else (self.value - self.half_width, self.value + self.half_width)
+
+    @property
+    def spread(self) -> str:
+        """The interval, behind the number in a file."""
+        return "interval withheld" if self.half_width is None else f"+- {significant(self.half_width, 2)} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -321,6 +247,9 @@ class Identification:
     omega_0_rpm: float
     scatter: dict[float, float]  # omega_0 (rpm) -> scatter relative to the least; empty where it was given
     backlash_deg: float | None  # None where it was not given
+    transients: Transients
+    drift: Drift
+    zero: Zero | None  # None: the shaft never turned the other way
 
     @property
     def flat_part_seen(self) -> bool:
@@ -355,7 +284,9 @@ class Identification:
     def warnings(self) -> list[str]:
         """What a reader of the numbers must know."""
         assumed = "omega_0_rpm" in self.assumed
-        return [*self.doubtful.values()] + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
+        zero = self.zero.warnings if self.zero else []
+        found = [*self.doubtful.values(), *zero, *self.transients.warnings, *self.drift.warnings]
+        return found + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
 
     @property
     def sources(self) -> dict[str, str]:
@@ -389,17 +320,20 @@ class Identification:
 
     def parameters(self) -> list[Parameter]:
         """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""
-        fits: list[tuple[tuple[str, ...], LinearFit, tuple[str, ...]]] = [
-            (K_NAMES, self.gain, ("N m/A", "N m", "N m/A^2", "N m/A", "N m"))
-        ]
+        zero = self.zero.half_width if self.zero else 0.0
+        fits: list[tuple[tuple[str, ...], LinearFit, tuple[str, ...]]] = []
         for way, of_it in self.constants.items():
             fits.append(((f"{way}.a_avg",), of_it.average, ("s",)))
             names = tuple(f"{way}.{name}" for name in A_NAMES)
             fits.append((names, of_it.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
+        units = ("N m/A", "N m", "N m/A^2", "N m/A", "N m")
         return [
-            Parameter(name, float(value), float(half), unit)
+            Parameter(name, value, half + 0.5 * abs(self.drift.share * value) + zero * (unit == "N m"), unit)
+            for name, value, half, unit in zip(K_NAMES, *map(np.ndarray.tolist, self.gain[1:3]), units, strict=True)
+        ] + [
+            Parameter(name, value, half if self.transients.exponential else None, unit)
             for names, fit, units in fits
-            for name, value, half, unit in zip(names, fit.values, fit.half_widths, units, strict=True)
+            for name, value, half, unit in zip(names, *map(np.ndarray.tolist, fit[1:3]), units, strict=True)
         ]
 
 
@@ -417,12 +351,26 @@ def identify_steps(
                 f"{source}: a_avg and a_1 to a_6 of Eq. (4), {direction}, cannot be identified: there is no step "
                 f"to a {'higher' if rising else 'lower'} current"
             )
-    measured = measure(steps, source)
+    steps, zero = one_way(steps, source)
+    transients = measure_transients(steps, source)
+    measured = transients.measured
     gain = fit_torque_gain(measured, source)
+    if zero is None and gain.values[1] + gain.half_widths[1] < 0.0:
+        raise InputError(
+            f"{source}: torque_N_m: without current the torque would be {significant(gain.values[1], 3)} N m, and a brake never "
+            "drives: the torque sensor's zero is off by at least as much (steps with the shaft turned the other way, "
+            "speed_rpm below 0, would tell it)"
+        )
+    drifted = drift(measured, gain_design(measured), gain)
+    if drifted.share:
+        measured = without_drift(measured, drifted.share)
+        gain = fit_torque_gain(measured, source)
     scatter = {} if omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
     omega_0 = choose_omega_0(scatter) if omega_0_rpm is None else omega_0_rpm
     constants = fit_time_constants(measured, gain, omega_0, source)
-    return Identification(source, len(steps), measured, gain, constants, omega_0, scatter, backlash_deg)
+    return Identification(
+        source, len(steps), measured, gain, constants, omega_0, scatter, backlash_deg, transients, drifted, zero
+    )
 
 
 @dataclass(frozen=True, eq=False)

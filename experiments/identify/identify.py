@@ -19,7 +19,6 @@ from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
-from experiments.numbers import significant
 from experiments.progress import Progress, unseen
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -97,9 +96,8 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
 
     def line(key: str) -> str:
         number = f"{value[key]!r},"
-        why = ": K is continuous at the knee" if key == "k_5" else ""
-        half_width = f"{significant(rows[key].half_width, 2)} {rows[key].unit}"
-        return f"    {number:16}# {key.partition('.')[2] or key} +- {half_width}{why}"
+        why = {"k_5": ": K is continuous at the knee", "k_2": with_zero(found)}.get(key, "")
+        return f"    {number:16}# {key.partition('.')[2] or key} {rows[key].spread}{why}"
 
     def number(key: str, value: float) -> str:
         return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
@@ -124,12 +122,17 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
         lines += [
             "",
             f"[{direction}]                  # Eq. (4), s",
-            f"a_avg_s = {value[average]!r}".ljust(24) + f"# +- {significant(rows[average].half_width, 2)} s",
+            f"a_avg_s = {value[average]!r}".ljust(24) + f"# {rows[average].spread}",
             "a = [",
             *(line(f"{direction}.{key}") for key in A_NAMES),
             "]",
         ]
     return "\n".join(lines) + "\n"
+
+
+def with_zero(found: Identification) -> str:
+    """What k_2 holds besides the brake's drag, as the end of a remark."""
+    return ", with the sensor's zero, which steps one way alone do not show" if found.zero is None else ""
 
 
 def summary(found: Identification) -> dict[str, Any]:
@@ -146,9 +149,13 @@ def summary(found: Identification) -> dict[str, Any]:
         "steps": found.steps,
         "averaged_steps": len(found.measured),
         "parameters": [
-            row._asdict() | {"low": row.value - row.half_width, "high": row.value + row.half_width}
+            row._asdict() | dict(zip(("low", "high"), row.interval or (None, None), strict=True))
             for row in found.parameters()
         ],
+        "dead_time_s": found.transients.dead_s,
+        "follows_eq_3": found.transients.exponential,
+        "drift_share": found.drift.share,
+        "sensor_zero_N_m": found.zero._asdict() if found.zero else None,
         "omega_0_rpm": found.omega_0_rpm,
         "omega_0_by": found.omega_0_by,
         "identified": found.keys(IDENTIFIED),

@@ -10,7 +10,7 @@ gives one steady torque and one time constant, and all intervals come from the s
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -76,7 +76,7 @@ def read_steps(path: Path) -> list[Step]:
         (current_from < 0.0, "current_from_A must be at least 0"),
         (current_to < 0.0, "current_to_A must be at least 0"),
         (current_from == current_to, "current_from_A and current_to_A are equal: no step"),
-        (speed <= 0.0, "speed_rpm must be greater than 0 (give speed and torque as magnitudes)"),
+        (speed == 0.0, "speed_rpm must not be 0 (below 0: the shaft turned the other way, and torque_N_m with it)"),
     ):
         if bad.any():
             raise InputError(f"{path}: line {table.line(int(np.argmax(bad)))}: {reason}")
@@ -109,7 +109,7 @@ def read_steps(path: Path) -> list[Step]:
     return steps
 
 
-def mean_step(repeats: list[Step]) -> Step:
+def mean_step(repeats: Sequence[Step]) -> Step:
     """The mean of the repeats of a step, as in the paper, on the clock of the shortest of them."""
     if len(repeats) == 1:
         return repeats[0]
@@ -130,6 +130,7 @@ class Measured(NamedTuple):
     time_constant: float  # s; nan: not found
     steady_torque: float  # N m
     repeated_torques: list[float]  # N m, of each repeat
+    places: list[float]  # of each repeat in the session, 0 (first step of the file) to 1 (last)
     turns: int  # whole revolutions that the steady torque is the average of; 0: less than one
 
     @property
@@ -138,21 +139,22 @@ class Measured(NamedTuple):
         return RISE if self.step.rising else FALL
 
 
-def measure(steps: Iterable[Step], where: str) -> list[Measured]:
-    """Time constant and steady torque of each averaged step."""
+def measure(steps: Sequence[Step], where: str, dead_s: float = 0.0) -> list[Measured]:
+    """Time constant and steady torque of each averaged step, whose torque begins to follow `dead_s` late."""
     found = []
-    ordered = sorted(steps, key=lambda step: step.key)
-    together = [list(repeats) for _, repeats in groupby(ordered, key=lambda step: step.key)]
-    averaged = [(mean_step(repeats), repeats) for repeats in together]
-    for key in sorted({(step.speed_rpm, step.rising) for step, _ in averaged}):
-        alike = [(step, repeats) for step, repeats in averaged if (step.speed_rpm, step.rising) == key]
-        typical = typical_time_constant([step for step, _ in alike], where)
-        for step, repeats in alike:
-            a, height = time_constant_of_step(step, typical)
+    places = np.linspace(0.0, 1.0, len(steps))
+    ordered = sorted(zip(steps, places.tolist(), strict=True), key=lambda one: one[0].key)
+    together = [zip(*repeats, strict=True) for _, repeats in groupby(ordered, key=lambda one: one[0].key)]
+    averaged = [(mean_step(repeats), repeats, when) for repeats, when in together]
+    for key in sorted({(step.speed_rpm, step.rising) for step, *_ in averaged}):
+        alike = [one for one in averaged if (one[0].speed_rpm, one[0].rising) == key]
+        typical = typical_time_constant([step for step, *_ in alike], where)
+        for step, repeats, when in alike:
+            a, height = time_constant_of_step(step, typical, dead_s)
             begin = min(STEADY * typical, 0.9 * float(step.t[-1]))
             height = height if typical / NEAR < a < typical * NEAR else 0.0
             torque, *torques = (steady_torque(one, begin, a, height) for one in [step, *repeats])
-            found.append(Measured(step, typical, a, torque, torques, whole_turns(step, begin)))
+            found.append(Measured(step, typical, a, torque, torques, list(when), whole_turns(step, begin)))
     return found
 
 
@@ -178,8 +180,8 @@ def typical_time_constant(alike: Sequence[Step], where: str) -> float:
     return typical
 
 
-def time_constant_of_step(step: Step, typical: float) -> tuple[float, float]:
-    """Time constant from a current step, Eq. (3).
+def time_constant_of_step(step: Step, typical: float, dead_s: float = 0.0) -> tuple[float, float]:
+    """Time constant from a current step, Eq. (3), whose torque begins to follow `dead_s` late.
 
     t/a = -ln((tau - tau_2) / (tau_1 - tau_2)), solved for the torque: tau = tau_2 + (tau_1 - tau_2) exp(-t/a), fitted
     by least squares in a, tau_1 and tau_2 over the first 8 typical time constants. Differs from the paper: it
@@ -189,38 +191,49 @@ def time_constant_of_step(step: Step, typical: float) -> tuple[float, float]:
     Returns a in s and tau_1 - tau_2 in N m; nan and 0 where no a within a factor of 6 of `typical` fits best.
     """
     logs = math.log(typical) + np.linspace(-1.0, 1.0, 13) * math.log(REACH)
-    explain = _exponential(step, TRANSIENT * typical)
-    best = int(np.argmax([explain(log)[1] for log in logs]))
+    transient = Transient(step, TRANSIENT * typical, dead_s)
+    best = int(np.argmax([transient.fitted(log)[1] for log in logs]))
     if best in (0, len(logs) - 1):
         return math.nan, 0.0
     log = logs[best]
     for _ in range(2):  # the second time over 8 time constants of its own
-        explain = _exponential(step, TRANSIENT * min(max(math.exp(log), typical / NEAR), typical * NEAR))
+        transient = Transient(step, window_of(math.exp(log), typical), dead_s)
         near = log + np.array([-1.0, 1.0]) * (logs[1] - logs[0])
-        log = minimize_scalar(lambda at, explain: -explain(at)[1], args=(explain,), bounds=near, method="bounded").x
-    return math.exp(log), explain(log)[0]
+        log = minimize_scalar(lambda at, of: -of.fitted(at)[1], args=(transient,), bounds=near, method="bounded").x
+    return math.exp(log), transient.fitted(log)[0]
 
 
-def _exponential(step: Step, window: float) -> Callable[[float], tuple[float, float]]:
-    """A function of log a: the height of exp(-t/a) that fits the first `window` s best, and the squares it explains.
+def window_of(a: float, typical: float) -> float:
+    """How long (s) a transient is fitted."""
+    return TRANSIENT * min(max(a, typical / NEAR), typical * NEAR)
 
-    Both with the best constant and drift beside it.
-    """
-    count = int(np.searchsorted(step.t, window, side="right"))
-    block = max(1, int(np.searchsorted(step.t, window / TRANSIENT)) // BLOCKS)
-    count -= count % block
-    times = step.t[:count].reshape(-1, block)
-    t, torque = times.mean(axis=1), step.torque[:count].reshape(-1, block).mean(axis=1)
-    straight, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), t]))
-    torque -= straight @ (straight.T @ torque)
 
-    def explain(log: float) -> tuple[float, float]:
-        decay = np.exp(times * -math.exp(-log)).mean(axis=1)
-        decay -= straight @ (straight.T @ decay)
-        both, square = float(decay @ torque), float(decay @ decay)
+class Transient:
+    """The first samples of a step, as means of blocks, less the best constant and drift."""
+
+    def __init__(self, step: Step, window: float, dead_s: float) -> None:
+        count = int(np.searchsorted(step.t, window, side="right"))
+        block = max(1, int(np.searchsorted(step.t, window / TRANSIENT)) // BLOCKS)
+        count -= count % block
+        self.times = step.t[:count].reshape(-1, block)
+        self.late = np.maximum(self.times - dead_s, 0.0)
+        t = self.times.mean(axis=1)
+        self.straight, _ = np.linalg.qr(np.column_stack([np.ones(len(t)), t]))
+        self.torque = self.bent(step.torque[:count].reshape(-1, block).mean(axis=1))
+
+    def bent(self, values: np.ndarray) -> np.ndarray:
+        """The values less their constant and drift."""
+        return values - self.straight @ (self.straight.T @ values)
+
+    def decay(self, log: float) -> np.ndarray:
+        """exp(-t/a), at log a."""
+        return self.bent(np.exp(self.late * -math.exp(-log)).mean(axis=1))
+
+    def fitted(self, log: float) -> tuple[float, float]:
+        """The height (N m) of the exponential that fits best, and the squares that it explains."""
+        decay = self.decay(log)
+        both, square = float(decay @ self.torque), float(decay @ decay)
         return both / square, both * both / square
-
-    return explain
 
 
 def whole_turns(step: Step, begin: float) -> int:

@@ -41,6 +41,7 @@ SHARP = 50.0  # of a logarithm of likelihood. Our choice: less is made by the ha
 ACROSS = (
     "stiffness_across_N_m", "damping_N_s_m", "mass_kg", "felt_gain", "seen_gain_per_s", "felt_delay_s", "seen_delay_s",
 )  # fmt: skip
+CORRELATED = 50  # samples: residuals of a course that are further apart are taken to be independent
 PIECE = 40  # samples
 REST_M_S = 0.002  # our choice: a slower handle rests
 START = {"noise_share": 0.03, "tremor_N": 0.15, "tremor_Hz": 8.0, "tremor_band_Hz": 1.5}
@@ -232,9 +233,9 @@ def fit_along(trials: list[Motion], damping: float, mass: float, groups: list[np
 
 
 def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float) -> np.ndarray:
-    """Reaction and movement time (m, 2), s, of each trial whose handle kept moving: a minimum-jerk course through the
-    virtual hand that the arm's force shows, before it reacts and from 15 to 90 % of the way (in between a handle that
-    stands makes people push harder)."""
+    """Reaction and movement time, s, and the variance of the first, s^2 (m, 3), of each trial whose handle kept moving:
+    a minimum-jerk course through the virtual hand that the arm's force shows, before it reacts and from 15 to 90 % of
+    the way (in between a handle that stands makes people push harder)."""
     found = []
     for trial in trials:
         x, length = trial.x[trial.moving, 0], trial.length
@@ -254,8 +255,11 @@ def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float
             return p[0] + length * (course[:, 0] + damping / stiffness / p[2] * course[:, 1]) - hand[samples]
 
         start = [hand[:15].mean(), 0.25, max(last * SAMPLE_S, 0.4)]
-        found.append(least_squares(missed, start, bounds=([-0.1, 0.0, 0.2], [0.1, 2.0, 60.0])).x[1:])
-    return np.array(found).reshape(-1, 2)
+        fit = least_squares(missed, start, bounds=([-0.1, 0.0, 0.2], [0.1, 2.0, 60.0]))
+        pull = np.linalg.pinv(fit.jac) * fit.fun  # (3, samples): what each residual does to the numbers
+        near = toeplitz(np.maximum(1.0 - np.arange(len(fit.fun)) / CORRELATED, 0.0))  # Newey and West
+        found.append([*fit.x[1:], (pull @ near @ pull.T)[1, 1]])
+    return np.array(found).reshape(-1, 3)
 
 
 def pieces_at_rest(trials: list[Motion], arm: dict[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

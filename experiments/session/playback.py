@@ -146,6 +146,7 @@ class Comparison(NamedTuple):
     ticks: np.ndarray  # (n, tick_log.WIDTH), of the movement; of its texts the phase alone
     error: np.ndarray  # (n,) m
     metrics: dict[str, float | None]
+    recorded: dict[str, float | None] | None  # of the trial, over the way that both made; None: all of it
     status: str
     text: str  # how it is to be read
 
@@ -153,8 +154,11 @@ class Comparison(NamedTuple):
 def read_comparison(path: Path, summary: str) -> Comparison:
     """A replay from the table that `phd replay --out` has written and the summary that it has printed."""
     about, ticks = json.loads(summary), _replayed_ticks(path)
-    metrics = {name: change["after"] for name, change in about["metrics"].items()}
-    return Comparison(ticks, errors(ticks), metrics, about["after"]["status"], about["says"])
+    then, now = ({name: change[when] for name, change in about["metrics"].items()} for when in ("before", "after"))
+    recorded = None if about["compared_way"] is None else then
+    return Comparison(
+        ticks, errors(ticks), now, recorded, about["after"]["status"], " ".join([about["says"], *about["warnings"]])
+    )
 
 
 def _replayed_ticks(path: Path) -> np.ndarray:

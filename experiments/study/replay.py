@@ -3,6 +3,7 @@
 Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,6 +44,7 @@ from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, n
 from experiments.trial.tick import Decisions, decide_again
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
+ROUNDING_M = 1e-9
 OTHER_VERSION = (
     "another version recorded the trial, without all that an equal replay needs: it begins with the movement and only "
     "comes near the recorded motion"
@@ -98,6 +100,9 @@ def replay(
             difference = first_difference(recording, rows)
     rows = rows[trial.first :] if whole else rows
     replayed = as_recording(trial, rows, onto)
+    ways = way_made(recording, trial.path), way_made(replayed, trial.path)
+    status = row.status, outcome["status"]
+    common = None if status == ("done", "done") else min(ways)
     if out is not None:
         write_ticks(replayed, trial.first, out)
     return {
@@ -109,17 +114,18 @@ def replay(
             "device": row.configuration,
             "controller": named(recorded_protocol, row.controller),
             "status": row.status,
-            "way_made": way_made(recording, trial.path),
+            "way_made": ways[0],
             "energy_residual_J": row.energy_residual_J,
             "energy_added_max_J": row.energy_added_max_J,
         },
         "after": {
             "device": onto.name,
             "controller": named(chosen, number),
-            "way_made": way_made(replayed, trial.path),
+            "way_made": ways[1],
             **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
         },
-        "metrics": compared(trial, replayed),
+        "compared_way": common,
+        "metrics": compared(trial, replayed, common),
         "begins": "start" if whole else "move",
         "equal": None if difference is None else not difference,
         "decisions": checked._asdict() if checked else None,
@@ -131,6 +137,7 @@ def replay(
         "warnings": [
             *(f"the recording: {doubt}" for doubt in recording.outcome.get("warnings", ())),
             *(f"the replay: {doubt}" for doubt in outcome["warnings"]),
+            *short_ways(common, ways, outcome["status"]),
             *warnings(same_device and not whole and not recording.sensors, difference, checked),
         ],
         "out": None if out is None else str(out),
@@ -217,21 +224,53 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording
     return recording_of(ticks, device.braked, trial.recording.path)
 
 
-def compared(trial: Recorded, replayed: Recording) -> dict[str, dict[str, float | None]]:
-    """Each metric before and after, and its change; None where there is nothing, or a blind session hides it."""
-    found = {}
+def short_ways(common: float | None, ways: tuple[float, float], status: str) -> list[str]:
+    """That one of the two made less of the way, if so: the measures are of the part that both made."""
+    if common is None or ways[0] == ways[1]:
+        return []
+    short = f"the replay ({status})" if ways[1] < ways[0] else "the recorded trial"
+    return [f"{short} made {common:.1%} of the way: both are measured from the start to there, and no further"]
+
+
+def compared(trial: Recorded, replayed: Recording, common: float | None) -> dict[str, dict[str, float | None]]:
+    """Each metric before and after, and its change; None where there is nothing, or a blind session hides it.
+
+    common: the share of the path over which they are taken; None: all of it. A metric that neither has is left out.
+    """
+    then = trial.recording
+    if common is not None:
+        then, replayed = (until(one, trial.path, common) for one in (then, replayed))
+    befores, found = trial_metrics(then, trial.path), {}
     for name, after in trial_metrics(replayed, trial.path).items():
         before = getattr(trial.row, name)
-        change = None if before is None or after is None else after - before
-        found[name] = {"before": before, "after": after, "change": change}
+        before = before if before is None or common is None else befores[name]
+        if before is not None or after is not None:
+            change = None if before is None or after is None else after - before
+            found[name] = {"before": before, "after": after, "change": change}
     return found
 
 
-def way_made(recording: Recording, path: PathAhead) -> float:
-    """The share of the path (0 to 1) that `move` came along: where it is short, the metrics are of that part."""
+def until(recording: Recording, path: PathAhead, way: float) -> Recording:
+    """The recording as if `move` had ended where it had made this share of the path first; as it is if it made less."""
+    move = np.flatnonzero(recording.in_phase("move"))
+    progress = progress_of(recording, path)
+    if progress[-1] <= way * path.length + ROUNDING_M:
+        return recording
+    phase = recording.column("phase").copy()
+    phase[move[np.argmax(progress >= way * path.length) + 1 :]] = recording.words["phase"].index("end")
+    return replace(recording, columns=recording.columns | {"phase": phase})
+
+
+def progress_of(recording: Recording, path: PathAhead) -> np.ndarray:
+    """The furthest way along the path (n,), m, at each tick of `move`."""
     move = recording.in_phase("move")
-    progress, _ = along_path(np.column_stack([recording.column(name)[move] for name in ("tip_x_m", "tip_y_m")]), path)
-    return float(progress[-1] / path.length)
+    tip = np.column_stack([recording.column(name)[move] for name in ("tip_x_m", "tip_y_m")])
+    return along_path(tip, path)[0]
+
+
+def way_made(recording: Recording, path: PathAhead) -> float:
+    """The share of the path (0 to 1) that `move` came along."""
+    return float(progress_of(recording, path)[-1] / path.length)
 
 
 def tip_difference(trial: Recorded, rows: np.ndarray) -> float:

@@ -7,52 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from disks import flip_a_bit
+from people import bench_trials
 from protocols import PAPER
 from refusals import refusal
 from scipy import signal
 from sessions import closed_session, crash_in_trial, of, session_of
 
 from app.cli import main
-from core import tick_log
 from core.files import InputError
 from core.path import Segment
-from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import MOVE, PHASES
 from experiments.operator_fit.arm import PIECE, covariance, half_width, resonance
 from experiments.operator_fit.fit import RESTS_ON, Estimate, Fitted, fit_person, population_text
-from experiments.operator_fit.motions import LEAST_TRIALS, Motion, mean, motion_of, read_motions
-from experiments.plan import PlannedTrial
+from experiments.operator_fit.motions import LEAST_TRIALS, mean, motion_of, read_motions
 from experiments.protocol import SHIPPED_FOLDER
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording, recording_of
+from experiments.recording.schema import Recording
 from experiments.trial.operator import Person, new_operator
 from experiments.trial.population import load_population, population_of
-from experiments.trial.trial import Trial
 
 AVERAGE = load_population()
 PEOPLE = [("average", 60), ("from-device", 62)]  # neither of them was looked at when allowances were set
-
-
-def motions(person: Person, seed: int, rounds: int = 3) -> list[Motion]:
-    """The trials of a study as a bench would have recorded them, none on a disk: each controller on each path and
-    device, in random order, `rounds` times.
-    """
-    generator, found = np.random.default_rng(seed), []
-    rows = np.empty((80_000, tick_log.WIDTH))
-    for device in PAPER.devices:
-        simulation = SimulatedDevice(device, (0.0, 0.38))
-        for _ in range(rounds):
-            cells = [(number, segment) for number in PAPER.controllers for segment in PAPER.paths]
-            for number, segment in generator.permutation(cells).tolist():
-                trial = Trial(
-                    simulation, PlannedTrial(1, 1, device.name, number, segment, 1), PAPER.paths[segment],
-                    PAPER.controllers[number], "settled", person=person, generator=generator.spawn(1)[0],
-                )  # fmt: skip
-                n = trial.run(rows)
-                if trial.outcome()["status"] == "done":
-                    braked = "".join(device.braked)
-                    found.append(motion_of(recording_of(rows[:n].copy(), braked), PAPER.paths[segment]))
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +37,7 @@ def fits() -> list[tuple[Person, Fitted]]:
     for name, seed in PEOPLE:
         like = load_population(name)
         person = like.draw(np.random.default_rng(seed))
-        found.append((person, fit_person(str(seed), motions(person, seed, rounds=2), like)))
+        found.append((person, fit_person(str(seed), bench_trials(person, seed, rounds=2), like)))
     return found
 
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from sessions import closed_session, crash_in_trial, files, new_session
 from app.cli import main
 from core import tick_log
 from core.device import load_device
+from experiments.analysis.metrics import Movement
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import recording_columns
 from experiments.study.replay import A_PERSON_WOULD_REACT, replay
@@ -70,6 +72,14 @@ def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
     assert ended, "braked, the same hand no longer reaches the end in time"
     for told in ended:
         assert told["after"]["way_made"] < told["before"]["way_made"]
+        assert told["compared_way"] == told["after"]["way_made"]
+        assert any("both are measured from the start to there" in warning for warning in told["warnings"])
+        trial = read_recorded(Path(told["recording"]))
+        move = Movement(trial.recording, trial.path)
+        there = np.argmax(move.progress >= told["compared_way"] * trial.path.length)
+        assert told["metrics"]["duration_s"]["before"] == pytest.approx(there / 1000.0)
+        assert told["metrics"]["peak_error_m"]["before"] == move.deviation[: there + 1].max()
+        assert all(metric["before"] is not None or metric["after"] is not None for metric in told["metrics"].values())
     for told in seen:
         assert told["ticks"] <= read_recording(told["recording"]).rows
 

@@ -36,6 +36,11 @@ class Bench(NamedTuple):
     ripple_N_m: float = 1.0  # lowest to highest
     ripple_orders: tuple[int, ...] = (1, 2, 6)  # cycles a revolution
     ripple_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # relative amplitudes
+    dead_time_s: float = 0.0  # in which the torque does not follow yet
+    drift_per_h: float = 0.0  # share by which every torque grows
+    step_every_s: float = 15.0  # from one step to the next
+    offset_N_m: float = 0.0  # what the sensor reads without torque
+    turns_back: bool = False  # the last repeat of each step with the shaft turned the other way
 
 
 BENCH = Bench()
@@ -59,12 +64,15 @@ def synthetic_steps(
         turned = np.exp(1j * np.outer(orders, 2.0 * math.pi * speed / 60.0 * t))  # (orders, n)
         for current_from, current_to in changes:
             start, end = brake.torque_gain(current_from), brake.torque_gain(current_to)
-            clean = end + (start - end) * np.exp(-t / time_constant(brake, current_to, speed, end > start))
-            for _ in range(repeats):
+            late = np.maximum(t - bench.dead_time_s, 0.0)
+            clean = end + (start - end) * np.exp(-late / time_constant(brake, current_to, speed, end > start))
+            for repeat in range(repeats):
                 at = profile * np.exp(1j * orders * rng.uniform(0.0, 2.0 * math.pi))
-                torque = clean + at.real @ turned.real - at.imag @ turned.imag
+                torque = clean * (1.0 + bench.drift_per_h * bench.step_every_s * len(steps) / 3600.0)
+                torque += at.real @ turned.real - at.imag @ turned.imag
                 torque += bench.noise_N_m * rng.standard_normal(len(t))
-                steps.append(Step(current_from, current_to, speed, t, torque))
+                way = -1.0 if bench.turns_back and repeat == repeats - 1 else 1.0
+                steps.append(Step(current_from, current_to, way * speed, t, way * torque + bench.offset_N_m))
     return steps
 
 

@@ -283,7 +283,9 @@ class TrialView(Panel):
         self.beside_measures.setVisible(other is not None)
         tips = np.empty((0, 2))
         if other is not None:
-            self.beside_measures.setText(f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}")
+            recorded = f" (recorded, as far: {measured(other.recorded)})" if other.recorded else ""
+            about = f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}{recorded}"
+            self.beside_measures.setText(about)
             self.note_that(other.text)
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)

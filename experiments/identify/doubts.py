@@ -1,0 +1,210 @@
+"""What measured steps show that Eqs. (2) and (3) do not have: a zero offset, a dead time, a drift over the session.
+
+Each test takes the chance that a bench without the fault shows as much (`CHANCE`); what is found is taken out of the
+steps where that can be done, and named with its likely cause.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize_scalar
+
+from core.files import InputError
+from experiments.identify.linear import LinearFit, fit_linear, variance_by_group
+from experiments.identify.step_response import Measured, Step, Transient, measure, window_of
+from experiments.numbers import significant
+
+CHANCE = 1e-4  # of a false alarm. Our choice
+SMALLEST = 1e-3  # of a transient's height: our choice, less is of no consequence to a time constant
+#: Ends of stretches after the step, in time constants, over which residuals are averaged.
+STRETCHES = (0.0, 0.15, 0.4, 0.8, 1.5, 3.0)
+LATEST = 3.0  # typical time constants: a longer dead time is not looked for
+WITH_SPEED = 0.7  # rank correlation from which a drift may be the speed's
+
+
+class Zero(NamedTuple):
+    """What the torque sensor reads without torque, with the half-width of its 95 % interval, N m."""
+
+    value: float
+    half_width: float
+
+    @property
+    def warnings(self) -> list[str]:
+        """In words, where it is not nothing."""
+        if abs(self.value) <= 2.0 * self.half_width:  # our choice: a chance of some 1e-4 as well
+            return []
+        return [f"torque_N_m: without torque the sensor reads {significant(self.value, 3)} N m, which was taken off"]
+
+
+def one_way(steps: Sequence[Step], where: str) -> tuple[list[Step], Zero | None]:
+    """The steps as if the shaft had always turned one way, without the sensor's zero. None: it turned one way only.
+
+    Turned the other way (a speed below 0), the brake's torque changes its sign, and the sensor's zero does not.
+    """
+    ends = [float(np.mean(step.torque[3 * len(step.t) // 4 :])) for step in steps]
+    largest = max(range(len(steps)), key=lambda i: abs(ends[i]))
+    if ends[largest] * steps[largest].speed_rpm < 0.0:
+        raise InputError(
+            f"{where}: torque_N_m is {significant(ends[largest], 3)} N m at {steps[largest].speed_rpm:g} rpm, and a brake's "
+            "torque has the sign of the speed: the sensor counts the other way, turn the sign of torque_N_m"
+        )
+    if all(step.speed_rpm > 0.0 for step in steps):
+        return list(steps), None
+    both: dict[tuple[float, float, float], dict[bool, list[float]]] = {}
+    for step, end in zip(steps, ends, strict=True):
+        key = step.current_from, step.current_to, abs(step.speed_rpm)
+        both.setdefault(key, {}).setdefault(step.speed_rpm > 0.0, []).append(end)
+    pairs = {key: 0.5 * (np.mean(of[True]) + np.mean(of[False])) for key, of in both.items() if len(of) == 2}
+    if len(pairs) < 3:
+        raise InputError(
+            f"{where}: speed_rpm: {len(pairs)} steps are there both ways, between the same currents at one speed and "
+            "at minus that speed; it takes three to tell the torque sensor's zero"
+        )
+    values, one = np.array(list(pairs.values())), np.ones((len(pairs), 1))
+    groups = np.unique([speed for _, _, speed in pairs], return_inverse=True)[1]
+    fit = fit_linear(one, values, 1.0 / variance_by_group(one, values, groups)[groups])
+    zero = Zero(float(fit.values[0]), float(fit.half_widths[0]))
+    turned = []
+    for step in steps:
+        way = math.copysign(1.0, step.speed_rpm)
+        turned.append(replace(step, speed_rpm=abs(step.speed_rpm), torque=way * (step.torque - zero.value)))
+    return turned, zero
+
+
+def misfit(found: Sequence[Measured], dead_s: float) -> float:
+    """The chance of residuals like these after the steps, if every torque follows Eq. (3): Hotelling's T-squared of
+    their means over `STRETCHES`, from step to step, each times the height of its transient."""
+    rows = []
+    for one in found:
+        if math.isnan(one.time_constant):
+            continue
+        transient = Transient(one.step, window_of(one.time_constant, one.typical), dead_s)
+        log = math.log(one.time_constant)
+        height, _ = transient.fitted(log)
+        rest = transient.torque - height * transient.decay(log)
+        stretch = np.searchsorted(STRETCHES, transient.times.mean(axis=1) / one.time_constant, side="right") - 1
+        counts = np.bincount(stretch, minlength=len(STRETCHES))[:-1]
+        if counts.all():
+            rows.append(height * np.bincount(stretch, rest, len(STRETCHES))[:-1] / counts)
+            rows[-1] = np.append(rows[-1], height * height)
+    n, p = len(rows), len(STRETCHES) - 1
+    if n < 2 * p:
+        return 1.0
+    means, squares = np.array(rows)[:, :p], np.array(rows)[:, p]
+    mean = means.mean(axis=0)
+    if np.max(np.abs(mean)) < SMALLEST * squares.mean():
+        return 1.0
+    t_squared = n * mean @ np.linalg.pinv(np.cov(means.T)) @ mean
+    return float(stats.f.sf(t_squared * (n - p) / (p * (n - 1)), p, n - p))
+
+
+def dead_time(found: Sequence[Measured]) -> float:
+    """The time (s) after which all transients together follow Eq. (3) best."""
+    clear = [one for one in found if not math.isnan(one.time_constant)]
+
+    def missed(log: float, transient: Transient) -> float:
+        return -transient.fitted(log)[1]
+
+    def unexplained(dead_s: float) -> float:
+        total = 0.0
+        for one in clear:
+            transient = Transient(one.step, window_of(one.time_constant, one.typical), dead_s)
+            near = math.log(one.time_constant) + np.array([-0.7, 0.7])
+            total += minimize_scalar(missed, args=(transient,), bounds=near, method="bounded").fun
+        return total
+
+    most = LATEST * min(one.typical for one in clear)
+    return float(minimize_scalar(unexplained, bounds=(0.0, most), method="bounded", options={"xatol": 1e-3 * most}).x)
+
+
+class Transients(NamedTuple):
+    """The measured steps, and what is wrong with their transients."""
+
+    measured: list[Measured]
+    dead_s: float  # dead time that was taken out of them
+    exponential: bool  # whether they then follow Eq. (3)
+
+    @property
+    def warnings(self) -> list[str]:
+        """In words."""
+        if not self.exponential:
+            return [
+                "t_s: after the steps the torque does not follow Eq. (3), with or without a dead time: a coil or "
+                "supply that brings the current late, or more than one time constant, is likely; the intervals of the "
+                "time constants are withheld"
+            ]
+        if not self.dead_s:
+            return []
+        return [
+            f"t_s: the torque begins to change {significant(1e3 * self.dead_s, 2)} ms after t_s = 0: a dead time of supply or "
+            "sensor, or a clock that starts early, is likely; the time constants are fitted from there on, and the "
+            "brake file, which has no dead time, answers as much sooner"
+        ]
+
+
+def measure_transients(steps: Sequence[Step], where: str) -> Transients:
+    """The steps measured, after a dead time where they have one."""
+    measured = measure(steps, where)
+    if misfit(measured, 0.0) > CHANCE:
+        return Transients(measured, 0.0, True)
+    dead_s = dead_time(measured)
+    late = measure(steps, where, dead_s)
+    if misfit(late, dead_s) > CHANCE:
+        return Transients(late, dead_s, True)
+    return Transients(measured, 0.0, False)
+
+
+class Drift(NamedTuple):
+    """How the torque changed over a session: by this share from its first step to its last; 0: not seen."""
+
+    share: float = 0.0
+    with_speed: bool = False  # whether the speed was raised, or lowered, along the session
+
+    @property
+    def warnings(self) -> list[str]:
+        """In words."""
+        if not self.share:
+            return []
+        speed = ", or torque that depends on the speed, which changed along the session," * self.with_speed
+        return [
+            f"torque_N_m: from the first step to the last the torque changes by {100.0 * self.share:+.1f} %, which "
+            f"Eq. (2) does not have: a brake that warms up{speed} is likely; the numbers are those of the middle of "
+            "the session, and the intervals of k hold its beginning and end"
+        ]
+
+
+def drift(found: Sequence[Measured], design: np.ndarray, gain: LinearFit) -> Drift:
+    """The change of the single steps' torques over the session, beside their fit by `gain`; design (n, 4)."""
+    repeats = [len(one.repeated_torques) for one in found]
+    torques = np.concatenate([one.repeated_torques for one in found])
+    when = np.concatenate([one.places for one in found]) - 0.5
+    rows = np.repeat(design, repeats, axis=0)
+    speeds = np.repeat([one.step.speed_rpm for one in found], repeats)
+    groups = np.unique(speeds, return_inverse=True)[1]
+    both = np.column_stack([rows, when * (rows @ gain.coefficients)])
+    variances = variance_by_group(both, torques, groups)
+    fit = fit_linear(both, torques, 1.0 / variances[groups])
+    share, half = float(fit.values[-1]), float(fit.half_widths[-1])
+    freedom = len(torques) - both.shape[1]
+    reach = stats.t.ppf(1.0 - CHANCE / 2.0, freedom) / stats.t.ppf(0.975, freedom)
+    if abs(share) <= max(reach * half, SMALLEST):
+        return Drift()
+    return Drift(share, bool(abs(stats.spearmanr(when, speeds).statistic) > WITH_SPEED))
+
+
+def without_drift(found: Sequence[Measured], share: float) -> list[Measured]:
+    """The steps with the torques that they would have had in the middle of the session."""
+    return [
+        one._replace(
+            steady_torque=one.steady_torque / (1.0 + share * (float(np.mean(one.places)) - 0.5)),
+            repeated_torques=[
+                torque / (1.0 + share * (place - 0.5))
+                for torque, place in zip(one.repeated_torques, one.places, strict=True)
+            ],
+        )
+        for one in found
+    ]
