@@ -98,6 +98,14 @@ class Questionnaire(Table, frozen=True):
     each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
 
 
+class Export(Table, frozen=True):
+    """What a BIDS data set says of itself and only the experimenter knows: its dataset_description.json."""
+
+    authors: tuple[Text, ...] = ()
+    license: str = ""  # as "CC0-1.0"
+    hed_version: str = ""  # of the HED schema, where the phases are to be tagged by it
+
+
 class Instruction(Table, frozen=True):
     """A page that the participant reads before the first trial."""
 
@@ -140,6 +148,7 @@ class Settings(Table, frozen=True, kw_only=True):
     language: Text = ENGLISH  # the participant's: a shipped one, or a translation file by its path
     tones: bool = True  # at "go" and at the end of a trial
     instruction: tuple[Instruction, ...] = ()
+    export: Export = Export()
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:

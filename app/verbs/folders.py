@@ -68,6 +68,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--csv", type=Path, metavar="OUT", help="a new or empty folder for CSV: trials.csv and each recording")
     compress = "recordings of the CSV as .csv.gz, a third of the size, which pandas, R and Julia read as they are"
     option("--compress", action="store_true", help=compress)
+    shift = "dates of the BIDS data set to before 1925, by the same random number of days for all of one participant"
+    option("--shift-dates", action="store_true", help=shift)
     option = add_verb(
         verbs, "verify", verify_verb, "check that everything in a folder is as it was written, every recording whole",
         "Writes nothing. Exit 0: it is so, or a recording is marked as recovered (an unfinished plan is no fault).\n"
@@ -106,9 +108,11 @@ def export_verb(args: argparse.Namespace) -> None:
         raise InputError("export: nothing to write, give --bids OUT or --csv OUT (see phd export --help)")
     if args.compress and args.csv is None:
         raise InputError("--compress: is for --csv OUT; BIDS has its recordings uncompressed")
+    if args.shift_dates and (args.bids is None or args.csv is not None):
+        raise InputError("--shift-dates: is for --bids OUT alone; CSV has the dates as they were")
     from experiments.export.export import export
 
-    summary = with_progress("exporting", export, args.dir, outs, args.compress)
+    summary = with_progress("exporting", export, args.dir, outs, args.compress, args.shift_dates)
     answer(args, summary, as_text(summary))
 
 

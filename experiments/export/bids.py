@@ -13,8 +13,9 @@ a number, its words are in _motion.json. File names hold device and run, never t
 import contextlib
 import csv
 import re
+import secrets
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ from experiments.export.files import (
     write_rows,
 )
 from experiments.inputs import INPUTS, is_person
+from experiments.protocol_file import Export
 from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
 from experiments.session.session import version_of
@@ -43,6 +45,8 @@ from experiments.session.session import version_of
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
 MISSING = "n/a"
+#: Days on which a participant's first trial may be put: of 1900 to 1919, so that five years of sessions fit in.
+_SHIFTED_FROM, _SHIFTED_DAYS = date(1900, 1, 1).toordinal(), 7304
 _LATENCY_DECIMALS = 6  # at most, by the specification
 #: Columns of trials.csv in a scans table; the other two stand in the name of the file.
 _SCANNED = tuple(name for name in COLUMNS if name not in ("participant", "recording"))
@@ -64,14 +68,20 @@ class _Channel(NamedTuple):
     description: str = ""
 
 
+_SHIFTED = (
+    b"\nDates (`acq_time`) are shifted to before 1925, by the same days for all of one participant; the time of day\n"
+    b"and the days between are as they were.\n"
+)
 _PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's own columns; a form may fill them
 
 
 class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, shift_dates: bool = False) -> None:
+        """shift_dates: by days of each participant's own, drawn anew and not kept, to before 1925."""
+        self.folder, self._shift_dates = folder, shift_dates
+        self._shifts: dict[str, timedelta] = {}  # subject -> of its dates
         self._hands: dict[str, str] = {}  # subject -> hand
         self._scans: dict[tuple[str, str], list[list[str]]] = {}
         self._rows: list[TrialRow] = []
@@ -91,8 +101,22 @@ class BidsDataset:
         self._rows.append(trial.row)
         self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
-            [f"motion/{stem}_motion.tsv", _day_time(trial.begun), *_cells(trial.row)]
+            [f"motion/{stem}_motion.tsv", self._day_time(trial), *_cells(trial.row)]
         )
+
+    def _day_time(self, trial: ExportedTrial) -> str:
+        """When the trial began, as the specification wants it, in UTC.
+
+        It marks shifted dates by years up to 1925, and all of one participant are to be shifted by the same days.
+        """
+        try:
+            begun = datetime.fromisoformat(trial.begun).astimezone(UTC)
+        except ValueError:
+            return MISSING
+        if self._shift_dates:
+            first = timedelta(days=begun.toordinal() - _SHIFTED_FROM - secrets.randbelow(_SHIFTED_DAYS))
+            begun -= self._shifts.setdefault(trial.subject, first)
+        return f"{begun:%Y-%m-%dT%H:%M:%S.%f}Z"
 
     def finish(self, exported: Exported) -> None:
         """Write the tables and what holds for the whole data set."""
@@ -101,11 +125,13 @@ class BidsDataset:
             write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
         forms: dict[str, dict[str, str | float]] = {}  # subject -> what was answered before the session
         asked: dict[str, tuple[str, ...] | str] = {}
+        said: dict[Export, Path] = {}  # of the data set, by a protocol -> a session that was run by it
         for folder in exported.sessions:
             with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
                 stored = read_stored(folder)
                 forms[f"sub-{stored.participant}"] = stored.about.get("form", {})
                 asked |= stored.protocol.form
+                said.setdefault(stored.protocol.export, folder)
         header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
         write_rows(self.folder / "participants.tsv", [
             header,
@@ -131,11 +157,23 @@ class BidsDataset:
                 "BIDSVersion": BIDS_VERSION,
                 "DatasetType": "raw",
                 "GeneratedBy": [{"Name": "phd", "Version": phd}],
+                **_said(said),
             },
         }
         for name, content in about.items():
             write_json(self.folder / name, content)
-        (self.folder / "README.md").write_bytes(exported.readme("bids"))
+        shifted = _SHIFTED if self._shift_dates else b""
+        (self.folder / "README.md").write_bytes(exported.readme("bids") + shifted)
+
+
+def _said(by: dict[Export, Path]) -> dict[str, Any]:
+    """What protocols say of the data set, for dataset_description.json. InputError where they differ."""
+    if len(by) > 1:
+        raise InputError(
+            f"{' and '.join(map(str, by.values()))}: their protocols differ in [export], and a data set says one thing"
+        )
+    keys = {"authors": "Authors", "license": "License", "hed_version": "HEDVersion"}
+    return {key: value for export in by for name, key in keys.items() if (value := getattr(export, name))}
 
 
 def _answer(answer: str | float) -> str:
@@ -247,14 +285,6 @@ def _cells(row: TrialRow) -> list[str]:
     """A row of trials.csv as a scans table shows it."""
     [cells] = csv.DictReader(table_bytes([row]).decode().splitlines())
     return [cells.get(name) or MISSING for name in _SCANNED]
-
-
-def _day_time(text: str) -> str:
-    """A time of the journal as the specification wants it, in UTC."""
-    try:
-        return f"{datetime.fromisoformat(text).astimezone(UTC):%Y-%m-%dT%H:%M:%S.%f}Z"
-    except ValueError:
-        return MISSING
 
 
 def _scan_column(name: str, levels: dict[str, str]) -> dict[str, Any]:

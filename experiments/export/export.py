@@ -49,10 +49,12 @@ _SHOWN_WHILE_BLIND = (
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
-def export(folder: Path, outs: dict[str, Path], compress: bool = False, progress: Progress = unseen) -> dict:
+def export(
+    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False, progress: Progress = unseen
+) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
-    One recording at a time is in memory. compress: the recordings of the CSV by gzip.
+    One recording at a time is in memory. compress: the recordings of the CSV by gzip. shift_dates: of the BIDS.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
     """
@@ -77,7 +79,8 @@ def export(folder: Path, outs: dict[str, Path], compress: bool = False, progress
     trials = 0
     with _new_folders(outs) as partial:
         forms = [
-            BidsDataset(place) if form == "bids" else CsvTables(place, compress) for form, place in partial.items()
+            BidsDataset(place, shift_dates) if form == "bids" else CsvTables(place, compress)
+            for form, place in partial.items()
         ]
         for number, path in enumerate(paths, start=1):
             home = path.parent.parent

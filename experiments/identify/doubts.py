@@ -49,8 +49,8 @@ def one_way(steps: Sequence[Step], where: str) -> tuple[list[Step], Zero | None]
     largest = max(range(len(steps)), key=lambda i: abs(ends[i]))
     if ends[largest] * steps[largest].speed_rpm < 0.0:
         raise InputError(
-            f"{where}: torque_N_m is {significant(ends[largest], 3)} N m at {steps[largest].speed_rpm:g} rpm, and a brake's "
-            "torque has the sign of the speed: the sensor counts the other way, turn the sign of torque_N_m"
+            f"{where}: torque_N_m is {significant(ends[largest], 3)} N m at {steps[largest].speed_rpm:g} rpm, and a "
+            "brake's torque has the sign of the speed: the sensor counts the other way, turn the sign of torque_N_m"
         )
     if all(step.speed_rpm > 0.0 for step in steps):
         return list(steps), None
@@ -140,8 +140,8 @@ class Transients(NamedTuple):
         if not self.dead_s:
             return []
         return [
-            f"t_s: the torque begins to change {significant(1e3 * self.dead_s, 2)} ms after t_s = 0: a dead time of supply or "
-            "sensor, or a clock that starts early, is likely; the time constants are fitted from there on, and the "
+            f"t_s: the torque begins to change {significant(1e3 * self.dead_s, 2)} ms after t_s = 0: a dead time of "
+            "supply or sensor, or a clock that starts early, is likely; the time constants are fitted from there on, and the "
             "brake file, which has no dead time, answers as much sooner"
         ]
 

@@ -15,7 +15,7 @@ from experiments.analysis.metrics import check_samples
 from experiments.inputs import OPERATOR, SENSOR
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
-from experiments.session.files import rows_of, sessions_in
+from experiments.session.files import TABLE, recordings_in, rows_of, sessions_in
 from experiments.session.playback import way_of
 from experiments.trial.operator import TICK_S
 
@@ -63,6 +63,11 @@ def read_motions(folder: Path, participant: str | None = None) -> dict[str, list
     """
     found: dict[str, list[Motion]] = {}
     for session in sessions_in(folder):
+        if recordings_in(session) and not (session / TABLE).exists():
+            raise InputError(
+                f"{session}: has no {TABLE}, which says how its trials ended and whose they are; phd recover writes it "
+                "again from the recordings"
+            )
         for row in rows_of(session):
             if row.status == "done" and participant in (None, row.participant):
                 recording = read_recording(session / row.recording)

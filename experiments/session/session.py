@@ -429,6 +429,8 @@ class Session:
         if (self.folder / files.TABLE).exists():
             write_table(self.folder / files.TABLE, rows, replacing=True)
         self.rows = rows
+        if (self.data_dir / files.STUDY).exists() and (self.data_dir / files.TABLE).exists():
+            files.write_pooled_table(self.data_dir)  # of other folders the session server keeps it
 
     # ------------------------------------------------------------------------------- what session and recordings store
 

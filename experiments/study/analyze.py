@@ -1,8 +1,8 @@
 """`phd analyze`: every number and figure of a study again, from its recordings and the journals beside them.
 
 The journals say what no recording can: which trial was done again later, which was skipped, whether the key of a blind
-session was opened. What is damaged or was cut off is left out and named; the boxes that it changes are compared with
-the table in DIR.
+session was opened. What is damaged or was cut off is left out and named; every box is compared with the
+table in DIR, and those that differ are named.
 """
 
 from collections.abc import Mapping, Sequence
@@ -76,9 +76,10 @@ def analyze(
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
-    A recording that is damaged or was cut off is left out and named, here and on the figures, and `changed` gives what
-    that does to each box. unblind: who opens the keys of blind sessions, for this analysis alone: it is written into
-    their journals, and their own tables stay coded. timeouts: trials whose time was up are in boxes and statistics.
+    A recording that is damaged or was cut off is left out and named, here and on the figures; `changed` gives each box
+    that is not what the table in DIR gives. unblind: who opens the keys of blind sessions, for this analysis alone: it
+    is written into their journals, and their own tables stay coded. timeouts: trials whose time was up are in boxes and
+    statistics.
     purpose: of the figures, as `draw_boxplots` has it.
     InputError if there is nothing to analyze.
     """
@@ -117,13 +118,14 @@ def analyze(
         if not any(out.iterdir()):
             out.rmdir()
         raise
+    table = folder / TABLE
     return {
         "out": str(out),
         "recordings": recordings,
         "trials": len(found.rows),
         "coded": found.coded,
         "left_out": found.left_out,
-        "changed": changed_boxes(folder / TABLE, found, timeouts) if found.left_out else [],
+        "changed": changed_boxes(table, found, timeouts) if found.left_out or table.exists() else [],
         "warnings": [*found.doubts, *warned],
     }
 

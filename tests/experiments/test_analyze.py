@@ -17,6 +17,7 @@ from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import cell, write_pooled_table
 from experiments.session.recover import recover
+from experiments.session.session import Session
 from experiments.study.analyze import Found, analyze, changed_boxes
 from experiments.study.study import resume_study, run_study
 
@@ -86,6 +87,20 @@ def test_without_a_table_to_compare_with_that_is_said(study, tmp_path):
 def test_a_whole_folder_changes_nothing(study, tmp_path):
     done = analyze(study, tmp_path / "out")
     assert done["left_out"] == [] and done["changed"] == []
+
+
+def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_table_is_said_to_differ(study, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "study")
+    stale = (folder / "trials.csv").read_text()
+    session = Session.resume(folder, "01", sync=False)
+    runs = [row.run for row in session.rows[:2]]
+    session.exclude(runs[0], "the participant sneezed")
+    session.redo(runs[1], "the cable was caught")
+    session.close()
+    assert [row.status for row in read_table(folder / "trials.csv") if row.run in runs] == ["excluded", "redone"]
+    assert analyze(folder, tmp_path / "fresh")["changed"] == []
+    (folder / "trials.csv").write_text(stale)
+    assert len(analyze(folder, tmp_path / "after")["changed"]) == 6
 
 
 def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(tmp_path, monkeypatch):

@@ -4,20 +4,22 @@ import gzip
 import json
 import shutil
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from disks import full
-from exports import errors, table, validate
-from protocols import short
+from exports import errors, rows, table, validate
+from protocols import protocol_of, short
 from recorded import ticks
 from refusals import refusal
 from sessions import closed_session, crash_in_trial, files, new_session, run, session_of
 
 from app.cli import main
 from core import tick_log
+from core.files import InputError
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table, write_table
 from experiments.export.export import CsvTables, export
 from experiments.export.files import recording_column
@@ -92,6 +94,38 @@ def test_the_official_validator_finds_no_error_and_misses_only_what_the_experime
     channels = next(folder.rglob("*_channels.tsv"))
     channels.write_text(channels.read_text().replace("LATENCY", "TIME"))
     assert errors(folder), "the validator does find an error where there is one"
+
+
+def test_what_the_protocol_says_of_the_data_set_stands_in_it_and_the_validator_no_longer_asks_for_it(tmp_path):
+    protocol = short(paths=1)
+    said = '\n[export]\nauthors = ["A. Author", "B. Author"]\nlicense = "CC0-1.0"\nhed_version = "8.3.0"\n'
+    data, out = tmp_path / "data", tmp_path / "bids"
+    closed_session(data, 1, protocol=protocol_of(protocol.text + said))
+    export(data, {"bids": out})
+    about = json.loads((out / "dataset_description.json").read_text())
+    assert about["Authors"] == ["A. Author", "B. Author"]
+    assert (about["License"], about["HEDVersion"]) == ("CC0-1.0", "8.3.0")
+    assert validate(out) <= {("warning", "JSON_KEY_RECOMMENDED", "SourceDatasets")}
+    closed_session(data, 1, participant="02", protocol=protocol)
+    with pytest.raises(InputError, match=r"their protocols differ in \[export\]"):
+        export(data, {"bids": tmp_path / "both"})
+    assert not (tmp_path / "both").exists()
+
+
+def test_shifted_dates_lie_before_1925_and_keep_time_of_day_and_what_is_between(study, exported, tmp_path, capsys):
+    out = tmp_path / "shifted"
+    assert main(["export", str(study), "--bids", str(out), "--shift-dates"]) == 0
+    [place] = [path.relative_to(out) for path in out.glob("sub-01/ses-*/*_scans.tsv")]
+    real, shifted = (
+        [datetime.fromisoformat(row["acq_time"]) for row in rows(folder / place)] for folder in (exported["bids"], out)
+    )
+    [days] = {then - now for then, now in zip(real, shifted, strict=True)}
+    assert days.seconds == days.microseconds == 0 and all(now.year < 1925 for now in shifted)
+    assert "shifted to before 1925" in (out / "README.md").read_text() and not errors(out)
+    for path in out.rglob("*.*"):
+        assert str(real[0].date()) not in path.read_text(), path
+    for more in (["--csv", "c"], ["--csv", "c", "--bids", "b"]):
+        assert "--shift-dates: is for --bids" in refusal(capsys, "export", study, "--shift-dates", *more)
 
 
 def test_every_number_of_a_recording_comes_back_from_its_bids_files(study, exported):

@@ -209,7 +209,9 @@ def test_a_recording_of_another_version_is_replayed_from_its_movement_and_that_i
 def test_another_controller_starts_from_the_same_approach_and_makes_no_promise_of_equality(session):
     path = next(path for path in recordings(session.folder) if read_recording(path).metadata["controller"] == 1)
     told, said = replayed(path, controller=4)
-    assert said == ("start", None, 0) and told["warnings"] == []
+    assert said == ("start", None, 0)
+    [short] = told["warnings"]
+    assert short.startswith("the replay (hand ended) made ")
     assert told["largest_tip_difference_m"] > 1e-3
     told, said = replayed(path, device="four-brake")
     assert told["before"]["device"] == "three-brake" and said[:2] == ("move", None)
