@@ -141,8 +141,8 @@ class Transients(NamedTuple):
             return []
         return [
             f"t_s: the torque begins to change {significant(1e3 * self.dead_s, 2)} ms after t_s = 0: a dead time of "
-            "supply or sensor, or a clock that starts early, is likely; the time constants are fitted from there on, and the "
-            "brake file, which has no dead time, answers as much sooner"
+            "supply or sensor, or a clock that starts early, is likely; the time constants are fitted from there "
+            "on, and the brake file, which has no dead time, answers as much sooner"
         ]
 
 

@@ -113,8 +113,8 @@ def draw_surface(found: Identification, direction: str) -> Figure:
         f" ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms (95 %)" if found.transients.exponential else " ms"
     )
     text = (
-        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{half} ms from $ω_0$ = {found.omega_0_rpm:g} rpm on. "
-        "Dots: measured, with their distance from the fit, small where the torque changes little; "
+        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{half} ms from $ω_0$ = {found.omega_0_rpm:g} rpm "
+        "on. Dots: measured, with their distance from the fit, small where the torque changes little; "
         f"rms residual {significant(rms, 2)} ms."
     )
     figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 115))

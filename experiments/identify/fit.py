@@ -358,8 +358,8 @@ def identify_steps(
     if zero is None and gain.values[1] + gain.half_widths[1] < 0.0:
         raise InputError(
             f"{source}: torque_N_m: without current the torque would be {significant(gain.values[1], 3)} N m, and a "
-            "brake never drives: the torque sensor's zero is off by at least as much (steps with the shaft turned the other way, "
-            "speed_rpm below 0, would tell it)"
+            "brake never drives: the torque sensor's zero is off by at least as much (steps with the shaft turned the "
+            "other way, speed_rpm below 0, would tell it)"
         )
     drifted = drift(measured, gain_design(measured), gain)
     if drifted.share:

@@ -181,7 +181,7 @@ def test_a_folder_without_whole_trials_is_refused_in_one_sentence(tmp_path, caps
     cut = tmp_path / "cut"
     with session_of(cut, trials=0) as session:
         crash_in_trial(session)
-    assert "holds no trial that reached the end" in refusal(capsys, "fit-operator", cut)
+    assert "has no trials.csv" in refusal(capsys, "fit-operator", cut)
     few = tmp_path / "few"
     closed_session(few, LEAST_TRIALS - 1)
     assert f"01 has {LEAST_TRIALS - 1} whole trials on straight paths" in refusal(capsys, "fit-operator", few)
