@@ -11,9 +11,10 @@ from core.files import InputError
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "bench", bench, "measure the simulator's speed against its error",
-        "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it is\n"
-        "installed (pip install '.[bench]'). The reference is checked against scipy DOP853 on Eq. (5) in the same\n"
-        "run. Times are the least of several repeats: compare ratios, and let nothing else run beside it.\n"
+        "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo and Drake beside them where\n"
+        "they are installed (pip install -c constraints.txt '.[bench]'). The reference is checked against scipy\n"
+        "DOP853 on Eq. (5) in the same run. Times are the least of several repeats: compare ratios, and let nothing\n"
+        "else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
         "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
         "what the host of a virtual machine kept the loop's core from it; nothing here can help that.\n"

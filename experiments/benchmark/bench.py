@@ -10,7 +10,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
+from experiments.benchmark.drake import DrakeRun, drake_version
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -45,7 +46,19 @@ RUNS = (("event", "ideal"), ("event", "mr"), ("stepping", "ideal"), ("karnopp", 
 ORDER_STEPS_S, SMALLEST_M = (5e-3, 2e-3, 1e-3, 5e-4), 1e-12
 AGAINST = "scipy DOP853 on Eq. (5), for mr with Eq. (1) as a differential equation"
 DELTA_OMEGAS = (1e-1, 1e-2, 1e-3, 1e-4)  # rad/s, of Eq. (6)
-REPEATS, QUICK_REPEATS = 15, 3
+REPEATS, QUICK_REPEATS, PEER_REPEATS = 15, 3, 3
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A simulator of others on the same scenes, with ideal brakes."""
+
+    name: str
+    version: Callable[[], str | None]  # None: it is not installed
+    run: type[MujocoRun] | type[DrakeRun]
+
+
+PEERS = {"mujoco": Peer("MuJoCo", mujoco_version, MujocoRun), "drake": Peer("Drake", drake_version, DrakeRun)}
 
 
 @dataclass(frozen=True)
@@ -84,8 +97,9 @@ def run_bench(quick: bool = False, progress: Progress = unseen) -> dict:
         for integrator, fidelity in RUNS:
             group = [ours(scene, integrator, fidelity, step, tips[fidelity], repeats) for step in steps]
             rows += with_order(group)
-        if mujoco_version():
-            rows += with_order([peer(scene, step, tips["ideal"], repeats) for step in steps])
+        for integrator, one in PEERS.items():
+            if one.version():
+                rows += with_order([peer(scene, integrator, step, tips["ideal"]) for step in steps])
         band += [band_row(scene, delta, tips["ideal"]) for delta in DELTA_OMEGAS]
     progress(0.9)
     return {
@@ -106,9 +120,10 @@ def machine() -> dict:
             names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
     except OSError:
         names = []
-    versions = {"python": platform.python_version(), "numpy": np.__version__, "mujoco": mujoco_version()}
+    versions = {"python": platform.python_version(), "numpy": np.__version__}
+    peers = {integrator: one.version() for integrator, one in PEERS.items()}
     return {"cpu": names[0] if names else platform.processor(), "cores": os.cpu_count(),
-            "system": platform.platform(), **versions}  # fmt: skip
+            "system": platform.platform(), **versions, **peers}  # fmt: skip
 
 
 def new_simulation(scene: BenchScene, integrator: str, fidelity: str, **options: Any) -> Simulation:
@@ -158,11 +173,11 @@ def ours(scene: BenchScene, integrator: str, fidelity: str, step: float, tips: n
                    fallbacks=ledger.fallbacks)  # fmt: skip
 
 
-def peer(scene: BenchScene, step: float, tips: np.ndarray, repeats: int) -> Row:
-    """One row of MuJoCo."""
-    run = MujocoRun(scene, step)
+def peer(scene: BenchScene, integrator: str, step: float, tips: np.ndarray) -> Row:
+    """One row of a peer."""
+    run = PEERS[integrator].run(scene, step)
     found = run.tips()
-    return row_of(scene, "mujoco", "ideal", step, found, tips, min(run.seconds() for _ in range(min(repeats, 5))))
+    return row_of(scene, integrator, "ideal", step, found, tips, min(run.seconds() for _ in range(PEER_REPEATS)))
 
 
 def row_of(
@@ -309,6 +324,7 @@ _LOOKS = {
     ("stepping", "ideal"): (BROWN, "^"),
     ("karnopp", "ideal"): (ORANGE, "v"),
     ("mujoco", "ideal"): (GREY, "D"),
+    ("drake", "ideal"): (GREY, "P"),
 }
 _SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
 
@@ -368,10 +384,23 @@ def _or_blank(value: float | None, form: str) -> str:
 
 
 def _compared(rows: Iterable[dict]) -> list[str]:
-    """`event` against MuJoCo on the moving scenes: at equal step, and at equal error."""
+    """`event` against its peers on the moving scenes: at equal step, and at equal error."""
     rows = [row for row in rows if row["scene"] in _SCENES_DRAWN and row["fidelity"] == "ideal"]
     lines = []
-    for peer in (row for row in rows if row["integrator"] == "mujoco" and row["step_s"] == TABLE_STEP_S):
+    for integrator, one in PEERS.items():
+        found = [row for row in rows if row["integrator"] == integrator and row["step_s"] == TABLE_STEP_S]
+        lines += (
+            [f"event against {one.name} at 1 ms", *_ratios(rows, found)]
+            if found
+            else [f"{one.name} is not installed (pip install -c constraints.txt '.[bench]')"]
+        )
+    return lines
+
+
+def _ratios(rows: list[dict], peers: list[dict]) -> list[str]:
+    """A line for each row of a peer, against the rows of `event` on the same scene."""
+    lines = []
+    for peer in peers:
         same = [row for row in rows if (row["device"], row["scene"]) == (peer["device"], peer["scene"])]
         own = [row for row in same if row["integrator"] == "event"]
         at = next(row for row in own if row["step_s"] == peer["step_s"])
@@ -382,7 +411,7 @@ def _compared(rows: Iterable[dict]) -> list[str]:
             f"error {peer['rms_error_m'] / at['rms_error_m']:.0e} times smaller; no worse error: at least "
             f"{peer['wall_s_per_sim_s'] / as_good['wall_s_per_sim_s']:.0f} times faster"
         )
-    return ["event against MuJoCo at 1 ms", *lines] if lines else ["MuJoCo is not installed (pip install '.[bench]')"]
+    return lines
 
 
 def work_precision(result: dict) -> dict[str, bytes]:

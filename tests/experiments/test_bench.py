@@ -12,8 +12,7 @@ from app.cli import main
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.report import STEP
-from experiments.benchmark.bench import Row, creep, simulated, table, with_order, work_precision
-from experiments.benchmark.mujoco import MujocoRun, mujoco_version
+from experiments.benchmark.bench import PEERS, Peer, Row, creep, simulated, table, with_order, work_precision
 from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
@@ -121,17 +120,21 @@ def test_creep_is_the_largest_displacement_over_elapsed_time():
     assert creep(SCENES[0], tips) is None
 
 
-@pytest.mark.skipif(mujoco_version() is None, reason="MuJoCo is not installed")
+@pytest.mark.parametrize("peer", PEERS.values(), ids=PEERS)
 @pytest.mark.parametrize("scene", SCENES, ids=_name)
-def test_mujoco_has_the_same_mechanism(scene):
+def test_a_peer_has_the_same_mechanism(peer, scene):
     """At a small step it comes near our motion, and nearer than at a large one."""
+    if peer.version() is None:
+        pytest.skip(f"{peer.name} is not installed")
     tips = simulated(scene, "event", "ideal", 1e-4)[1]
-    far, near = (np.linalg.norm(MujocoRun(scene, step).tips() - tips, axis=1).max() for step in (5e-3, 1e-4))
+    far, near = (np.linalg.norm(peer.run(scene, step).tips() - tips, axis=1).max() for step in (5e-3, 1e-4))
     assert near < 4e-4
     assert near < 0.3 * far
 
 
 def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
+    """Also without a peer, which is then said not to be there."""
+    monkeypatch.setitem(PEERS, "drake", Peer("Drake", lambda: None, PEERS["drake"].run))
     monkeypatch.setattr("experiments.benchmark.bench.reference_tips", reference)
     monkeypatch.setattr("experiments.benchmark.bench.bench_scenes", brief_scenes)
     assert main(["bench", "--quick", "--json", "--out", str(tmp_path / "b")]) == 0
@@ -150,7 +153,8 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
     for check in result["reference"]["checks"]:
         assert check["max_difference_m"] < (1e-12 if check["fidelity"] == "ideal" else 1e-7), check
     assert {one["controller"] for one in result["study_errors"] if one["change"] == STEP} == {1, 2, 3, 4, 5}
-    assert "event" in table(result) and STEP in table(result)
+    assert "event" in table(result) and STEP in table(result) and "Drake is not installed (pip" in table(result)
+    assert result["machine"]["drake"] is None and not any(row["integrator"] == "drake" for row in result["rows"])
     assert work_precision(result)["pdf"].startswith(b"%PDF")
     assert (tmp_path / "b" / "work-precision.png").stat().st_size > 1000
 
