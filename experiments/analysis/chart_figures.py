@@ -152,7 +152,8 @@ def draw_boxplots(
         calls.append(
             (rows, [metric.name], sizes.one * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
         )
-    wide = [metric.name for metric in (JUDGED if sizes.grows else DRAWN)]
+    # a page has room for three: of the two sums the one that does not hang on the cut
+    wide = [metric.name for metric in JUDGED if sizes.grows or metric is not DRAWN[-1]]
     paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
     calls.append((rows, wide, sizes.beside * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])

@@ -20,7 +20,7 @@ from experiments.protocol import load_protocol
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
-PEOPLE, EFFECTS = (3, 6, 12, 30), (0.0, 0.05, 0.10, 0.20)
+PEOPLE, EFFECTS = (3, 6, 12, 30), (0.0, 0.05, 0.10, 0.20, 0.40)
 DRAWS = 2000
 SEED = 1
 #: Standard deviations: of the true effect over people (of U); of a person's own level (of its logarithm), of a trial.
@@ -32,8 +32,8 @@ POPULATIONS, OPERATORS, TRIPLES = ("average", "from-device"), 30, 1000
 def errors() -> None:
     """Each rule on one device, and on two, as a statement needs it."""
     generator = np.random.default_rng(SEED)
-    for kind, meaning in ((BELOW, "true reduction"), (SIMILAR, "true difference")):
-        print(f"\n{kind}: share that holds / does not hold / cannot tell, on one device (in brackets on two)")
+    for kind, rule, meaning in ((BELOW, "below", "true reduction"), (SIMILAR, "little change", "true difference")):
+        print(f"\n{rule}: share that holds / does not hold / cannot tell, on one device (in brackets on two)")
         _print_row(("people", *(f"{meaning} {100 * effect:.0f} %" for effect in EFFECTS)))
         for people in PEOPLE:
             cells = []
