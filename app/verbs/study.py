@@ -64,8 +64,16 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option("ranges", metavar="RANGES.toml", help="a ranges file, or a shipped one's name (paper)")
     option("--n", type=whole_number_of(1), default=10_000, metavar="N", help="how many worlds (default: 10000)")
+    option(
+        "--triples",
+        type=whole_number_of(1),
+        default=1,
+        metavar="K",
+        help="how many triples of people try each world: several split what hangs on the people from the rest",
+    )
     option("--seed", type=whole_number_of(0), default=1, metavar="N", help="of everything random (default: 1)")
     option("--resume", action="store_true", help="go on with the interrupted run in DIR, begun with the same arguments")
+    option("--report", action="store_true", help="run nothing: the report of what is done in DIR, judged again")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
@@ -116,10 +124,11 @@ def sweep(args: argparse.Namespace) -> None:
 
 def worlds(args: argparse.Namespace) -> None:
     from experiments.worlds.ranges import load_ranges
-    from experiments.worlds.worlds import run_worlds
+    from experiments.worlds.worlds import Run, report_so_far, run_worlds
 
-    ranges = load_ranges(args.ranges)
-    summary = with_progress(
-        "worlds", run_worlds, ranges, args.out, args.n, args.seed, args.resume, args.cluster, compiles=True
-    )
+    run = Run(load_ranges(args.ranges), args.n, args.seed, args.triples)
+    if args.report:
+        summary = report_so_far(run, args.out)
+    else:
+        summary = with_progress("worlds", run_worlds, run, args.out, args.resume, args.cluster, compiles=True)
     answer(args, summary, as_text(summary))

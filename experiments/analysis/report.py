@@ -112,10 +112,10 @@ def write_report(
     return warned
 
 
-def page(parts: Mapping[str, str]) -> str:
-    """The template filled in, without the sections whose first part is missing or empty; lines are not broken."""
+def page(parts: Mapping[str, str], template: Path = TEMPLATE) -> str:
+    """A template filled in, without the sections whose first part is missing or empty; lines are not broken."""
     sections = []
-    for section in re.split(r"\n(?=## )", TEMPLATE.read_text(encoding="utf-8")):
+    for section in re.split(r"\n(?=## )", template.read_text(encoding="utf-8")):
         wanted = Template(section).get_identifiers()
         if parts.get(wanted[0]):
             unbroken = re.sub(r"(?<=[^\n])\n(?=[^\n#])", " ", section)

@@ -20,6 +20,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from scipy.stats.qmc import LatinHypercube
 
 from core.files import InputError, Table, parse_toml, read_text, shipped_or_file, toml_text
 from experiments.assumptions import Assumptions
@@ -107,9 +108,17 @@ class Ranges:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
         if not self.ranges:
             return np.empty((n, 0))
-        from SALib.sample import latin  # here: it takes seconds
+        return LatinHypercube(len(self.ranges), rng=np.random.default_rng(seed)).random(n)
 
-        return latin.sample(problem(self.ranges), n, seed=seed)
+    @property
+    def labels(self) -> list[str]:
+        """The assumptions in words, in the order of `ranges`."""
+        return [self.label(column) for column in self.ranges]
+
+    def label(self, column: str) -> str:
+        """An assumption in words."""
+        one = self.ranges.get(column) or self.fixed[column]
+        return one.label or column.rpartition(".")[2].replace("_", " ")
 
     def values(self, shares: Sequence[float]) -> dict[str, Value]:
         """The assumptions of a world at these shares, by column."""
@@ -139,11 +148,6 @@ class Ranges:
         if "operator" in tables or "operator_factor" in tables:
             text = _changed_people(text, tables.get("operator", {}), tables.get("operator_factor", {}))
         return protocol_from_json(about, where), population_of(text, f"{where}: population {chosen}")
-
-
-def problem(ranges: Mapping[str, Range]) -> dict[str, Any]:
-    """The assumptions as SALib takes them: each as its share of the range."""
-    return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
 
 
 def load_ranges(name_or_path: str | Path) -> Ranges:

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import joblib
@@ -16,25 +17,18 @@ from refusals import refusal
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.findings import HOLDS, IN_BOXES, STATEMENTS, box_findings_of, pooled_boxes
+from experiments.analysis.findings import CANNOT_TELL, HOLDS, LEAST_FINISHED, STATEMENTS
+from experiments.analysis.metrics import JUDGED
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
+from experiments.worlds.indices import counted, indices
+from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import Range, load_ranges
-from experiments.worlds.report import (
-    Indices,
-    Worlds,
-    indices,
-    judged_again,
-    nearest_world,
-    read_worlds,
-    report_files,
-    settled,
-    where_it_holds,
-    wilson,
-)
-from experiments.worlds.worlds import columns, run_worlds, worlds_of
+from experiments.worlds.report import Judgement, report_files, where_it_holds
+from experiments.worlds.table import Verdicts, Worlds, columns, judged, read_worlds
+from experiments.worlds.worlds import Run, report_so_far, run_worlds, worlds_of
 
 RANGES = """
 name = "small"
@@ -80,38 +74,56 @@ def small(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(small, tmp_path_factory) -> Path:
-    """Four worlds, run in one go."""
+    """Two worlds, two people each in turn, run in one go."""
     out = tmp_path_factory.mktemp("worlds") / "out"
-    run_worlds(load_ranges(small), out, 4)
+    run_worlds(Run(load_ranges(small), 2, triples=2), out)
     return out
+
+
+TWICE = ["--n", "2", "--triples", "2"]
 
 
 def lines(out: Path) -> list[dict[str, str]]:
     return rows(out / "worlds.csv")
 
 
-def is_judged_as(line: dict[str, str], study: Path) -> None:
-    """A study has the boxes, verdicts and margins of a world's row, digit by digit."""
-    rows = write_pooled_table(study)
-    boxes = pooled_boxes(rows)
-    assert len(boxes) == 2 * 5 * len(IN_BOXES)
-    for (measure, device, controller), box in boxes.items():
-        for name, value in box._asdict().items():
-            assert line[f"{measure}:{device}:{controller}:{name}"] == repr(value)
-    for found in box_findings_of(rows):
-        number = found.statement.number
-        assert line[f"statement_{number}"] == found.verdict
-        assert line[f"margin_{number}"] == ("" if math.isnan(found.margin) else repr(found.margin))
+def table(out: Path) -> list[str]:
+    return (out / "worlds.csv").read_text().splitlines()
 
 
-def test_a_world_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp_path):
+def is_row_of(line: dict[str, str], study: Path) -> None:
+    """A study has the trials of a world's row, digit by digit."""
+    trials = write_pooled_table(study)
+    for metric in JUDGED:
+        for device in ("three-brake", "four-brake"):
+            for controller in range(1, 6):
+                found = [
+                    getattr(trial, metric.name)
+                    for trial in sorted(trials, key=lambda trial: (trial.participant, trial.segment, trial.repetition))
+                    if (trial.configuration, trial.controller) == (device, controller)
+                ]
+                assert line[f"{metric.name}:{device}:{controller}"] == " ".join(f"{value:.6g}" for value in found)
+
+
+def test_a_row_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp_path):
     ranges = load_ranges(small)
-    for world, line in list(zip(worlds_of(ranges, 4, 1), lines(whole), strict=True))[:2]:
+    for world, line in list(zip(worlds_of(ranges, 2, 1, 2), lines(whole), strict=True))[1:3]:
         protocol, population = ranges.study(world.values, world.seed)
         assert protocol.low_gain == world.values["assumptions.low_gain"] and protocol.seed == int(line["seed"])
         assert protocol.rules == line["rules"]
         run_study(tmp_path / f"{world.number}", 1, protocol, population)
-        is_judged_as(line, tmp_path / f"{world.number}")
+        is_row_of(line, tmp_path / f"{world.number}")
+
+
+def test_triples_share_their_worlds_assumptions_and_the_first_are_those_of_a_run_with_one(small, whole):
+    ranges = load_ranges(small)
+    alone, both = worlds_of(ranges, 3, 1), worlds_of(ranges, 3, 1, 2)
+    assert [(one.world, one.triple) for one in both] == [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)]
+    assert [one.number for one in both] == [1, 2, 3, 4, 5, 6] and len({one.seed for one in both}) == 6
+    assert [one.seed for one in both[::2]] == [one.seed for one in alone]
+    assert all(one.values == other.values for one, other in zip(both[::2], both[1::2], strict=True))
+    found = lines(whole)
+    assert [(line["world"], line["triple"]) for line in found] == [("1", "1"), ("1", "2"), ("2", "1"), ("2", "2")]
 
 
 def test_every_assumption_reaches_the_study(small):
@@ -143,9 +155,10 @@ def test_one_value_is_the_same_in_all_worlds_and_no_column_and_people_alone_may_
     usual = load_population("steady").draw(np.random.default_rng(1))
     assert people.draw(np.random.default_rng(1)) == usual._replace(skill=0.5 * usual.skill)
     assert ranges.study({"assumptions.lag_factor": 2.0}, 3)[0].assumptions.lag_factor == 2.0
-    summary = run_worlds(ranges, tmp_path / "out", 2)
+    summary = run_worlds(Run(ranges, 2), tmp_path / "out")
     rows = lines(tmp_path / "out")
-    assert list(rows[0])[:3] == ["world", "seed", "share_done"] and rows[0]["seed"] != rows[1]["seed"]
+    assert list(rows[0])[:4] == ["world", "triple", "seed", "path_error_m:three-brake:1"]
+    assert rows[0]["seed"] != rows[1]["seed"]
     report = tmp_path / "out" / "report"
     page = (report / "report.md").read_text()
     assert "The same in all: population steady, lag 3.0, skill 0.5." in page and "## What decides each" not in page
@@ -153,21 +166,21 @@ def test_one_value_is_the_same_in_all_worlds_and_no_column_and_people_alone_may_
     assert not (report / "indices.csv").exists()
 
 
-def test_the_nearest_world_is_left_as_files_that_a_study_runs_to_the_same_verdicts(small, whole, monkeypatch):
-    report, nearest = whole / "report", nearest_world(read_worlds(whole / "worlds.csv"))
-    line = lines(whole)[nearest]
+def test_the_nearest_world_is_left_as_files_that_a_study_runs_to_the_same_trials(small, whole, monkeypatch):
+    report, ranges = whole / "report", load_ranges(small)
+    nearest = Judgement(table(whole), ranges, ranges.drawn(2, 1)).nearest
     command = next(one for one in (report / "nearest.toml").read_text().splitlines() if "phd study" in one)
     assert command.removeprefix("#   ") in (report / "report.md").read_text()
     monkeypatch.chdir(report)
     assert main(command.split()[2:]) == 0
-    is_judged_as(line, report / "nearest")
+    is_row_of(lines(whole)[2 * nearest], report / "nearest")
     shutil.rmtree(report / "nearest")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process group is killed")
 def test_a_killed_run_goes_on_from_the_command_line_to_the_same_table(small, whole, tmp_path):
     cut = tmp_path / "cut"
-    arguments = ["worlds", str(small), "--n", "4", "--out", str(cut)]
+    arguments = ["worlds", str(small), *TWICE, "--out", str(cut)]
     command = [sys.executable, killed_work.__file__, str(int(signal.SIGKILL)), "group", *arguments]
     assert subprocess.run(command, stdout=subprocess.DEVNULL, start_new_session=True).returncode == -signal.SIGKILL
     assert len(list(cut.glob("parts/0*.csv"))) == killed_work.DONE and not (cut / "worlds.csv").exists()
@@ -183,27 +196,48 @@ def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys,
 
 
 def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(small, whole, tmp_path):
-    ranges = load_ranges(small)
-    cut = tmp_path / "cut"
+    run, cut = Run(load_ranges(small), 2, triples=2), tmp_path / "cut"
     (cut / "parts").mkdir(parents=True)
     (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
-    for world in worlds_of(ranges, 4, 1)[1:3]:
+    for world in worlds_of(run.ranges, 2, 1, 2)[1:3]:
         (cut / "parts" / f"{world.number:06d}.csv").write_bytes(world.run().rows)
-    assert run_worlds(ranges, cut, 4, resume=True)["already_done"] == 2
+    assert run_worlds(run, cut, resume=True)["already_done"] == 2
     assert (cut / "worlds.csv").read_bytes() == (whole / "worlds.csv").read_bytes()
-    for name in ("report.md", "indices.csv", "overview.png"):
+    for name in ("report.md", "overview.png"):
         assert (cut / "report" / name).read_bytes() == (whole / "report" / name).read_bytes()
     with pytest.raises(InputError, match="worlds was begun with another n"):
-        run_worlds(ranges, cut, 5, resume=True)
+        run_worlds(replace(run, n=5), cut, resume=True)
+
+
+def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_and_runs_nothing(
+    small, whole, tmp_path, capsys
+):
+    run, cut = Run(load_ranges(small), 2, triples=2), tmp_path / "cut"
+    (cut / "parts").mkdir(parents=True)
+    (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
+    with pytest.raises(InputError, match="nothing is done yet"):
+        report_so_far(run, cut)
+    parts = (whole / "worlds.csv").read_text().splitlines(keepends=True)[1:]
+    for number in (1, 2, 4):  # of the second world a triple is missing, though a later one is there
+        (cut / "parts" / f"{number:06d}.csv").write_text(parts[number - 1])
+    assert main(["worlds", str(small), *TWICE, "--report", "--out", str(cut)]) == 0
+    assert "1 worlds of the ranges 'small'" in (cut / "report" / "report.md").read_text()
+    assert sorted(path.name for path in cut.iterdir()) == ["parts", "report", "worlds.json"]
+    (cut / "worlds.csv").write_bytes((whole / "worlds.csv").read_bytes())
+    report_so_far(run, cut)  # in place of the earlier one
+    assert (cut / "report" / "report.md").read_bytes() == (whole / "report" / "report.md").read_bytes()
+    assert "was begun with another n" in refusal(
+        capsys, "worlds", small, "--n", 3, "--triples", 2, "--report", "--out", cut
+    )
 
 
 def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
     ranges = load_ranges(small)
-    backwards = [world.run().rows for world in reversed(worlds_of(ranges, 4, 1))]
+    backwards = [world.run().rows for world in reversed(worlds_of(ranges, 2, 1, 2))]
     assert (whole / "worlds.csv").read_bytes().split(b"\n", 1)[1] == b"".join(reversed(backwards))
-    run_worlds(ranges, tmp_path / "other", 2, seed=2)
-    assert [line["seed"] for line in lines(tmp_path / "other")] != [line["seed"] for line in lines(whole)][:2]
+    run_worlds(Run(ranges, 2, seed=2), tmp_path / "other")
+    assert [line["seed"] for line in lines(tmp_path / "other")] != [line["seed"] for line in lines(whole)][::2]
 
 
 WRONG = {
@@ -264,29 +298,48 @@ def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(sm
     assert sum(one["rules"] == "literal" for one in drawn) == 100
 
 
-def made_worlds(n: int = 1000) -> tuple[dict[str, Range], np.ndarray, np.ndarray]:
-    """Statement 1 is decided by the second assumption, 2 by the first and third together, the others always hold."""
+def made_worlds(n: int = 1000, triples: int = 1) -> tuple[dict[str, Range], np.ndarray, np.ndarray]:
+    """Statement 1 is decided by the second assumption, 2 by the first and third together, 3 by the people, 4 by both of
+    the first two (which alone say nothing), the others always hold.
+    """
     ranges = {name: Range(source="made", low=0.0, high=1.0) for name in "abcd"}
-    shares = np.random.default_rng(1).random((n, 4))
-    holds = np.ones((n, len(STATEMENTS)), dtype=bool)
-    holds[:, 0] = shares[:, 1] > 0.7
-    holds[:, 1] = (shares[:, 0] > 0.5) & (shares[:, 2] > 0.5)
+    generator = np.random.default_rng(1)
+    shares = generator.random((n, 4))
+    holds = np.ones((n, triples, len(STATEMENTS)), dtype=bool)
+    holds[..., 0] = shares[:, 1:2] > 0.7
+    holds[..., 1] = ((shares[:, 0] > 0.5) & (shares[:, 2] > 0.5))[:, np.newaxis]
+    holds[..., 2] = generator.random((n, triples)) > 0.4
+    holds[..., 3] = ((shares[:, 0] > 0.5) ^ (shares[:, 1] > 0.5))[:, np.newaxis]
     return ranges, shares, holds
 
 
 def test_indices_find_what_decides_and_what_would_settle_most():
     ranges, shares, holds = made_worlds()
     found = indices(ranges, shares, holds)
-    assert found.first[0, 1] == pytest.approx(1.0, abs=0.1) and found.first[0, [0, 2, 3]].max() < 0.05
+    first, half = found.of.first, found.half_width.first
+    within = 1.0 - 0.125 * 0.6 * 0.4 / 0.21  # 0.7 lies inside a part, whose variance the means do not see
+    assert abs(first[0, 1] - within) < 1.5 * half[0, 1] < 0.1 and np.abs(first[0, [0, 2, 3]]).max() < 0.03
     for j in (0, 2):  # Var(E[y | a]) / Var(y) = (1/4)^2 / (1/4 * 3/4)
-        assert abs(found.first[1, j] - 1.0 / 3.0) < 1.5 * found.half_width[1, j] < 0.2
-    assert np.isnan(found.first[2:]).all()  # all worlds agree
-    doubt = settled(found, holds)
-    assert np.argmax(doubt) == 1 and doubt.sum() <= 1.1 and doubt[3] < 0.05
-    rare = np.arange(1000) < 29
-    assert np.isnan(indices(ranges, shares, np.column_stack([rare, ~rare])).first).all()
-    assert found.clear[0].tolist() == [False, True, False, False] and found.clear[1, [0, 2]].all()
-    assert not settled(Indices(found.first * np.nan, found.half_width), np.ones_like(holds)).any()
+        assert abs(first[1, j] - 1.0 / 3.0) < 1.5 * half[1, j] < 0.15
+    assert np.isnan(first[4:]).all()  # all worlds agree
+    assert found.clear[0].tolist() == [False, True, False, False]
+    assert found.clear[1].tolist() == [True, False, True, False] and not found.clear[2:].any()
+    settled = found.settled(holds)
+    assert np.argmax(settled) == 1 and settled.sum() <= 1.0 and settled[3] == 0.0
+    rare = np.arange(1000) < 9
+    verdicts = np.column_stack([rare, ~rare])[:, np.newaxis]
+    assert not indices(ranges, shares, verdicts).any and not indices(ranges, shares, verdicts).settled(verdicts).any()
+    assert not indices({}, np.empty((1000, 0)), holds).any
+
+
+def test_several_triples_a_world_split_interplay_from_people():
+    ranges, shares, holds = made_worlds(400, 5)
+    of = indices(ranges, shares, holds).of
+    assert of.people[[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0]) and of.people[2] == pytest.approx(1.0, abs=0.03)
+    assert of.interplay[1] == pytest.approx(1.0 / 3.0, abs=0.08) and of.interplay[3] == pytest.approx(1.0, abs=0.05)
+    assert np.nan_to_num(of.alone + of.interplay + of.people - 1.0) == pytest.approx(0.0)
+    one = indices(ranges, shares, holds[:, :1]).of
+    assert np.isnan(one.people).all() and np.isnan(one.interplay).all() and one.rest[1] == pytest.approx(0.33, abs=0.08)
 
 
 def test_the_report_says_with_which_choice_and_in_which_half_of_a_range_a_statement_holds():
@@ -297,38 +350,98 @@ def test_the_report_says_with_which_choice_and_in_which_half_of_a_range_a_statem
     assert where_it_holds(rules, shares, shares < 1.1 / 3.0) == "settled 100 %, literal 10 %, both 0.0 %"
 
 
-def test_the_nearest_world_holds_most_statements_and_misses_the_others_by_least():
-    margins = np.full((4, len(STATEMENTS)), 0.1)
-    margins[0, :2] = -0.1
-    margins[1, 0] = -0.5
-    margins[2, 5] = -0.2
-    margins[3, 3] = math.nan  # one cannot tell
-    worlds = Worlds(np.arange(4), np.ones(4), margins, [], np.empty((4, 0, 3)))
-    assert nearest_world(worlds) == 2
-    assert worlds.holds.sum(axis=1).tolist() == [9, 10, 10, 10]
+def test_a_study_lacks_the_sum_of_its_negative_margins_and_one_for_what_cannot_be_told():
+    margins = np.array([[0.5, -0.25, -0.5], [math.nan, 2.0, 0.0]])
+    assert Verdicts(np.empty((2, 3)), margins).short.tolist() == [0.75, 1.0]
 
 
-def test_the_table_is_enough_to_judge_again_and_to_write_the_report(small, whole):
-    ranges, worlds = load_ranges(small), read_worlds(whole / "worlds.csv")
-    assert np.array_equal(judged_again(worlds, ranges, 1.0), worlds.holds)
-    verdicts = [[line[f"statement_{k}"] == HOLDS for k in range(1, 12)] for line in lines(whole)]
-    assert np.array_equal(worlds.holds, verdicts)
-    files, summary = report_files(whole / "worlds.csv", ranges, 1)
+def made_table(people: int, n: int = 400) -> Worlds:
+    """Studies whose five controllers do nothing: people and trials differ, by a fifth and a quarter."""
+    cells = [(m.name, d, k) for m in JUDGED for d in ("three-brake", "four-brake") for k in range(1, 6)]
+    generator = np.random.default_rng(1)
+    of_people = generator.normal(0.0, 0.2, (n, 1, people, 1, 1))
+    values = np.exp(of_people + generator.normal(0.0, 0.25, (n, len(cells), people, 2, 3)))
+    return Worlds(1, np.arange(n), cells, values.reshape(n, len(cells), -1))
+
+
+def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_do_nothing():
+    worlds, devices = made_table(3), ("three-brake", "four-brake")
+    made, drawn = judged(worlds, devices), judged(worlds.without_controllers(3 * 2, 1), devices)
+    assert 0.05 < made.holds[:, 9].mean() < 0.5 < made.holds[:, 5].mean() < 0.98  # worth comparing
+    for statement in range(11):
+        p, q = made.holds[:, statement].mean(), drawn.holds[:, statement].mean()
+        assert abs(p - q) < 3.0 * math.sqrt((p * (1.0 - p) + q * (1.0 - q)) / 400.0) + 0.02
+
+
+def test_a_worlds_triples_in_the_same_boxes_are_a_study_of_all_their_people(small, whole):
+    worlds = read_worlds(table(whole))
+    assert worlds.triples == 2 and worlds.values.shape == (4, 40, 1)
+    pooled = worlds.pooled()
+    assert np.array_equal(pooled.values[1], np.hstack([worlds.values[2], worlds.values[3]]))
+    assert np.array_equal(worlds.pooled(slice(1, None)).values, worlds.values[1::2])
+    assert pooled.seeds.tolist() == worlds.seeds[::2].tolist()
+
+
+def test_boxes_are_those_of_the_study_and_there_is_none_where_too_few_reached_the_end(whole, tmp_path):
+    worlds = read_worlds(table(whole))
+    assert set(worlds.boxes()[0]) == set(worlds.cells)
+    values = np.arange(40.0).reshape(1, 2, 20)
+    values[0, 0, :2] = values[0, 1, :3] = math.nan
+    assert LEAST_FINISHED == 0.9
+    (boxes,) = worlds._replace(cells=worlds.cells[:2], values=values).boxes()
+    assert list(boxes) == worlds.cells[:1] and boxes[worlds.cells[0]].median == np.median(values[0, 0, 2:])
+    nothing = read_worlds(
+        [*table(whole)[:3], ",".join(["9", "1", "7"] + [""] * 45), ",".join(["9", "2", "7"] + [""] * 45)]
+    )
+    assert np.isnan(nothing.values[2:]).all() and not nothing.boxes()[2]
+    assert (judged(nothing, ("three-brake", "four-brake")).words[2:] == CANNOT_TELL).all()
+
+
+def test_the_table_is_enough_to_judge_and_to_write_the_report(small, whole):
+    ranges = load_ranges(small)
+    shares = ranges.drawn(2, 1)
+    files, summary = report_files(table(whole), ranges, shares, 1)
     assert {path.name: path.read_bytes() for path in (whole / "report").iterdir()} == files
     page = files["report.md"].decode()
-    assert page.startswith("# Worlds: small\n\n4 worlds of the ranges 'small', seed 1")
-    often = [str(k) for k in range(1, 12) if worlds.holds[:, k - 1].mean() > 0.5]
-    assert f"**In short.** Statements that hold in more than half of the worlds: {', '.join(often) or 'none'};" in page
-    assert f"at most {worlds.holds.sum(axis=1).max()} do, in world {nearest_world(worlds) + 1}." in page
-    assert "No assumption alone stands out from chance" in page and "| SDOF with gap |" in page
-    nearest = nearest_world(worlds)
-    assert f"World {nearest + 1}, seed {lines(whole)[nearest]['seed']}:" in page
-    assert f"low gain (N s/m) | {float(lines(whole)[nearest]['assumptions.low_gain'])}" in page
+    assert page.startswith("# Worlds: small\n\n2 worlds of the ranges 'small', seed 1") and "$" not in page
+    words = judged(read_worlds(table(whole)), ("three-brake", "four-brake")).words
     for statement in STATEMENTS:
-        share = np.mean([of_world[statement.number - 1] for of_world in verdicts])
-        assert f"| {statement.number} | {statement.text} | **{share:.1%}** (" in page
+        share = np.mean(words[:, statement.number - 1] == HOLDS)
+        assert f"| {statement.number} | {statement.text} | **{100.0 * share:.1f} %** (" in page
+    assert "all people of a world, all worlds" in page and "## What decides each" not in page
+    nearest = Judgement(table(whole), ranges, shares).nearest
+    assert f"World {nearest + 1}, seed {lines(whole)[2 * nearest]['seed']}." in page
+    assert f"low gain (N s/m) | {float(lines(whole)[2 * nearest]['assumptions.low_gain'])}" in page
     assert tuple(lines(whole)[0]) == columns(ranges)
     assert files["overview.png"].startswith(b"\x89PNG") and "all_hold" in summary
+
+
+def test_a_report_with_enough_worlds_says_what_decides_and_what_to_measure_first(small):
+    ranges, made = load_ranges(small), made_table(1, 300)
+    shares = ranges.drawn(300, 1)
+    error = [place for place, cell in enumerate(made.cells) if cell[0] == "path_error_m" and cell[2] == 3]
+    made.values[:, error] *= np.where(shares[:, 0] < 0.5, 0.5, 2.0)[:, np.newaxis, np.newaxis]  # by the rules
+    body = [
+        ",".join(["1", "1", "7", *["x"] * 5, *(" ".join(f"{x:.6g}" for x in cell) for cell in row)])
+        for row in made.values
+    ]
+    files, summary = report_files([",".join(columns(ranges)), *body], ranges, shares, 1)
+    page = files["report.md"].decode()
+    assert (
+        "| **rules " in page
+        and not [line for line in page.splitlines() if "$" in line]
+        and summary["measure_first"] == "rules"
+    )
+    assert "settled" in page.split("## What decides each")[1] and {"decided-by.png", "indices.csv"} <= files.keys()
+    assert "| interplay and people |" in page and "whoever takes part" not in page
+
+
+def test_studies_of_one_world_that_agree_count_once_and_those_that_do_not_one_by_one():
+    generator = np.random.default_rng(1)
+    agree = np.repeat(generator.random((500, 1, 1)) < 0.3, 10, axis=1)
+    assert counted(agree)[1] == pytest.approx(500, rel=0.01)
+    assert counted(generator.random((500, 10, 1)) < 0.3)[1] == pytest.approx(5000, rel=0.15)
+    assert counted(np.zeros((50, 10, 1)))[1] == 50
 
 
 def test_the_interval_of_a_share_is_wilsons():
