@@ -198,6 +198,8 @@ def noted_end(session: Path) -> NotedEnd | None:
     if not path.exists():
         return None
     about = read_sealed(path)
+    if CHECKSUM not in about:  # it never was without
+        raise InputError(f"{path}: is damaged (its checksum is missing)")
     with reading_stored(path):
         return NotedEnd(int(about["lines"]), str(about["last"]))
 

@@ -11,7 +11,7 @@ from sessions import closed_session, crash_in_trial, new_session, of, run_trials
 
 from app.cli import main
 from core.files import InputError
-from experiments.session.checksums import END, next_line, read_sealed
+from experiments.session.checksums import END, next_line, noted_end, read_sealed
 from experiments.session.files import STORED, STUDY, StudyPlan, read_study, write_pooled_table, write_study
 from experiments.session.journal import ANSWERS, NAME, NOTE, exclude_run, journal_summary, read_journal, write_event
 from experiments.session.session import Session
@@ -89,6 +89,21 @@ def test_a_flipped_bit_in_a_record_is_noticed_or_means_the_same(data, name):
     assert noticed > 0.95 * len(places)
     flip_a_bit(path, content.index(b"paper"))
     assert "was changed" in found(data)[name][0]
+
+
+def test_any_flipped_bit_in_the_note_of_where_the_journal_ends_is_noticed_or_means_the_same(data):
+    path = of(data) / END
+    content, meant = path.read_bytes(), noted_end(of(data))
+    for place in range(len(content)):
+        for bit in range(8):
+            flip_a_bit(path, place, bit)
+            try:
+                assert noted_end(of(data)) == meant, (place, bit)
+            except InputError:
+                pass
+            path.write_bytes(content)
+    flip_a_bit(path, content.index(b"crc32"))
+    assert "journal.end: is damaged (its checksum is missing)" in found(data)[NAME][0]
 
 
 def test_a_flipped_bit_in_the_table_is_noticed(data):
