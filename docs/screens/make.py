@@ -1,5 +1,5 @@
-"""Makes the pictures of this folder again, by hand: python docs/screens/make.py (four minutes; without a screen:
-QT_QPA_PLATFORM=offscreen).
+"""Makes the pictures of this folder again, and the moving one of Try, by hand: python docs/screens/make.py (four
+minutes; without a screen: QT_QPA_PLATFORM=offscreen).
 
 The real app on a live bench: two sessions of the paper's protocol, whose pointer is led by a made-up hand, the results
 of a study by simulated operators, an emulated board on the bench. Nothing on the pictures is painted for them.
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication, QWidget
 
@@ -45,6 +45,7 @@ SWAY_M, SWAY_HZ = 0.006, 0.45  # it is never quite on the line
 LONGEST_S = 120.0
 SETTLED_S = 0.12  # after which a window has laid itself out at another size
 COLOURS, AS_THEY_ARE = 256, 64
+FILM, FILM_S = (960, 540), 0.1  # pixels; from frame to frame
 FRAME_S = 0.016
 HOLD_S = 3.0
 OPERATORS = 6
@@ -218,7 +219,10 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
         preset = main.opened.protocol.controllers[controller]
         now = main.snapshot.sandbox.settings
         windows.client.send(m.Sandbox(now._replace(controller=controller).with_parameters(**preset.named)))
-        if controller != 2:  # a line of the table
+        if controller == 4:
+            until(lambda: hand.is_in(tick_log.HOLD))
+            film(main, "try", lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
+        elif controller != 2:  # a line of the table
             until(lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
     until(lambda: hand.progress > 0.6)
     shoot(main, "try")
@@ -300,15 +304,32 @@ def shoot(window: QWidget, name: str, sizes: tuple[tuple[int, int], ...] = (SMAL
     window.resize(*SMALL)
 
 
+def film(window: QWidget, name: str, ended: Callable[[], bool]) -> None:
+    """Take a moving picture until then; it is written as NAME.gif, in few colours."""
+    frames = []
+    while not ended():
+        frames.append(rgb(window.grab().toImage().scaled(*FILM, mode=Qt.TransformationMode.SmoothTransformation)))
+        until(lambda: after(FILM_S) or ended())
+    first = Image.fromarray(frames[len(frames) // 2]).quantize(COLOURS)
+    pictures = [Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in frames]
+    file = HERE / f"{name}.gif"
+    pictures[0].save(file, save_all=True, append_images=pictures[1:], duration=round(1e3 * FILM_S), loop=0)
+    print(f"{file.name} {len(frames)} frames, {file.stat().st_size} bytes")
+
+
+def rgb(image: QImage) -> np.ndarray:
+    """The pixels (height, width, 3) of a picture."""
+    picture = image.convertToFormat(QImage.Format.Format_RGB888)
+    lines = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
+    return lines[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3).copy()
+
+
 def write_pictures() -> None:
     """All that were taken."""
     for name, image in taken:
-        picture = image.convertToFormat(QImage.Format.Format_RGB888)
-        lines = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
-        pixels = lines[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3)
         file = HERE / name
-        in_few_colours(pixels).save(file, optimize=True)
-        print(f"{file.name} {picture.width()} x {picture.height()} px, {file.stat().st_size} bytes")
+        in_few_colours(rgb(image)).save(file, optimize=True)
+        print(f"{file.name} {image.width()} x {image.height()} px, {file.stat().st_size} bytes")
     taken.clear()
 
 
