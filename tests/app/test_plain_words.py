@@ -113,7 +113,7 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
         for measure, order in (("x", "2 < 1"), ("y", "1 < 2"))
     ]
     [said] = sentences(orders, {1: "free", 2: "my wall"})
-    assert "least first: my wall < free; y swaps free and my wall" in said
+    assert "least first: my wall < free. Free and my wall change places by y" in said
 
 
 @pytest.mark.parametrize(
