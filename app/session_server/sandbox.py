@@ -97,7 +97,7 @@ class Sandbox:
                 self.simulation = self._ready_simulation()
                 self.prepared = True
             self.loop_ready.wait()
-            tip_acceleration(np.zeros((20, 2)))  # else the first trial's measures wait for the kernel
+            tip_acceleration(np.zeros((20, 2)))  # else the first trial's measures wait for SciPy
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server
 
