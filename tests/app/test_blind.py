@@ -171,7 +171,7 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, con
     assert {path.name for path in (tmp_path / "out" / "report").iterdir()} == {"participant_means.csv", "report.md"}
     svg = (tmp_path / "out" / "figures" / "fig16_path_error.svg").read_text()
     assert svg and not any(f"<!-- {name}" in svg for name in names)
-    assert "<!-- K2 -->" in svg
+    assert ">K2<" in svg
 
 
 def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded(data, tmp_path):

@@ -187,7 +187,7 @@ def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_ove
     assert write_results(job) == 10
     there = {path.name for path in job.folder.iterdir()}
     assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="is not empty"):
         write_results(job)
     assert first_free(tmp_path, "results").name == "results-2" and {path.name for path in job.folder.iterdir()} == there
 
