@@ -60,9 +60,9 @@ def main() -> int:
         install_qt_libraries()
     if Path(sys.prefix).resolve() != VENV.resolve():  # .venv may be a link to another disk
         set_up(kind)
-        return DONE if WINDOWS else become(PYTHON, __file__, *arguments)
+        return DONE if WINDOWS else exec_python(PYTHON, __file__, *arguments)
     if not is_ready(kind):
-        return NOT_READY if WINDOWS else become(sys._base_executable, __file__, *arguments)  # type: ignore[attr-defined]
+        return NOT_READY if WINDOWS else exec_python(sys._base_executable, __file__, *arguments)  # type: ignore[attr-defined]
     keep_bytecode()
     if tests:
         if sys.platform == "linux":
@@ -70,7 +70,7 @@ def main() -> int:
         os.chdir(ROOT)
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
         os.environ["PYTHONUTF8"] = "1"
-        return become(PYTHON, *(["-m", "pytest", *arguments[1:]] if arguments[1:] else ["tests/suite.py"]))
+        return exec_python(PYTHON, *(["-m", "pytest", *arguments[1:]] if arguments[1:] else ["tests/suite.py"]))
     sys.path[0] = str(ROOT)
     from app.cli import main as command
 
@@ -87,7 +87,7 @@ def keep_bytecode() -> None:
         sys.dont_write_bytecode = False
 
 
-def become(python: str | Path, *arguments: str) -> int:
+def exec_python(python: str | Path, *arguments: str) -> int:
     """Go on as another Python; on Windows it runs below this one. The exit code."""
     command = [str(python), *arguments]
     if WINDOWS:

@@ -5,5 +5,5 @@ from collections.abc import Callable
 Progress = Callable[[float], None]
 
 
-def unseen(share: float) -> None:
+def no_progress(share: float) -> None:
     """Progress at which nobody looks."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from app.ipc import messages as m
 from app.session_server.device_setup import RealSetup, person_at
-from app.session_server.preflight import done_without
+from app.session_server.preflight import ignored_features
 from app.session_server.session_progress import SessionProgress
 from app.session_server.state import State
 from app.session_server.steps import STEPS, due_step, ended_by
@@ -29,7 +29,7 @@ def do(state: State, command: object) -> None:
             raise InputError(why)
         state.settle()
         if declared.waits:
-            state.say_waiting(declared.waits)
+            state.announce_wait(declared.waits)
         declared.action(state, command)
     except InputError as error:
         state.notify(str(error), bad=True)
@@ -76,7 +76,7 @@ def _open(state: State, command: m.Open) -> None:
         notice = [f"Participant {name}: {counted(whole, 'trial')} to run."]
     else:
         notice = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
-    notice.append(done_without(setup, session.protocol))
+    notice.append(ignored_features(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
         notice.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
     notice.append(wrong := _wrong_hand(state, session))

@@ -230,7 +230,7 @@ def with_advice(name: str, reason: str) -> str:
     return f"{what}. {advice(reason)}".strip()
 
 
-def done_without(setup: Setup, protocol: "Protocol") -> str:
+def ignored_features(setup: Setup, protocol: "Protocol") -> str:
     """What the protocol asks for and a simulated operator's sessions have not, as a sentence; "": nothing is amiss."""
     asked = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,

@@ -143,7 +143,7 @@ class State:
         """Tell the experimenter."""
         self._notice, self._notice_bad = sentence, bad
 
-    def say_waiting(self, what: str) -> None:
+    def announce_wait(self, what: str) -> None:
         """Before the disk is given something: where it is slow the window hears so, since nothing is answered until it
         has taken it. what: "the trial is opened".
         """
@@ -198,7 +198,7 @@ class State:
             self.sandbox.returned(run, self.ring.grasp)
         elif run is not None:
             self._slow_s = run.recorder.longest_sync_s
-            self.say_waiting(f"{run.name.lower()} is brought to it")
+            self.announce_wait(f"{run.name.lower()} is brought to it")
             self.storage.keep(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)

@@ -256,7 +256,7 @@ class Storage:
             self._write_late()
             if self._held is not None:
                 self._store_held()
-            left = session.put_in_order()
+            left = session.recover_interrupted()
             if self.undone or self.streams != streams:
                 new = [row for row in session.rows if row.run not in there]
                 runs = ", ".join(f"run {row.run} is {row.status}" for row in new)

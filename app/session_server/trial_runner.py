@@ -109,7 +109,7 @@ class TrialRun:
         if (writer := self.recorder.writer) is not None:
             if not writer.is_stored():
                 writer.save()
-            session.put_in_order()
+            session.recover_interrupted()
 
     @property
     def unsaved(self) -> RecordingWriter | None:

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from app.verbs.common import add_verb, answer, whole_number_of, with_progress
+from app.verbs.common import add_verb, print_result, whole_number_of, with_progress
 from core.files import InputError
 
 
@@ -45,7 +45,7 @@ def bench(args: argparse.Namespace) -> None:
     from experiments.benchmark.bench import run_bench, table, work_precision
 
     result = with_progress("measuring", run_bench, args.quick, compiles=True)
-    answer(args, result, table(result))
+    print_result(args, result, table(result))
     if out is not None:
         pictures = work_precision(result)
         out.mkdir()
@@ -61,7 +61,7 @@ def bench_growth(args: argparse.Namespace) -> None:
     from app.verbs.growth import measure_all, table
 
     found = with_progress("measuring", measure_all)
-    answer(args, found, table(found))
+    print_result(args, found, table(found))
 
 
 def bench_loop(args: argparse.Namespace) -> None:
@@ -71,4 +71,4 @@ def bench_loop(args: argparse.Namespace) -> None:
     from app.verbs.loop_lateness import measure_all, table
 
     found = with_progress("measuring", measure_all, args.loop, compiles=True)
-    answer(args, found, table(found))
+    print_result(args, found, table(found))

@@ -113,7 +113,7 @@ def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compile
         return call(*arguments, progress=progress)
 
 
-def answer(args: argparse.Namespace, found: Any, text: str, warnings: Iterable[str] = ()) -> None:
+def print_result(args: argparse.Namespace, found: Any, text: str, warnings: Iterable[str] = ()) -> None:
     """Print what was found, as JSON or as text, on stdout; each warning is a line on stderr."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)

@@ -5,7 +5,7 @@ import getpass
 from pathlib import Path
 
 from app.progress import Display, import_screen
-from app.verbs.common import FIGURES, FOLDER, add_verb, answer, as_text, whole_number_of, with_progress
+from app.verbs.common import FIGURES, FOLDER, add_verb, print_result, as_text, whole_number_of, with_progress
 from core.files import InputError
 from experiments.numbers import percent
 
@@ -99,7 +99,7 @@ def analyze_verb(args: argparse.Namespace) -> None:
     summary = with_progress("analyzing", analyze, *asked)
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
-    answer(args, summary, as_text(summary))
+    print_result(args, summary, as_text(summary))
 
 
 def export_verb(args: argparse.Namespace) -> None:
@@ -113,7 +113,7 @@ def export_verb(args: argparse.Namespace) -> None:
     from experiments.export.export import export
 
     summary = with_progress("exporting", export, args.dir, outs, args.compress, args.shift_dates)
-    answer(args, summary, as_text(summary))
+    print_result(args, summary, as_text(summary))
 
 
 def verify_verb(args: argparse.Namespace) -> int:
@@ -122,7 +122,7 @@ def verify_verb(args: argparse.Namespace) -> int:
     found = with_progress("verifying", verify, args.dir)
     doubts = found["warnings"]
     text = as_text(found | {"in_doubt": len(doubts), "warnings": []})
-    answer(args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)])
+    print_result(args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)])
     return 1 if found["faults"] else 0
 
 
@@ -130,7 +130,7 @@ def recover_verb(args: argparse.Namespace) -> int:
     from experiments.session.recover import recover
 
     done = with_progress("recovering", recover, args.dir)
-    answer(args, done, as_text(done), _warn_if_empty(done))
+    print_result(args, done, as_text(done), _warn_if_empty(done))
     return 1 if done["faults"] or done["not_rescued"] else 0
 
 
@@ -141,7 +141,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
 
     asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
     summary = with_progress("replaying", replay, *asked, compiles=True)
-    answer(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
+    print_result(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
     return None
 
 

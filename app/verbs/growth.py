@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.files import InputError
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 
 #: Simulated people of the studies, 60 trials each.
 PEOPLE = (1, 2, 4, 8)
@@ -41,7 +41,7 @@ class Cost(NamedTuple):
     written_MB: float
 
 
-def measure_all(progress: Progress = unseen) -> list[dict]:
+def measure_all(progress: Progress = no_progress) -> list[dict]:
     """Make a study of each size and run every command on it; a row each. InputError if one fails."""
     found: list[Cost] = []
     with tempfile.TemporaryDirectory(prefix="phd-growth-") as folder:

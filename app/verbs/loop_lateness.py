@@ -19,7 +19,7 @@ from app.session_server.lost_time import lost_time
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from experiments.plan import make_plan
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import load_protocol
 from experiments.study.helpers import end_with
 from experiments.study.unrecorded import person_of, switched_on, trial_of
@@ -30,7 +30,7 @@ LOOK_S = 0.02
 WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a trial to end
 
 
-def measure_all(seconds: float, progress: Progress = unseen) -> list[dict]:
+def measure_all(seconds: float, progress: Progress = no_progress) -> list[dict]:
     """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
     cores = len(program_cores()) or os.cpu_count() or 1
     found: list[dict] = []
@@ -42,7 +42,7 @@ def measure_all(seconds: float, progress: Progress = unseen) -> list[dict]:
     return found
 
 
-def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = unseen) -> dict:
+def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = no_progress) -> dict:
     """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
 
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
@@ -56,7 +56,7 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
         trials = endless_trials()
         loop = int(ring.control.pid), int(ring.control.core)
         before = lost_time(*loop)
-        with hogs(busy):
+        with cpu_load(busy):
             while ticks < most:
                 trial = next(trials)
                 run = runner.start(trial.planned, trial, None)
@@ -122,7 +122,7 @@ def table(found: list[dict]) -> str:
 
 
 @contextlib.contextmanager
-def hogs(n: int) -> Iterator[None]:
+def cpu_load(n: int) -> Iterator[None]:
     """Processes that only compute; they end with us."""
     processes = [start_python("app.verbs.loop_lateness", str(os.getpid())) for _ in range(n)]
     try:
@@ -134,7 +134,7 @@ def hogs(n: int) -> Iterator[None]:
 
 
 def main() -> None:
-    """The process of `hogs`: compute as long as its parent lives, on any core as a foreign program would."""
+    """The process of `cpu_load`: compute as long as its parent lives, on any core as a foreign program would."""
     leave_core(-1)
     end_with(int(sys.argv[1]))
     number = 1

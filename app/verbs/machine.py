@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.progress import watch_compiling
-from app.verbs.common import DATA_DIR, DEFAULT_DEVICES, PORTS, add_verb, answer, whole_number_of
+from app.verbs.common import DATA_DIR, DEFAULT_DEVICES, PORTS, add_verb, print_result, whole_number_of
 from core.files import InputError
 
 #: state -> mark, colour on a terminal
@@ -84,7 +84,7 @@ def devices_verb(args: argparse.Namespace) -> int:
     lines += [f"board           {board.port}  {board.problem or about(board)}" for board in boards]
     lines += [f"six-axis device {hand.path}  {hand.ids} {hand.product}{refused(hand.allowed)}" for hand in hands]
     listed = {name: [one._asdict() for one in many] for name, many in found.items()}
-    answer(args, listed, "\n".join(lines) or "nothing attached")
+    print_result(args, listed, "\n".join(lines) or "nothing attached")
     return 1 if any(board.problem for board in boards) else 0
 
 
@@ -108,7 +108,7 @@ def doctor_verb(args: argparse.Namespace) -> int:
         if check.advice:
             lines.append(f"{'':{width + 6}}{check.advice}")
     found = [dict(zip(("name", "state", "found", "advice"), check, strict=True)) for check in checks]
-    answer(args, found, "\n".join(lines))
+    print_result(args, found, "\n".join(lines))
     return 1 if any(check.state == BAD for check in checks) else 0
 
 
@@ -136,7 +136,7 @@ def emulate(args: argparse.Namespace) -> None:
     emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others, args.socket)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        scheduling = prompt()
+        scheduling = low_latency()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
         names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
@@ -150,7 +150,7 @@ def emulate(args: argparse.Namespace) -> None:
             signal.signal(number, handler)
 
 
-def prompt() -> str:
+def low_latency() -> str:
     """Ask the system not to let other programs hold this one up, as none holds up a board, on cores that a control
     loop here leaves free; the scheduling that it got. Called last: garbage collection never looks at what was made
     before, and is off after it.

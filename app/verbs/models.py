@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.progress import watch_compiling
-from app.verbs.common import DEVICES, FOLDER, add_verb, answer, devices_of, number_between, with_progress
+from app.verbs.common import DEVICES, FOLDER, add_verb, print_result, devices_of, number_between, with_progress
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 
@@ -81,7 +81,7 @@ def simulate_verb(args: argparse.Namespace) -> None:
     about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
     about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
     compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""
-    answer(
+    print_result(
         args,
         about,
         f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
@@ -109,7 +109,7 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
     done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
     wall = done["least_distance_from_wall_m"]
-    answer(
+    print_result(
         args,
         done,
         f"{args.out}: {done['rows']} rows, cobot {done['cobot']}{' (assumed)' if done['assumed'] else ''}; a servo at "
@@ -143,7 +143,7 @@ def identify_verb(args: argparse.Namespace) -> None:
         lines.append(f"without a clear transient, not used for Eq. (4): {', '.join(fit['set_aside'])}")
     files = [str(path) for path in figures]
     result = {"brake": brake.name, "out": str(args.out), "figures": files} | fit
-    answer(args, result, "\n".join([*lines, *files]), fit["warnings"])
+    print_result(args, result, "\n".join([*lines, *files]), fit["warnings"])
 
 
 def figures_verb(args: argparse.Namespace) -> None:
@@ -152,7 +152,7 @@ def figures_verb(args: argparse.Namespace) -> None:
 
     drawn = with_progress("drawing", draw_all, devices, args.out, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
-    answer(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
+    print_result(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
 
 
 def fit_operator_verb(args: argparse.Namespace) -> None:
@@ -175,4 +175,4 @@ def fit_operator_verb(args: argparse.Namespace) -> None:
         for one in found
     ]
     lines += [str(args.out)] if args.out else []
-    answer(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))
+    print_result(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))

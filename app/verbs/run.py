@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int | None:
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
-        from app.session_server.preflight import done_without
+        from app.session_server.preflight import ignored_features
 
-        if without := done_without(setup, protocol_of(args)):
+        if without := ignored_features(setup, protocol_of(args)):
             print(f"phd: {without}", file=sys.stderr)
     client = Client(setup)
     try:  # all this takes its time, and so does the session server

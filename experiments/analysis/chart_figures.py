@@ -49,7 +49,7 @@ from experiments.analysis.sheet import (
     small_print,
 )
 from experiments.analysis.trials_table import Controller, TrialRow
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
@@ -81,7 +81,7 @@ SIZES = {SCREEN: Sizes(6.4, 20.0, ("png",), grows=True), JOURNAL: Sizes(COLUMN_I
 
 
 def draw_charts(
-    shown: Sequence[Chart], rows: Sequence[TrialRow], folder: Path, note: str, view: View, progress: Progress = unseen
+    shown: Sequence[Chart], rows: Sequence[TrialRow], folder: Path, note: str, view: View, progress: Progress = no_progress
 ) -> list[Path]:
     """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
 

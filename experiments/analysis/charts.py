@@ -147,7 +147,7 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]
     return {controller: shown[controller] for controller in sorted(shown, key=by_controller)}
 
 
-def told_apart(found: Sequence[Coded]) -> list[Coded]:
+def disambiguate_codes(found: Sequence[Coded]) -> list[Coded]:
     """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
     if len({one.participant for one in found if isinstance(one.controller, str)}) < 2:
         return list(found)
@@ -199,8 +199,8 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
 def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answers] = ()) -> list[Chart]:
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
-        return [_questionnaire(told_apart(answers), view)] if answers else []
-    rows = rows if page == PERSON else told_apart(rows)
+        return [_questionnaire(disambiguate_codes(answers), view)] if answers else []
+    rows = rows if page == PERSON else disambiguate_codes(rows)
     make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
     return [make(rows, metric, view) for metric in DRAWN]
 

@@ -31,7 +31,7 @@ from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes
 from experiments.plan import make_plan
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
@@ -82,7 +82,7 @@ class Row:
     order: float | None = None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Progress = unseen) -> dict:
+def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
     """All of it, as `--json` prints it. quick: fewer repeats, steps and devices."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S

@@ -30,14 +30,14 @@ from experiments.export.files import (
     write_columns,
     write_json,
 )
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import new_folders, reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
 from experiments.session.checksums import read_sealed
-from experiments.session.files import STORED, TABLE, recordings_in, rows_of, seen_from
+from experiments.session.files import STORED, TABLE, recordings_in, rows_of, relative_to
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.
@@ -50,7 +50,7 @@ _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
 def export(
-    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False, progress: Progress = unseen
+    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False, progress: Progress = no_progress
 ) -> dict:
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
@@ -68,7 +68,7 @@ def export(
         try:
             sessions[home] = _session_of(home)
         except InputError as error:  # without its table a session cannot say what its trials are
-            left_out.append(seen_from(folder, str(error)))
+            left_out.append(relative_to(folder, str(error)))
     homes, there = list(sessions), set(paths)
     left_out += [
         f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
@@ -139,7 +139,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
         check_named(recording)
         row = session.recorded[path.stem] if session.has_table else row_of(recording, home)
     except InputError as error:
-        return seen_from(home, str(error))
+        return relative_to(home, str(error))
     about = {**recording.metadata, "controller": row.controller}
     outcome = {**recording.outcome, "status": row.status}  # a trial that was done may have been redone since
     blind = session.blind or isinstance(row.controller, str)  # a code

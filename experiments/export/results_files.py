@@ -22,7 +22,7 @@ from experiments.analysis.sheet import QUIET, STYLE, new_figure
 from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, write_table
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Job, Results, read_results
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import new_folders, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session import journal
@@ -42,7 +42,7 @@ LISTED = {
     journal.BRAKES_OFF.name: "brakes off: {cause}",
     journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
     journal.WINDOW_LOST.name: "the window ended while the session was open",
-    journal.PUT_IN_ORDER.name: "the files were put in order after a crash",
+    journal.SESSION_RECOVERED.name: "the files were put in order after a crash",
     journal.SKIPPED.name: "run {run} skipped: {reason}",
     journal.REDONE.name: "run {run} repeated: {reason}",
     journal.EXCLUDED.name: "run {run} excluded: {reason}",
@@ -51,7 +51,7 @@ LISTED = {
 }
 
 
-def write_results(job: Job, progress: Progress = unseen) -> int:
+def write_results(job: Job, progress: Progress = no_progress) -> int:
     """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.
@@ -66,7 +66,7 @@ def write_results(job: Job, progress: Progress = unseen) -> int:
             else:
                 shown = charts(job.page, job.rows, job.view, job.answers)
                 draw_charts(shown, job.rows, folder, job.note, job.view, progress)
-                write_table(folder / TABLE, [row.seen_from(here) for row in job.rows])
+                write_table(folder / TABLE, [row.relative_to(here) for row in job.rows])
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
     except OSError as error:

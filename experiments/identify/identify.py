@@ -19,7 +19,7 @@ from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
 from experiments.identify.step_response import read_steps
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 #: Our choice: Eq. (4) is extrapolated below the lowest measured speed by this factor, then held.
@@ -35,7 +35,7 @@ def identify(
     figures: Path | None = None,
     omega_0_rpm: float | None = None,
     backlash_deg: float | None = None,
-    progress: Progress = unseen,
+    progress: Progress = no_progress,
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
 

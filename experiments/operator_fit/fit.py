@@ -16,7 +16,7 @@ from core.files import InputError
 from experiments.numbers import significant
 from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, fit_unrest, half_width
 from experiments.operator_fit.motions import LEAST_TRIALS, Motion, read_motions
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.trial.operator import Person
 from experiments.trial.population import ASSUMED, LIMITS, Population, Spread, load_population
@@ -76,7 +76,7 @@ class Fitted(NamedTuple):
 
 
 def fit_operator(
-    folder: Path, participant: str | None, out: Path | None, like: Population, progress: Progress = unseen
+    folder: Path, participant: str | None, out: Path | None, like: Population, progress: Progress = no_progress
 ) -> list[Fitted]:  # fmt: skip
     """Every person of a session or study folder, or one; written to `out` where it is given. InputError: as of
     `read_motions`, or the trials do not determine an arm."""

@@ -1,7 +1,7 @@
 """Files and folders that appear whole or not at all: written beside their place, then named in one step.
 
 On Windows a file that another program (a virus scanner, OneDrive) has open for a moment can be neither renamed nor
-removed: `patiently` tries again.
+removed: `retry_while_locked` tries again.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ def reason_of(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def patiently(do: Callable[..., Any], *arguments: Any) -> Any:
+def retry_while_locked(do: Callable[..., Any], *arguments: Any) -> Any:
     """Rename, link or remove files; again while another program has one open, `TRIES` times at most.
 
     PermissionError, with that reason, if it is still open then.
@@ -55,13 +55,13 @@ def rename(path: Path, target: Path) -> None:
     """Give a file or folder another name in one step. A file of that name is replaced on POSIX systems, an OSError on
     Windows.
     """
-    patiently(os.rename, path, target)
+    retry_while_locked(os.rename, path, target)
 
 
 def remove(path: Path) -> None:
     """Remove a file, if there is one."""
     with contextlib.suppress(FileNotFoundError):
-        patiently(os.unlink, path)
+        retry_while_locked(os.unlink, path)
 
 
 @contextlib.contextmanager
@@ -149,7 +149,7 @@ def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
 def replace_file(file: Path, content: bytes, sync: bool = True) -> None:
     """Write a file, whole or not at all, in place of the one of that name. InputError if it cannot be there."""
     with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
-        patiently(os.replace, partial, file)
+        retry_while_locked(os.replace, partial, file)
 
 
 def write_new_files(contents: Mapping[Path, bytes]) -> None:
@@ -210,7 +210,7 @@ def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None
 def give_new_name(partial: Path, target: Path) -> None:
     """Name the file `target` in one step; FileExistsError if there is one of that name."""
     try:
-        patiently(os.link, partial, target)
+        retry_while_locked(os.link, partial, target)
     except FileExistsError:
         raise
     except OSError:  # a file system without links: the session's lock keeps others away in between

@@ -124,7 +124,7 @@ def sessions_in(folder: Path) -> list[Path]:
     return sessions
 
 
-def seen_from(folder: Path, sentence: str) -> str:
+def relative_to(folder: Path, sentence: str) -> str:
     """The sentence with its paths relative to the folder."""
     return sentence.replace(f"{folder}{os.sep}", "")
 
@@ -286,7 +286,7 @@ def pooled_rows(data_dir: Path) -> list[TrialRow]:
     rows = []
     for table in sorted(data_dir.glob(f"sub-*/ses-*/{TABLE}")):
         place = table.parent.relative_to(data_dir).as_posix()
-        rows += [row.seen_from(place) for row in sorted(rows_of(table.parent), key=lambda row: row.run)]
+        rows += [row.relative_to(place) for row in sorted(rows_of(table.parent), key=lambda row: row.run)]
     return rows
 
 

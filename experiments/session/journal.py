@@ -81,7 +81,7 @@ BRAKES_ALLOWED = Event("brakes allowed", {})
 MOVED = Event("moved", {"from": str})  # the session goes on in this folder
 LOOP_LOST = Event("control loop lost", {"run": _Run, "reason": str})
 WINDOW_LOST = Event("window lost", {})
-PUT_IN_ORDER = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list[str]))
+SESSION_RECOVERED = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list[str]))
 
 EVENTS = {event.name: event for event in tuple(globals().values()) if isinstance(event, Event)}
 

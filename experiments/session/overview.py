@@ -49,7 +49,7 @@ class DataOverview(NamedTuple):
         return sum(plans) + max(self.operators - len(plans), 0) * max(plans, default=0)
 
 
-def look_into(folder: Path) -> DataOverview:
+def scan_folder(folder: Path) -> DataOverview:
     """The overview of a folder; one that is not there yet is empty."""
     if not folder.exists():
         return DataOverview(folder)

@@ -46,7 +46,7 @@ class Rescue:
         try:
             yield
         except InputError as error:
-            self.not_rescued.append(files.seen_from(session, str(error)))
+            self.not_rescued.append(files.relative_to(session, str(error)))
 
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
@@ -107,7 +107,7 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
     with done.rescuing(session):
         _settle_table(session, done)
     if any(entries for name, entries in vars(done).items() if name != "not_rescued"):
-        journal.write_event(session, journal.PUT_IN_ORDER, sync, **vars(done))
+        journal.write_event(session, journal.SESSION_RECOVERED, sync, **vars(done))
         journal.close_journal(session, sync)
     return done
 

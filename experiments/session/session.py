@@ -77,7 +77,7 @@ class Session:
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)
         files.refuse_existing(data_dir, participant)
-        self._take_up(data_dir, participant, protocol, person, sync, on_event)
+        self._init_common(data_dir, participant, protocol, person, sync, on_event)
         self.hand, self.operators, self.blind = OPERATOR if person else hand, operators, is_blind
         self.plan, self.plan_sha256 = plan, plan_hash(plan)
         with refusing(self.folder, "cannot be created"):
@@ -122,7 +122,7 @@ class Session:
         session = cls.__new__(cls)
         person = files.person_of(folder, stored)
         with reading_stored(folder / files.STORED):
-            session._take_up(data_dir, participant, stored.protocol, person, sync, on_event)
+            session._init_common(data_dir, participant, stored.protocol, person, sync, on_event)
             session.hand, session.operators = stored.about["hand"], operators_from_json(stored.about)
             was_blind, key_sha256 = stored.about["blind"], stored.about["key_sha256"]
         session._lock = files.hold_lock(folder)
@@ -143,7 +143,7 @@ class Session:
             raise
         return session
 
-    def _take_up(
+    def _init_common(
         self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool,
         on_event: OnEvent | None,
     ) -> None:  # fmt: skip
@@ -291,8 +291,8 @@ class Session:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
         cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
-        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `put_in_order`.
-        OSError if the disk does not take what is needed; `put_in_order` then makes up for it.
+        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `recover_interrupted`.
+        OSError if the disk does not take what is needed; `recover_interrupted` then makes up for it.
         """
         outcome = trial.outcome()
         if cut_short and outcome["status"] == "aborted":
@@ -315,7 +315,7 @@ class Session:
             self.journal(events.ENDED, **ended)
         return row
 
-    def put_in_order(self) -> list[str]:
+    def recover_interrupted(self) -> list[str]:
         """Do what a disk that was full has left undone, and take up what a crash of another process left.
 
         Nothing may be running. Returns what cannot be helped; OSError: the disk still takes no more.

@@ -59,7 +59,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         try:
             notes += [] if files.read_study(folder).guarded else [(files.STUDY, NOT_GUARDED)]
         except InputError as error:
-            faults.append((files.STUDY, files.seen_from(folder, str(error))))
+            faults.append((files.STUDY, files.relative_to(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
         checks.append(_SessionCheck(session))
         inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
@@ -130,7 +130,7 @@ class _SessionCheck:
 
     def _fault(self, file: str | Path, what: str | InputError) -> None:
         name = file.relative_to(self.session).as_posix() if isinstance(file, Path) else file
-        self.faults.append((name, files.seen_from(self.session, str(what))))
+        self.faults.append((name, files.relative_to(self.session, str(what))))
 
     def _check_journal(self) -> None:
         """Every line of the journal."""
@@ -280,7 +280,7 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
         there = read_table(folder / files.TABLE)
         pooled = {(row.participant, row.run): row for row in there}
     except InputError as error:
-        yield files.seen_from(folder, str(error))
+        yield files.relative_to(folder, str(error))
         return
     try:
         rows = {(row.participant, row.run): row for row in files.pooled_rows(folder)}

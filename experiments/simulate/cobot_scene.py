@@ -30,7 +30,7 @@ from core.path import Path as PathAhead
 from core.path import build_path, line, path_from
 from core.ranges import Angle, Coordinate, Force, Place, Push, Torque
 from core.simulator.state import new_record
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.simulate.scene import StepLength, hand_force, refuse_endless, whole_number
 from experiments.simulate.simulate import new_csv, run_beside
 
@@ -229,7 +229,7 @@ class CobotRun:
         return rows
 
 
-def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = unseen) -> dict[str, Any]:
+def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = no_progress) -> dict[str, Any]:
     """Run a scene into a new CSV file, as `simulate` does; the summary."""
     wheels = len(scene.cobot.hubs_m)
     limited_rows, nearest = 0, math.inf

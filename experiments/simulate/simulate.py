@@ -24,7 +24,7 @@ from core.simulator.hand import new_hand
 from core.simulator.simulation import ROW_WIDTH, Grid, Ledger, Schedule, Simulation
 from core.tick_log import STUCK_LETTERS
 from experiments.numbers import significant
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.scene import Scene
 
@@ -95,7 +95,7 @@ def new_simulation(scene: Scene) -> Simulation:
     return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
 
 
-def simulate(scene: Scene, out_path: str | Path, progress: Progress = unseen) -> dict[str, Any]:
+def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progress) -> dict[str, Any]:
     """Run a scene into a new CSV file; what the run did. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion

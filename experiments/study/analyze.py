@@ -12,19 +12,19 @@ from pathlib import Path
 from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
-from experiments.analysis.charts import boxes, told_apart
+from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import Moved, side_by_side, write_report
 from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
 from experiments.numbers import percent, significant
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import opened, read_key
-from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, seen_from
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, relative_to
 from experiments.session.journal import (
     KEY_OPENED,
     NAME,
@@ -72,7 +72,7 @@ def analyze(
     unblind: str = "",
     timeouts: bool = False,
     purpose: str = SCREEN,
-    progress: Progress = unseen,
+    progress: Progress = no_progress,
 ) -> dict:
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
@@ -104,7 +104,7 @@ def analyze(
                 try:
                     found.presets.update(read_stored(session).protocol.controllers)
                 except InputError as error:
-                    found.doubts.append(seen_from(folder, str(error)))
+                    found.doubts.append(relative_to(folder, str(error)))
             rows: list[TrialRow] = []
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
@@ -161,7 +161,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
             preset = preset_from_json(about["preset"]) if "preset" in about else None
             simulated = not is_person(about.get("hand", ""))
     except InputError as error:
-        found.left_out.append(seen_from(folder, str(error)))
+        found.left_out.append(relative_to(folder, str(error)))
         return []
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
     found.labels.add(f"{protocol}, {operators.label if operators else hand}")
@@ -178,7 +178,7 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str
     left_out = len(found.left_out)
     without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
     label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
-    protocol, rows = " and ".join(sorted(found.protocols)), told_apart(found.rows)
+    protocol, rows = " and ".join(sorted(found.protocols)), disambiguate_codes(found.rows)
     draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts=timeouts, purpose=purpose)
     if not any(row.status in COUNTED for row in found.rows):
         return []
@@ -211,7 +211,7 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     changes, names = [], found.controllers
     for metric in DRAWN:
         before, after = (
-            boxes(told_apart(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)
+            boxes(disambiguate_codes(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)
         )
         for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)

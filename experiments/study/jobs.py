@@ -26,7 +26,7 @@ import joblib
 from core.device import Device
 from core.files import InputError
 from experiments.analysis.trials_table import csv_bytes
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
@@ -62,7 +62,7 @@ class Finished(NamedTuple):
 
 
 def run_work(
-    work: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
+    work: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
 ) -> Finished:
     """Run every job that is not done yet, then write the table. InputError for wrong input.
 

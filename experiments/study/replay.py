@@ -26,7 +26,7 @@ from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.assumptions import DEFAULTS, Assumptions
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
@@ -68,7 +68,7 @@ def replay(
     protocol: str | None = None,
     hand: str | None = None,
     out: Path | None = None,
-    progress: Progress = unseen,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
 

@@ -38,7 +38,7 @@ from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
@@ -170,7 +170,7 @@ def run_replay(
     preset: Preset,
     rules: str,
     whole: bool,
-    progress: Progress = unseen,
+    progress: Progress = no_progress,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 

@@ -18,7 +18,7 @@ from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Fi
 from experiments.analysis.report import Moved, warnings, write_report
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, make_plan, participant_index
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, new_folders
 from experiments.recording.writer import RecordingWriter
@@ -57,7 +57,7 @@ def run_study(
     protocol: Protocol,
     population: Population,
     purpose: str = SCREEN,
-    progress: Progress = unseen,
+    progress: Progress = no_progress,
 ) -> dict:
     """Run every operator's session into `out`, a new or empty folder; the summary. InputError for wrong input.
 
@@ -73,7 +73,7 @@ def run_study(
         return carry_out(out, study, beside, purpose, progress)
 
 
-def resume_study(out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = unseen) -> dict:
+def resume_study(out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = no_progress) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is not settled is run. A study that is complete is left as it is. The summary.
 
@@ -117,7 +117,7 @@ class Run:
     out: Path
     study: StudyPlan
     shared: Shared
-    progress: Progress = unseen
+    progress: Progress = no_progress
     purpose: str = SCREEN  # of the figures
     done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))

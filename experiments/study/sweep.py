@@ -21,7 +21,7 @@ from experiments.analysis.metrics import BY_NAME
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
@@ -196,7 +196,7 @@ def load_sweep(path: Path) -> Work:
 
 
 def run_sweep(
-    sweep: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
+    sweep: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
     finished = run_work(sweep, Path(out), resume, cluster, progress)

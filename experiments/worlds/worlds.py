@@ -16,7 +16,7 @@ from core.files import InputError
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import JUDGED
 from experiments.plan import make_plan
-from experiments.progress import Progress, unseen
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import replace_file
 from experiments.study.jobs import Done, Work, device_texts, first_done, run_work, table_lines
 from experiments.study.unrecorded import settled, study_trials
@@ -90,7 +90,7 @@ class Run:
 
 
 def run_worlds(
-    run: Run, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = unseen
+    run: Run, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
 ) -> dict:
     """Run the studies that are not done yet, write the table and the report; the summary. As `run_work`."""
     work = run.work()

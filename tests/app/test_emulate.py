@@ -52,14 +52,14 @@ def emulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def link(emulated: Emulated) -> Iterator[SerialDevice]:
     emulated.order(clear=True)
     link = SerialDevice(DEVICE, emulated.port)
-    patiently(link.open)
+    retry_while_locked(link.open)
     forget(link)
     yield link
     link.close()
     nothing_looks_for_the_board()
 
 
-def patiently(ask: Callable[[], object]) -> None:
+def retry_while_locked(ask: Callable[[], object]) -> None:
     """Until the board's answer is there in time, which a machine with much else to do may keep from us."""
 
     def answered() -> bool:
@@ -74,7 +74,7 @@ def patiently(ask: Callable[[], object]) -> None:
 def forget(link: SerialDevice) -> None:
     """No fault is left on the board."""
     while run(link, 5)[-1].fault:
-        patiently(link.reset)
+        retry_while_locked(link.reset)
 
 
 def run(link: SerialDevice, n: int, currents=NO) -> list:
@@ -164,7 +164,7 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
     before = at_rest(emulated)
     for name in ("three-brake", "four-brake"):
         host = SerialDevice(load_device(name), emulated.port)
-        patiently(host.open)
+        retry_while_locked(host.open)
         sample, port = run(host, 3)[-1], emulated.port
         found = {one.port: one for one in look_at_ports()}
         assert found[port].words == found[port].problem == "another program is using it"

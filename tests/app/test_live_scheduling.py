@@ -12,7 +12,7 @@ from processes import children
 
 from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 from app.loop.clock import SPIN_NS, new_timer, now_ns, sleep_until
-from app.verbs.loop_lateness import hogs, measure
+from app.verbs.loop_lateness import cpu_load, measure
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """
@@ -97,7 +97,7 @@ def test_a_busy_process_beside_the_loop_may_run_on_every_core_as_a_foreign_one()
     leave_core(max(program_cores()))
     before = set(children(os.getpid()))
     try:
-        with hogs(1):
+        with cpu_load(1):
             (hog,) = set(children(os.getpid())) - before
             deadline = time.perf_counter() + 120.0
             while (cores := os.sched_getaffinity(hog)) != program_cores():

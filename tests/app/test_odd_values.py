@@ -20,7 +20,7 @@ from experiments.recording.writer import _parquet_bytes
 from experiments.session.checksums import next_line, sealed
 from experiments.session.files import STORED, write_pooled_table
 from experiments.session.journal import NAME
-from experiments.session.overview import look_into
+from experiments.session.overview import scan_folder
 from experiments.session.session import Session
 
 TIME = "2026-01-01T00:00:00.000+00:00"
@@ -114,7 +114,7 @@ def said(data, capsys) -> str:
 
 def opened(data) -> None:
     """What Home shows of the folder, what Analyse reads, and what the server does that goes on with the session."""
-    look_into(data)
+    scan_folder(data)
     read_results(data)
     try:
         session = Session.resume(data, "01", sync=False)

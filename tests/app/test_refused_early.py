@@ -16,7 +16,7 @@ from simulated_loop import local_window
 
 from app.cli import main
 from app.ipc.messages import Setup
-from app.session_server.preflight import done_without
+from app.session_server.preflight import ignored_features
 from app.session_server.server import in_words, read_protocol, take_folder
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
@@ -74,10 +74,10 @@ def test_a_plan_without_end_is_refused_in_one_sentence(tmp_path, capsys):
 def test_what_an_operators_sessions_go_without_is_said_in_one_sentence(tmp_path):
     full = protocol_of(changed(PAPER.text, blind="true", practice_trials="2", on="true"))
     setup = Setup(tmp_path, hand=OPERATOR)
-    said = done_without(setup, full)
+    said = ignored_features(setup, full)
     assert all(word in said for word in ("blinding", "practice", "questionnaire")) and said.count(". ") == 0
-    assert done_without(setup, protocol_of(changed(PAPER.text, practice_trials="0"))) == ""
-    assert done_without(setup._replace(hand="mouse"), full) == ""
+    assert ignored_features(setup, protocol_of(changed(PAPER.text, practice_trials="0"))) == ""
+    assert ignored_features(setup._replace(hand="mouse"), full) == ""
 
 
 def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):

@@ -21,7 +21,7 @@ from app.ipc.messages import Setup
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell
-from experiments.session.overview import look_into
+from experiments.session.overview import scan_folder
 from experiments.session.verify import verify
 
 LEAST_S = 1.0  # of a break
@@ -188,7 +188,7 @@ def test_what_somebody_did_to_another_session_stops_nobody(window: Window, setup
         folder.mkdir(parents=True)
         (folder / "session.json").write_bytes(text.encode("latin-1"))
     (setup.data_dir / "sub-x0" / "ses-01" / "trials.csv").write_text("nothing of ours\n")
-    damaged = {one.participant for one in look_into(setup.data_dir).sessions if one.problem}
+    damaged = {one.participant for one in scan_folder(setup.data_dir).sessions if one.problem}
     assert damaged == {"x0", "x1", "x2", "x3", "x4"}
     window.client.send(m.Redo(window.snapshot.rows[-1].run, "see what the others do"))
     snapshot = window.until(lambda s: s.stage != m.FINISHED)

@@ -12,7 +12,7 @@ from sessions import closed_session, new_session, run_trials
 from core.files import InputError
 from experiments.export.export import export
 from experiments.session.files import TABLE
-from experiments.session.overview import look_into
+from experiments.session.overview import scan_folder
 from experiments.session.session import Session
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'
@@ -26,7 +26,7 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
             trials -= 1
         run_trials(session, trials)
         session.close()
-    overview = look_into(tmp_path)
+    overview = scan_folder(tmp_path)
     newest, oldest = overview.sessions
     assert (newest.participant, newest.done, newest.planned, newest.complete) == ("02", 3, 20, False)
     assert (newest.lacking, oldest.lacking) == (1, 0), "a skipped trial is over without a result"
@@ -36,26 +36,26 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
     run_trials(session, 1)
     session.redo(2, "something disturbed the trial")
     session.close()
-    assert look_into(tmp_path).sessions[0].done == 3, "a trial that comes again is not done"
+    assert scan_folder(tmp_path).sessions[0].done == 3, "a trial that comes again is not done"
 
 
 def test_a_study_counts_the_operators_that_are_still_to_come(tmp_path: Path) -> None:
     closed_session(tmp_path, 2, participant="01", protocol=short(1))
     (tmp_path / "study.json").write_text(json.dumps({"operators": 3}))
-    overview = look_into(tmp_path)
+    overview = scan_folder(tmp_path)
     assert (overview.operators, overview.done, overview.planned) == (3, 2, 60)
 
 
 def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_path: Path) -> None:
-    assert look_into(tmp_path / "none").sessions == () and not look_into(tmp_path / "none").problem
+    assert scan_folder(tmp_path / "none").sessions == () and not scan_folder(tmp_path / "none").problem
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "a.txt").write_text("dear")
-    assert "holds no session" in look_into(tmp_path / "letters").problem
+    assert "holds no session" in scan_folder(tmp_path / "letters").problem
     session = new_session(tmp_path / "data", "01", short(1))
     session.close()
-    assert look_into(tmp_path / "data").sessions[0].done == 0
+    assert scan_folder(tmp_path / "data").sessions[0].done == 0
     (session.folder / TABLE).write_text("participant,run\n01,one\n")
-    (damaged,) = look_into(tmp_path / "data").sessions
+    (damaged,) = scan_folder(tmp_path / "data").sessions
     assert TABLE in damaged.problem and not damaged.complete
 
 

@@ -21,7 +21,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import write_table
 from experiments.recording import atomic_files
 from experiments.recording import writer as recording_writer
-from experiments.recording.atomic_files import TRIES, patiently, remove, replace_file, set_aside
+from experiments.recording.atomic_files import TRIES, retry_while_locked, remove, replace_file, set_aside
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
@@ -406,7 +406,7 @@ def test_it_is_tried_again_until_it_is_free(waits: list[float], winerror: int) -
             raise answer
         return f"{answer} {word}"
 
-    assert patiently(do, "well") == "done well" and len(waits) == 3
+    assert retry_while_locked(do, "well") == "done well" and len(waits) == 3
 
 
 def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_path: Path, monkeypatch) -> None:
@@ -428,7 +428,7 @@ def test_a_file_that_may_not_be_touched_at_all_is_refused_at_once(waits: list[fl
         raise refused(None)
 
     with pytest.raises(PermissionError, match="denied"):
-        patiently(do)
+        retry_while_locked(do)
     assert not waits
 
 

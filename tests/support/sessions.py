@@ -9,7 +9,7 @@ from protocols import PAPER
 
 from core import tick_log
 from experiments.protocol import Protocol
-from experiments.session.overview import look_into
+from experiments.session.overview import scan_folder
 from experiments.session.session import Session
 from experiments.trial.population import load_population
 
@@ -25,7 +25,7 @@ def of(data: Path) -> Path:
 
 def unfinished(data: Path) -> tuple[str, ...]:
     """Participants whose session can go on."""
-    return tuple(sorted(one.participant for one in look_into(data).sessions if not one.complete))
+    return tuple(sorted(one.participant for one in scan_folder(data).sessions if not one.complete))
 
 
 def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:

@@ -32,7 +32,7 @@ from core.files import InputError
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
 from experiments.session.files import STORED, recordings_in
-from experiments.session.overview import DataOverview, SessionOverview, look_into
+from experiments.session.overview import DataOverview, SessionOverview, scan_folder
 
 LOOK_MS = 2000  # between two looks at the folder
 RECENT_MOST = 6
@@ -134,7 +134,7 @@ class DataPanel(Panel):
     def look(self) -> None:
         """See what is in the folder now; a slow disk is not asked again before it has answered."""
         if self._folder is not None and not self._looking.busy:
-            self._looking.ask(look_into, self._folder)
+            self._looking.ask(scan_folder, self._folder)
 
     def _looked(self, overview: DataOverview) -> None:
         if overview != self.overview:

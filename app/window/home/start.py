@@ -10,7 +10,7 @@ from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary
 from experiments.protocol import Protocol, load_protocol
 from experiments.session.files import free_participant
-from experiments.session.overview import SessionOverview, look_into
+from experiments.session.overview import SessionOverview, scan_folder
 
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 
@@ -36,7 +36,7 @@ def load(setup: m.Setup) -> Loaded:
 
 def proposed(data_dir: Path, protocol: Protocol) -> str:
     """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
-    overview = look_into(data_dir)
+    overview = scan_folder(data_dir)
     for newest in overview.sessions[:1]:
         if not (newest.complete or newest.problem or overview.operators):
             return newest.participant
