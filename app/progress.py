@@ -31,7 +31,7 @@ print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelR
 """
 
 
-class Progress:
+class ProgressBar:
     """A progress bar for what takes over a second; called with the share done. Where stderr is no terminal: lines."""
 
     CELLS = 30
@@ -93,7 +93,7 @@ class Compiling:
     """Shows which of how many kernels is being compiled, and adds up how long that takes (s)."""
 
     def __init__(self) -> None:
-        self.seconds, self._bar = 0.0, Progress("compiling kernels")
+        self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:

@@ -32,7 +32,16 @@ from core.path import PathFile, build_path, outline, path_from, point_at
 from core.workspace import tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
 from experiments.language import Language, language_text, read_language, shipped_languages
-from experiments.protocol_file import NUMBER, Count, Overrides, Page, ProtocolFile, Release, Settings, TrialFile
+from experiments.protocol_file import (
+    NUMBER,
+    Count,
+    InstructionPage,
+    Overrides,
+    ProtocolFile,
+    Release,
+    Settings,
+    TrialFile,
+)
 from experiments.slave import Slave
 
 REFLECT = "reflect"
@@ -74,9 +83,9 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return read_language(self.language_text, f"language {self.language}")
 
     @property
-    def pages(self) -> tuple[Page, ...]:
+    def pages(self) -> tuple[InstructionPage, ...]:
         """The instructions."""
-        return tuple(Page(one.text, self.pictures.get(one.picture, b"")) for one in self.instruction)
+        return tuple(InstructionPage(one.text, self.pictures.get(one.picture, b"")) for one in self.instruction)
 
     @property
     def paths_assumed(self) -> bool:
@@ -100,13 +109,13 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return _low_gain_controller(self.controllers)
 
     @property
-    def unsettled(self) -> bool:
+    def low_gain_unknown(self) -> bool:
         """Whether its low gain is given by the rule "no vibration", and the number has not been found yet."""
         return self.assumptions.low_gain == NO_VIBRATION and "low_gain_found" not in self.overrides
 
-    def refuse_unsettled(self) -> None:
+    def refuse_unknown_low_gain(self) -> None:
         """InputError if the number of its low gain is not known."""
-        if self.unsettled:
+        if self.low_gain_unknown:
             raise InputError(
                 f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd worlds find the number on simulated "
                 "trials; here it must be given in N s/m"

@@ -113,7 +113,7 @@ class Instruction(Table, frozen=True):
     picture: str = ""  # PNG or JPEG, a path from the file's folder
 
 
-class Page(NamedTuple):
+class InstructionPage(NamedTuple):
     """An instruction as it is shown."""
 
     text: str

@@ -65,7 +65,7 @@ class Attached(NamedTuple):
         return self.ids, self.serial
 
 
-class Reading(NamedTuple):
+class HidReading(NamedTuple):
     """What the hand does now, and how the device is."""
 
     fx_N: float  # to the person's right
@@ -151,7 +151,7 @@ class HidHand:
         self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
         self._thread.start()
 
-    def read(self) -> Reading:
+    def read(self) -> HidReading:
         """The hand now, along x and y within `FORCE_FULL_N`: what a device reports beyond its full scale is garbage.
 
         No force while the device is away, or silent although it was deflected.
@@ -166,7 +166,7 @@ class HidHand:
             many = self._beyond
             beyond = f"; reports beyond full deflection: {many}, held at {FORCE_FULL_N:g} N" if many else ""
             text = f"{self._found.product} ({WORD}{zero}{beyond})" if connected else self._problem
-            return Reading(fx, fy, connected, text, self._reports)
+            return HidReading(fx, fy, connected, text, self._reports)
 
     def _deflection(self) -> list[int]:
         """What the cap reads along x and y now, counts from its zero."""

@@ -118,7 +118,7 @@ class Confirm(NamedTuple):
     """The step that the session waits for is done: the re-rig, the break."""
 
 
-class Rig(NamedTuple):
+class PrepareDevice(NamedTuple):
     """Make the device on the bench ready, or ready again, between two trials: one step of it."""
 
     step: str  # CONNECT, HOME, ZERO
@@ -163,7 +163,7 @@ class SandboxSettings(NamedTuple):
         return self._replace(controller=other.controller, values=other.values) == other
 
 
-class Sandbox(NamedTuple):
+class SetSandbox(NamedTuple):
     """Try: pass after pass with these settings, which act at once, in the middle of a pass, too."""
 
     settings: SandboxSettings | None = None  # None: as protocol and device have them
@@ -233,7 +233,7 @@ class Check(NamedTuple):
     advice: str = ""  # what to do about it, one sentence
 
 
-class Card(NamedTuple):
+class StepCard(NamedTuple):
     """A step of the session that comes before the next trial, as a card of the window shows it."""
 
     title: str
@@ -301,7 +301,7 @@ class Snapshot(NamedTuple):
     notes: tuple[str, ...] = ()  # "13:02 asked to move a little slower"
     notice: str = ""  # to the experimenter: what just happened or what was refused
     notice_bad: bool = False
-    card: Card | None = None  # what is to be done before the next trial
+    card: StepCard | None = None  # what is to be done before the next trial
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
@@ -391,7 +391,7 @@ class Pulse(NamedTuple):
 REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: scheduling that it may try
 
 
-class Try(NamedTuple):
+class CheckTiming(NamedTuple):
     """Keep the deadlines of so many ticks with nothing to do."""
 
     ticks: int
@@ -434,7 +434,7 @@ class Prepared(NamedTuple):
     scheduling: "Scheduling"  # that the loop got
 
 
-class Tried(NamedTuple):
+class TimingChecked(NamedTuple):
     """How late each tick was."""
 
     lateness_us: "np.ndarray"  # (n,)
@@ -468,7 +468,7 @@ class DeviceStatus(NamedTuple):
     reported_s: float = 0.0  # monotonic clock
 
 
-class Looked(NamedTuple):
+class ConnectEnded(NamedTuple):
     """The boards to be reached have been looked for; the `DeviceStatus` just before says what was found."""
 
 

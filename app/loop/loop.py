@@ -126,10 +126,10 @@ class Loop:
         """One job, and the answer to it."""
         try:
             match job:
-                case m.Try(ticks):
+                case m.CheckTiming(ticks):
                     lateness = np.empty(ticks)
                     run_idle(lateness, self._timer)
-                    self._answer(m.Tried(lateness))
+                    self._answer(m.TimingChecked(lateness))
                 case m.Run(trial):
                     self.run(trial)
                     self._answer(m.Done(trial.changed()))
@@ -206,7 +206,7 @@ class Loop:
         self._answer(self._status())
         if self._looking:
             self._looking = False
-            self._answer(m.Looked())
+            self._answer(m.ConnectEnded())
 
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Brakes-off here is brakes-off on the board, and the other way round."""

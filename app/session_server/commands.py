@@ -27,7 +27,7 @@ def do(state: State, command: object) -> None:
     try:
         if why := refused(state, declared):
             raise InputError(why)
-        state.settle()
+        state.clear_refusal()
         if declared.waits:
             state.announce_wait(declared.waits)
         declared.action(state, command)
@@ -40,7 +40,7 @@ def do(state: State, command: object) -> None:
             state.notify(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
-def refused(state: State, command: "Command") -> str:
+def refused(state: State, command: "CommandRule") -> str:
     """Why a command cannot be done now, in one sentence; "": the table allows it."""
     if command.session and state.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
@@ -69,7 +69,7 @@ def _open(state: State, command: m.Open) -> None:
     except BaseException:
         session.close()
         raise
-    left, whole = len(session.plan) - session.settled, len(session.plan)
+    left, whole = len(session.plan) - session.finished_count, len(session.plan)
     if not left:
         notice = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
     elif left == whole:
@@ -112,7 +112,7 @@ def _start(state: State, _: m.Start) -> None:
         _run(state, state.progress.session, coming)
 
 
-def _try(state: State, command: m.Sandbox) -> None:
+def _try(state: State, command: m.SetSandbox) -> None:
     if state.session is not None:
         raise InputError("A session is open: leave it before you try something out.")
     state.sandbox.want(command.settings)
@@ -183,7 +183,7 @@ def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
         progress.last_end_s = None
 
 
-def _rig(state: State, command: m.Rig) -> None:
+def _rig(state: State, command: m.PrepareDevice) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
     if state.open_progress.coming is None:
@@ -196,7 +196,7 @@ def _unblind(state: State, command: m.Unblind) -> None:
     state.storage.changed("The key is open: controllers are shown from now on.")
 
 
-class Command(NamedTuple):
+class CommandRule(NamedTuple):
     """A line of the table."""
 
     action: Callable[[State, Any], None]  # InputError: it turns out that it cannot be done
@@ -210,23 +210,23 @@ class Command(NamedTuple):
 IDLE = (m.PREPARING, m.READY, *(step.name for step in STEPS), m.FINISHED)
 
 COMMANDS = {
-    m.Open: Command(_open, (m.NO_SESSION,), session=False, waits="the session is opened"),
-    m.Leave: Command(_leave, IDLE, waits="the session is closed"),
-    m.Sandbox: Command(_try, session=False),
-    m.BringBack: Command(lambda state, _: state.sandbox.bring_back(), session=False),
-    m.EndSandbox: Command(lambda state, _: state.sandbox.leave(), session=False),
-    m.SaveAsProtocol: Command(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
-    m.Start: Command(_start, (m.READY, m.NO_SESSION), session=False, stored=True, waits="the trial is opened"),
-    m.Abort: Command(_abort, session=False),
-    m.Redo: Command(_redo, IDLE, stored=True, waits="it is written"),
-    m.Exclude: Command(_exclude, IDLE, stored=True, waits="it is written"),
-    m.Skip: Command(_skip, IDLE, stored=True, waits="it is written"),
-    m.MoveTo: Command(_move, IDLE, waits="the session is brought to the other folder"),
-    m.Pause: Command(_pause, waits="it is written"),
-    m.Note: Command(_note, waits="it is written"),
-    m.AllowBrakes: Command(_allow, session=False),
-    m.Confirm: Command(_end_step, ended_by(m.Confirm), waits="it is written"),
-    m.Answers: Command(_end_step, ended_by(m.Answers), waits="the answers are written"),
-    m.Rig: Command(_rig, IDLE),
-    m.Unblind: Command(_unblind, IDLE, stored=True, waits="it is written"),
+    m.Open: CommandRule(_open, (m.NO_SESSION,), session=False, waits="the session is opened"),
+    m.Leave: CommandRule(_leave, IDLE, waits="the session is closed"),
+    m.SetSandbox: CommandRule(_try, session=False),
+    m.BringBack: CommandRule(lambda state, _: state.sandbox.bring_back(), session=False),
+    m.EndSandbox: CommandRule(lambda state, _: state.sandbox.leave(), session=False),
+    m.SaveAsProtocol: CommandRule(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
+    m.Start: CommandRule(_start, (m.READY, m.NO_SESSION), session=False, stored=True, waits="the trial is opened"),
+    m.Abort: CommandRule(_abort, session=False),
+    m.Redo: CommandRule(_redo, IDLE, stored=True, waits="it is written"),
+    m.Exclude: CommandRule(_exclude, IDLE, stored=True, waits="it is written"),
+    m.Skip: CommandRule(_skip, IDLE, stored=True, waits="it is written"),
+    m.MoveTo: CommandRule(_move, IDLE, waits="the session is brought to the other folder"),
+    m.Pause: CommandRule(_pause, waits="it is written"),
+    m.Note: CommandRule(_note, waits="it is written"),
+    m.AllowBrakes: CommandRule(_allow, session=False),
+    m.Confirm: CommandRule(_end_step, ended_by(m.Confirm), waits="it is written"),
+    m.Answers: CommandRule(_end_step, ended_by(m.Answers), waits="the answers are written"),
+    m.PrepareDevice: CommandRule(_rig, IDLE),
+    m.Unblind: CommandRule(_unblind, IDLE, stored=True, waits="it is written"),
 }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Card, Check, DeviceStatus, Setup
+from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Check, DeviceStatus, Setup, StepCard
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from core.device import Device
@@ -48,7 +48,7 @@ class SimulatedSetup:
         self.hand, self._ring = hand, ring
         self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
 
-    def card(self, progress: "SessionProgress") -> Card | None:
+    def card(self, progress: "SessionProgress") -> StepCard | None:
         """What is to be done before the coming trial; None: nothing."""
         coming = progress.coming
         if coming is None or coming.configuration == progress.rigged:
@@ -56,7 +56,7 @@ class SimulatedSetup:
         device = progress.session.protocol.device(coming.configuration)
         what = f"Next: {device.name} (brakes at {' '.join(device.labels.values())}). "
         text = f"{what}The device is simulated: there is nothing to change by hand."
-        return Card(f"Change to {device.name}", text, "It is done")
+        return StepCard(f"Change to {device.name}", text, "It is done")
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:
         """The experimenter has done it."""
@@ -135,13 +135,13 @@ class RealSetup:
             return HOME
         return DONE if status.zeroed else ZERO
 
-    def card(self, progress: "SessionProgress") -> Card | None:
+    def card(self, progress: "SessionProgress") -> StepCard | None:
         """What is to be done before the coming trial; again after the board has lost its power. None: nothing."""
         if progress.coming is None or not (step := self.step(device := self._device(progress))):
             return None
         title = f"Make {device.name} ready"
         if self._busy:
-            return Card(title, "A moment ...", "")
+            return StepCard(title, "A moment ...", "")
         x, y = home_of(device, progress.session.protocol.paths)
         text = {
             CONNECT: f"Put {device.name} on the bench (brakes at {' '.join(device.labels.values())}), connect its "
@@ -149,7 +149,7 @@ class RealSetup:
             HOME: f"Hold the handle in its jig at x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm, then go on.",
             ZERO: "Let go of the handle, go on, and do not touch it for a second.",
         }
-        return Card(title, text[step], device_page=True)
+        return StepCard(title, text[step], device_page=True)
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:
         """The experimenter has done it: now the loop does its part."""

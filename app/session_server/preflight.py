@@ -17,7 +17,7 @@ from experiments.plan import counted
 
 if TYPE_CHECKING:
     from experiments.protocol import Protocol
-    from hardware.hid import Reading
+    from hardware.hid import HidReading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
@@ -67,7 +67,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
     return Check("Hand", GOOD, "force sensor")
 
 
-def check_hand(hand: str, reading: "Reading | None") -> Check:
+def check_hand(hand: str, reading: "HidReading | None") -> Check:
     """hand: of `INPUTS`. reading: of a six-axis device; None: the hand is another one."""
     if reading is None:
         return Check("Hand", GOOD, INPUTS[hand].title.lower())

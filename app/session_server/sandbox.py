@@ -51,7 +51,7 @@ SPACING_M = 0.005  # between places of the path where the drag is looked at
 ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sensing")
 
 
-def keep(pieces: list[np.ndarray], rows: np.ndarray) -> None:
+def append_ticks(pieces: list[np.ndarray], rows: np.ndarray) -> None:
     """Put the next ticks (n, width) of a pass, n > 0, to those before."""
     pieces.append(rows)
     if rows[-1, PHASE] == APPROACH:
@@ -290,7 +290,7 @@ class Sandbox:
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
         self._pieces, self._changed, self._asked = [], False, False
-        self._run = self._runner.start(planned, trial, None, partial(keep, self._pieces), self._grasp)
+        self._run = self._runner.start(planned, trial, None, partial(append_ticks, self._pieces), self._grasp)
 
     def _ready_simulation(self) -> SimulatedDevice:
         """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""

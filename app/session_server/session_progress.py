@@ -5,7 +5,7 @@ import time
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow
+from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
 from experiments.inputs import is_person
 from experiments.plan import PlannedTrial, break_after
 from experiments.session.files import cell, open_trials
@@ -51,7 +51,7 @@ class SessionProgress:
             self.take_in(event, at, about)
         self.paused_s: float | None = None  # since when
         if self.break_left_s() <= 0.0:  # it has passed while the session was closed, or there is none
-            self.newest_line[BREAK_ENDED.name] = {"settled": session.settled}
+            self.newest_line[BREAK_ENDED.name] = {"settled": session.finished_count}
         self.look_ahead()
         self.rigged = self.coming.configuration if self.coming else ""  # the configuration of a simulated device
 
@@ -77,14 +77,14 @@ class SessionProgress:
     def look_ahead(self) -> None:
         """A trial has been added, skipped or marked: what comes now."""
         session = self.session
-        self.coming, self._settled, self._break_due = session.next_planned(), session.settled, session.break_due
+        self.coming, self._finished, self._break_due = session.next_planned(), session.finished_count, session.break_due
         self.asked = self._to_ask()
 
     @property
     def break_due(self) -> bool:
         """Whether a break comes before the next trial, and has not been ended."""
         rested_at = self.newest_line.get(BREAK_ENDED.name, {}).get("settled")  # trials that were settled when it ended
-        return self._break_due and self._settled != rested_at
+        return self._break_due and self._finished != rested_at
 
     def break_left_s(self) -> float:
         """How long the break lasts at least, from now."""
@@ -96,7 +96,7 @@ class SessionProgress:
         session = self.session
         if self.coming is not None:
             return ""
-        newest = {cell(row): row.status for row in session.rows if row.status in SETTLED}
+        newest = {cell(row): row.status for row in session.rows if row.status in FINISHED}
         valid = {cell(row) for row in session.rows if row.status in COUNTED}
         without = [
             f"{number} ({newest[cell(trial)]})"

@@ -152,7 +152,7 @@ class State:
             self.show()
             self._waits_for = ""
 
-    def settle(self) -> None:
+    def clear_refusal(self) -> None:
         """A new command is done: what was refused before it is past."""
         if self._notice_bad:
             self.notify("")
@@ -199,7 +199,7 @@ class State:
         elif run is not None:
             self._slow_s = run.recorder.longest_sync_s
             self.announce_wait(f"{run.name.lower()} is brought to it")
-            self.storage.keep(run)
+            self.storage.store_trial(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)
         self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.ipc import messages as m
-from app.ipc.messages import Card
+from app.ipc.messages import StepCard
 from core.files import InputError
 from experiments.session.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 Write = Callable[..., None]  # an event and its fields, into the journal
 
 
-class Step(NamedTuple):
+class SessionStep(NamedTuple):
     """One kind of step."""
 
     name: str  # the stage of the session while it is due
-    due: "Callable[[SessionProgress, DeviceSetup], Card | None]"  # what is to be done; None: it is not due
+    due: "Callable[[SessionProgress, DeviceSetup], StepCard | None]"  # what is to be done; None: it is not due
     ended_by: type  # the command that ends it
     #: what that command does; InputError: it is not over yet
     end: "Callable[[SessionProgress, DeviceSetup, Write, Any], None]"
 
 
-def _questions(progress: "SessionProgress", _: "DeviceSetup") -> Card | None:
+def _questions(progress: "SessionProgress", _: "DeviceSetup") -> StepCard | None:
     if progress.asked is None:
         return None
-    return Card("Questions", "The participant answers them on the other screen.", "")
+    return StepCard("Questions", "The participant answers them on the other screen.", "")
 
 
 def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command: m.Answers) -> None:
@@ -48,32 +48,34 @@ def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command
         write(ANSWERS, configuration=configuration, block=block, values=values)
 
 
-def _break(progress: "SessionProgress", _: "DeviceSetup") -> Card | None:
+def _break(progress: "SessionProgress", _: "DeviceSetup") -> StepCard | None:
     if not progress.break_due:
         return None
-    return Card("Break", "A break: let go of the handle and rest.", wait_s=float(math.ceil(progress.break_left_s())))
+    return StepCard(
+        "Break", "A break: let go of the handle and rest.", wait_s=float(math.ceil(progress.break_left_s()))
+    )
 
 
 def _end_break(progress: "SessionProgress", _: "DeviceSetup", write: Write, _command: m.Confirm) -> None:
     if (left := progress.break_left_s()) > 0.0:
         raise InputError(f"The break lasts {left:.0f} s more.")
-    write(BREAK_ENDED, settled=progress.session.settled)
+    write(BREAK_ENDED, settled=progress.session.finished_count)
 
 
 #: in the order in which they come
 STEPS = (
-    Step(m.QUESTIONS, due=_questions, ended_by=m.Answers, end=_answer),
-    Step(
+    SessionStep(m.QUESTIONS, due=_questions, ended_by=m.Answers, end=_answer),
+    SessionStep(
         m.RERIG,
         due=lambda progress, device: device.card(progress),
         ended_by=m.Confirm,
         end=lambda progress, device, write, _: device.confirm(progress, write),
     ),
-    Step(m.BREAK, due=_break, ended_by=m.Confirm, end=_end_break),
+    SessionStep(m.BREAK, due=_break, ended_by=m.Confirm, end=_end_break),
 )
 
 
-def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[Step, Card] | None:
+def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[SessionStep, StepCard] | None:
     """The first step that is due, and what is to be done then; None: the next trial may start, or none is left."""
     return next(((step, card) for step in STEPS if (card := step.due(progress, device)) is not None), None)
 

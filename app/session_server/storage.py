@@ -17,7 +17,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from core.faults import FAULTS, cause_of
 from core.files import InputError
-from experiments.analysis.trials_table import SETTLED, TrialRow
+from experiments.analysis.trials_table import FINISHED, TrialRow
 from experiments.plan import counted, grouped
 from experiments.recording import STREAM_SUFFIX
 from experiments.recording.atomic_files import refusing
@@ -178,7 +178,7 @@ class Storage:
             self._told = run
             self.fail(f"The disk has failed under {run.name.lower()}", trouble)
 
-    def keep(self, run: TrialRun) -> None:
+    def store_trial(self, run: TrialRun) -> None:
         """A trial has come to its end."""
         try:
             self._take_in(run)
@@ -201,7 +201,7 @@ class Storage:
         reason = run.trial.outcome()["reason"]
         notice = with_advice(run.name, reason)
         assert self.progress is not None
-        row = run.keep(self.progress.session)
+        row = run.finish(self.progress.session)
         self.verified = run.name.lower() if row.recording else self.verified
         if row.status == "aborted":  # the experimenter decided so: their reason alone does not show that
             notice = with_advice(f"{run.name} was aborted", reason)
@@ -261,7 +261,7 @@ class Storage:
                 new = [row for row in session.rows if row.run not in there]
                 runs = ", ".join(f"run {row.run} is {row.status}" for row in new)
                 notice = f"The disk has taken everything now{': ' if runs else ''}{runs}."
-                if any(row.status not in SETTLED for row in new):
+                if any(row.status not in FINISHED for row in new):
                     notice += " What was cut off is repeated."
                 self.changed(" ".join([notice, *(f"It cannot be rescued: {one}." for one in left)]), bad=bool(left))
         except (InputError, OSError) as error:

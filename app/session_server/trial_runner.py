@@ -2,7 +2,7 @@
 
 import contextlib
 
-from app.ipc.messages import Check, Done, Prepared, Run, Timing, Tried, Try
+from app.ipc.messages import Check, CheckTiming, Done, Prepared, Run, Timing, TimingChecked
 from app.ipc.ring import (
     BRAKES_OFF,
     END_TRIAL,
@@ -88,7 +88,7 @@ class TrialRun:
             lost = int(self._ring.control.dropped)
             self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
 
-    def keep(self, session: Session) -> TrialRow:
+    def finish(self, session: Session) -> TrialRow:
         """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
         if self.recorder.error:
             raise OSError(self.recorder.error)
@@ -193,8 +193,8 @@ class TrialRunner:
                 case Prepared(scheduling):
                     self.scheduling, self._starts = scheduling, 0
                     leave_core(scheduling.core)
-                    self._loop.send(Try(TRY_TICKS))
-                case Tried(lateness_us):
+                    self._loop.send(CheckTiming(TRY_TICKS))
+                case TimingChecked(lateness_us):
                     self._tried = timing_of(lateness_us, self._words)
                 case Done():
                     assert self.run is not None

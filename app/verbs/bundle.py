@@ -16,7 +16,7 @@ import sysconfig
 from collections.abc import Callable
 from pathlib import Path
 
-from app.progress import Progress
+from app.progress import ProgressBar
 from app.verbs.common import add_verb
 from core.files import InputError
 from experiments.recording.atomic_files import new_folders
@@ -59,7 +59,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
     if inside:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
-    with contextlib.closing(Progress("copying")) as bar, new_folders([args.folder], "a bundle") as (folder,):
+    with contextlib.closing(ProgressBar("copying")) as bar, new_folders([args.folder], "a bundle") as (folder,):
         bundle(folder, bar)
     size = sum(file.stat().st_size for file in args.folder.rglob("*") if file.is_file())
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from app.progress import Progress, watch_compiling
+from app.progress import ProgressBar, watch_compiling
 from core.files import InputError
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
@@ -109,7 +109,7 @@ def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compile
     """Make the verb's one call, with a bar; compiles: another bar shows first which kernels are compiled."""
     if compiles:
         watch_compiling()
-    with contextlib.closing(Progress(doing)) as progress:
+    with contextlib.closing(ProgressBar(doing)) as progress:
         return call(*arguments, progress=progress)
 
 

@@ -5,7 +5,7 @@ import getpass
 from pathlib import Path
 
 from app.progress import Display, import_screen
-from app.verbs.common import FIGURES, FOLDER, add_verb, print_result, as_text, whole_number_of, with_progress
+from app.verbs.common import FIGURES, FOLDER, add_verb, as_text, print_result, whole_number_of, with_progress
 from core.files import InputError
 from experiments.numbers import percent
 
@@ -122,7 +122,9 @@ def verify_verb(args: argparse.Namespace) -> int:
     found = with_progress("verifying", verify, args.dir)
     doubts = found["warnings"]
     text = as_text(found | {"in_doubt": len(doubts), "warnings": []})
-    print_result(args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)])
+    print_result(
+        args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)]
+    )
     return 1 if found["faults"] else 0
 
 

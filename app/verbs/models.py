@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.progress import watch_compiling
-from app.verbs.common import DEVICES, FOLDER, add_verb, print_result, devices_of, number_between, with_progress
+from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 

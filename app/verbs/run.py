@@ -141,7 +141,7 @@ def protocol_of(args: argparse.Namespace) -> "Protocol":
 
     asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
     protocol = load_protocol(args.protocol, devices=args.device, **asked)
-    protocol.refuse_unsettled()
+    protocol.refuse_unknown_low_gain()
     return protocol
 
 

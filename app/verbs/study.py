@@ -8,9 +8,9 @@ from app.verbs.common import (
     FIGURES,
     RULES,
     add_verb,
-    print_result,
     as_text,
     low_gain,
+    print_result,
     whole_number_of,
     with_progress,
 )

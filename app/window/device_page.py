@@ -273,7 +273,7 @@ class DevicePage(QWidget):
 
         def do() -> None:
             self.cards.leave()
-            self.send(m.Rig(step))
+            self.send(m.PrepareDevice(step))
 
         answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
         self.cards.put(OverlayCard(text.removesuffix(" …"), needs, answers, self))

@@ -218,7 +218,7 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
         passes = len(main.snapshot.sandbox.passes)
         preset = main.opened.protocol.controllers[controller]
         now = main.snapshot.sandbox.settings
-        windows.client.send(m.Sandbox(now._replace(controller=controller).with_parameters(**preset.named)))
+        windows.client.send(m.SetSandbox(now._replace(controller=controller).with_parameters(**preset.named)))
         if controller == 4:
             until(lambda: hand.is_in(tick_log.HOLD))
             film(main, "try", lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023

@@ -81,7 +81,12 @@ SIZES = {SCREEN: Sizes(6.4, 20.0, ("png",), grows=True), JOURNAL: Sizes(COLUMN_I
 
 
 def draw_charts(
-    shown: Sequence[Chart], rows: Sequence[TrialRow], folder: Path, note: str, view: View, progress: Progress = no_progress
+    shown: Sequence[Chart],
+    rows: Sequence[TrialRow],
+    folder: Path,
+    note: str,
+    view: View,
+    progress: Progress = no_progress,
 ) -> list[Path]:
     """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
 

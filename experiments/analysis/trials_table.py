@@ -42,8 +42,8 @@ COUNTED = ("done", "timeout")
 #: Trials that could have reached the end. An aborted one counts as one that failed: who aborts it for a reason that is
 #: not the participant's or the device's repeats or excludes it (our choice).
 TRIED = (*COUNTED, "aborted")
-#: Trials that settle their cell of the plan: after any other the cell is run again.
-SETTLED = ("done", "timeout", "aborted", "skipped", "excluded")
+#: Statuses after which a cell of the plan is not run again.
+FINISHED = ("done", "timeout", "aborted", "skipped", "excluded")
 
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)

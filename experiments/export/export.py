@@ -37,7 +37,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
 from experiments.session.checksums import read_sealed
-from experiments.session.files import STORED, TABLE, recordings_in, rows_of, relative_to
+from experiments.session.files import STORED, TABLE, recordings_in, relative_to, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.

@@ -30,7 +30,7 @@ from experiments.recording.atomic_files import reading_stored, replace_file
 
 CHECKSUM, AFTER = "crc32", "after"
 END = "journal.end"
-NOT_GUARDED = "no checksum, written by an earlier version"
+NO_CHECKSUM = "no checksum, written by an earlier version"
 
 _DIGITS = r"[0-9a-f]{8}"
 _WHOLE_END = re.compile(rf', "{AFTER}": "({_DIGITS})", "{CHECKSUM}": "({_DIGITS})"\}}$'.encode())
@@ -115,7 +115,7 @@ def read_lines(journal: bytes) -> Lines:
             _believe(read, i, texts[i])
         before = i
     if unguarded:
-        read.notes.append(f"{_lines(unguarded)}: {NOT_GUARDED}")
+        read.notes.append(f"{_lines(unguarded)}: {NO_CHECKSUM}")
     return read
 
 

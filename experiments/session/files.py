@@ -30,7 +30,7 @@ from typing import Any, Self
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, SETTLED, TrialRow, named, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, named, read_table, write_table
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, participant_index, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
@@ -171,7 +171,7 @@ class StoredSession:
     about: dict[str, Any]  # everything
 
     @property
-    def guarded(self) -> bool:
+    def has_checksum(self) -> bool:
         """Whether it has a checksum; not if an earlier version stored it."""
         return CHECKSUM in self.about
 
@@ -260,19 +260,19 @@ def cell(trial: PlannedTrial | TrialRow) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
-def settled_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
-    """The cells of the plan that trials have settled, and those of them that are without a result."""
+def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
+    """The cells of the plan that need no further trial, and those of them without a result."""
     rows = list(rows)
-    settled = {cell(row) for row in rows if row.status in SETTLED}
-    return settled, settled - {cell(row) for row in rows if row.status in COUNTED}
+    finished = {cell(row) for row in rows if row.status in FINISHED}
+    return finished, finished - {cell(row) for row in rows if row.status in COUNTED}
 
 
 def open_trials(
     plan: tuple[PlannedTrial, ...], rows: list[TrialRow], postponed: Sequence[int] = ()
 ) -> list[PlannedTrial]:
-    """The planned trials, in order, that no trial has settled yet; those of postponed runs end their configuration."""
-    settled, _ = settled_cells(rows)
-    waiting = [trial for trial in plan if cell(trial) not in settled]
+    """The planned trials still to be run, in order; those of postponed runs come last in their configuration."""
+    finished, _ = finished_cells(rows)
+    waiting = [trial for trial in plan if cell(trial) not in finished]
     if postponed:
         cells = [cell(row) for run in postponed for row in rows if row.run == run]
         devices = list(dict.fromkeys(trial.configuration for trial in plan))
@@ -307,7 +307,7 @@ class StudyPlan:
     operators: int
     protocol: Protocol
     population: Population
-    guarded: bool = True  # by a checksum; not if an earlier version began it
+    has_checksum: bool = True  # by a checksum; not if an earlier version began it
 
 
 def refuse_study(folder: Path) -> None:

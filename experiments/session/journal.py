@@ -18,7 +18,7 @@ import msgspec
 
 from core.device_interface import ZeroRecord
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, SETTLED, STATUSES, TrialRow, named, row_of, write_table
+from experiments.analysis.trials_table import COUNTED, FINISHED, STATUSES, TrialRow, named, row_of, write_table
 from experiments.plan import PlannedTrial
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
@@ -265,7 +265,7 @@ def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) ->
 
 #: what marks a run afterwards -> the statuses of the runs that can be marked, and why others cannot
 MARKS = {
-    REDONE.name: (SETTLED, "its trial comes again by itself, there is nothing to do again"),
+    REDONE.name: (FINISHED, "its trial comes again by itself, there is nothing to do again"),
     EXCLUDED.name: (COUNTED, "it does not count anyway, there is nothing to exclude"),
 }
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from core.files import InputError
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.checksums import read_sealed
-from experiments.session.files import STORED, STUDY, TABLE, rows_of, sessions_in, settled_cells
+from experiments.session.files import STORED, STUDY, TABLE, finished_cells, rows_of, sessions_in
 
 
 class SessionOverview(NamedTuple):
@@ -17,10 +17,10 @@ class SessionOverview(NamedTuple):
     folder: Path
     participant: str
     protocol: str  # its name
-    done: int  # trials of the plan that are settled
+    done: int  # trials of the plan that need not be run any more
     planned: int
     changed_s: float  # s since 1970, of the newest trial
-    lacking: int = 0  # settled trials without a result: aborted, skipped, excluded
+    lacking: int = 0  # of these, without a result: aborted, skipped, excluded
     problem: str = ""  # why it cannot be read, one sentence
 
     @property
@@ -39,7 +39,7 @@ class DataOverview(NamedTuple):
 
     @property
     def done(self) -> int:
-        """Trials that are settled."""
+        """Trials that need not be run any more."""
         return sum(session.done for session in self.sessions)
 
     @property
@@ -82,7 +82,7 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         about = read_sealed(folder / STORED)
         with reading_stored(folder / STORED):
             planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
-            done, lacking = map(len, settled_cells(rows_of(folder)))
+            done, lacking = map(len, finished_cells(rows_of(folder)))
             return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
     except InputError as error:
         return SessionOverview(folder, participant, "", 0, 0, changed_s, problem=str(error))

@@ -68,12 +68,12 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
             if progress:
                 progress(0.5 * number / len(sessions))
         if folder not in sessions and (folder / files.TABLE).exists():
-            _settle_pooled_table(folder, total)
+            _recover_pooled_table(folder, total)
     found = verify(folder, progress and (lambda share: progress(0.5 + 0.5 * share)))
     return {"dir": str(folder), "sessions": len(sessions), **vars(total), "faults": found["faults"]}
 
 
-def _settle_pooled_table(folder: Path, done: Rescue) -> None:
+def _recover_pooled_table(folder: Path, done: Rescue) -> None:
     """Rewrite the table of all participants where it lags; one that names trials that no session has stays."""
     there = []
     try:
@@ -103,16 +103,16 @@ def recover_session(session: Path, sync: bool = True) -> Rescue:
         for of_run in files.runs_on_disk(session, folder).values():
             if STREAM_SUFFIX in of_run:
                 with done.rescuing(session):
-                    _settle_stream(session, of_run[STREAM_SUFFIX], done, sync)
+                    _recover_stream(session, of_run[STREAM_SUFFIX], done, sync)
     with done.rescuing(session):
-        _settle_table(session, done)
+        _recover_table(session, done)
     if any(entries for name, entries in vars(done).items() if name != "not_rescued"):
         journal.write_event(session, journal.SESSION_RECOVERED, sync, **vars(done))
         journal.close_journal(session, sync)
     return done
 
 
-def _settle_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
+def _recover_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None:
     name = path.relative_to(session).as_posix()
     target = path.with_suffix(PARQUET_SUFFIX)
     stream = read_recording(path)
@@ -137,7 +137,7 @@ def as_recovered(stream: Recording) -> Recording:
     return replace(stream, outcome=outcome, complete=True, damaged=[])
 
 
-def _settle_table(session: Path, done: Rescue) -> None:
+def _recover_table(session: Path, done: Rescue) -> None:
     """Add the rows that are missing, then change those that lag behind the journal."""
     table = session / files.TABLE
     try:

@@ -72,7 +72,7 @@ class Session:
         """
         if person is None:
             protocol.refuse_stranger(participant)
-        protocol.refuse_unsettled()
+        protocol.refuse_unknown_low_gain()
         protocol.refuse_answers(form or {})
         is_blind = (protocol.blind and person is None) if blind is None else blind
         plan = make_plan(protocol, participant, is_blind)
@@ -112,9 +112,9 @@ class Session:
     def resume(cls, data_dir: Path, participant: str, sync: bool = True, on_event: OnEvent | None = None) -> Self:
         """Go on with a session that was interrupted, by its stored plan and protocol (whose file is not needed).
 
-        What a crash left is recovered first; `next_planned` then gives the first trial of the plan that is not
-        settled. The simulated devices start afresh, at rest, with the play and the yield of a device just switched
-        on: so the trials after a crash are not the ones that an uninterrupted session would have run, bit by bit.
+        What a crash left is recovered first; `next_planned` then gives the first trial that is still to be run. The
+        simulated devices start afresh, at rest, with the play and the yield of a device just switched on: so the trials
+        after a crash are not the ones that an uninterrupted session would have run, bit by bit.
         InputError if there is no such session, it cannot be read, or a live process has it.
         """
         folder = files.session_folder(data_dir, participant)
@@ -182,16 +182,16 @@ class Session:
 
     @property
     def _waiting(self) -> list[PlannedTrial]:
-        """The planned trials, in order, that are not settled."""
+        """The planned trials still to be run, in order."""
         return files.open_trials(self.plan, self.rows, self._summary.postponed)
 
     @property
-    def settled(self) -> int:
-        """How many trials of the plan are settled."""
+    def finished_count(self) -> int:
+        """How many trials of the plan need not be run any more."""
         return len(self.plan) - len(self._waiting)
 
     def next_planned(self) -> PlannedTrial | None:
-        """The first trial of the plan that is not settled, or the practice that comes before it; None: all are.
+        """The next trial of the plan, or the practice that comes before it; None: the plan is finished.
 
         It takes the next free run number if its own is used up, by a crash or because it is done again: same cell of
         the plan, another recording. A simulated operator does not practise.
@@ -291,8 +291,8 @@ class Session:
         """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
 
         cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
-        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until `recover_interrupted`.
-        OSError if the disk does not take what is needed; `recover_interrupted` then makes up for it.
+        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until
+        `recover_interrupted`. OSError if the disk does not take what is needed: `recover_interrupted` writes it later.
         """
         outcome = trial.outcome()
         if cut_short and outcome["status"] == "aborted":
@@ -368,7 +368,7 @@ class Session:
     # ------------------------------------------------------------------------------------ what the experimenter decides
 
     def skip(self, reason: str) -> TrialRow:
-        """Leave the coming trial, or practice trial, out: its cell is settled, without a recording; its row."""
+        """Leave the coming trial, or practice trial, out: its cell gets no recording and is not run again; its row."""
         planned = self.next_planned()
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
@@ -394,7 +394,7 @@ class Session:
     def exclude(self, run: int, reason: str) -> TrialRow:
         """Take a run out of every result but the table: its recording stays, its row becomes `excluded`; that row.
 
-        Its cell of the plan is settled. InputError if there is no such run, it does not count, or no reason is given.
+        Its cell is not run again. InputError if there is no such run, it does not count, or no reason is given.
         """
         return self._mark(run, events.EXCLUDED, reason)
 

@@ -28,7 +28,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session import files
 from experiments.session.blind import KEY, read_key
-from experiments.session.checksums import NOT_GUARDED
+from experiments.session.checksums import NO_CHECKSUM
 from experiments.session.files import cell
 from experiments.session.journal import (
     NAME,
@@ -57,7 +57,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
     notes: list[tuple[str, str]] = []
     if (folder / files.STUDY).exists():
         try:
-            notes += [] if files.read_study(folder).guarded else [(files.STUDY, NOT_GUARDED)]
+            notes += [] if files.read_study(folder).has_checksum else [(files.STUDY, NO_CHECKSUM)]
         except InputError as error:
             faults.append((files.STUDY, files.relative_to(folder, str(error))))
     for number, session in enumerate(sessions, start=1):
@@ -150,8 +150,8 @@ class _SessionCheck:
         file, key = files.STORED, None
         try:
             self.stored = stored = files.read_stored(self.session)
-            if not stored.guarded:
-                self.notes.append((file, NOT_GUARDED))
+            if not stored.has_checksum:
+                self.notes.append((file, NO_CHECKSUM))
             files.person_of(self.session, stored)
             folder = self.session.parent.name
             if folder.startswith("sub-") and folder != f"sub-{stored.participant}":

@@ -27,7 +27,7 @@ class Shared(NamedTuple):
     """What the processes of a study share."""
 
     begun: Synchronized  # operators that some process has taken on
-    settled: Synchronized  # trials
+    finished: Synchronized  # trials
     stop: Event  # no further trial is to begin
 
     def operators(self, count: int) -> Iterator[int]:

@@ -38,7 +38,7 @@ from experiments.session.journal import TRIAL_CUT_OFF
 from experiments.session.session import Session
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
-from experiments.study.unrecorded import errors_in, person_of, settled
+from experiments.study.unrecorded import errors_in, person_of, with_low_gain_found
 from experiments.trial.population import Population
 from experiments.trial.real_trial import load_kernels
 from experiments.trial.tick import TICK_S
@@ -68,14 +68,16 @@ def run_study(
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as beside, hold_lock(out):
-        study = StudyPlan(operators, settled(protocol, population), population)
+        study = StudyPlan(operators, with_low_gain_found(protocol, population), population)
         write_study(out, study)
         return carry_out(out, study, beside, purpose, progress)
 
 
-def resume_study(out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = no_progress) -> dict:
+def resume_study(
+    out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = no_progress
+) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
-    that is not settled is run. A study that is complete is left as it is. The summary.
+    that is still to be run is run. A study that is complete is left as it is. The summary.
 
     asked: what was asked for by name (see `refuse_other`): it must be what the study was begun with.
     An operator whose session was cut runs the rest with devices just switched on, so these trials are not the ones
@@ -173,13 +175,13 @@ class Run:
     def run_operator(self, session: Session) -> None:
         """What an operator has still to do."""
         shared, whole = self.shared, self.study.operators * len(session.plan)
-        with shared.settled:
-            shared.settled.value += session.settled
+        with shared.finished:
+            shared.finished.value += session.finished_count
         while not shared.stop.is_set() and (planned := session.next_planned()):
             self.run_trial(session, planned)
-            with shared.settled:
-                shared.settled.value += 1
-            self.progress(shared.settled.value / whole)
+            with shared.finished:
+                shared.finished.value += 1
+            self.progress(shared.finished.value / whole)
 
     def run_trial(self, session: Session, planned: PlannedTrial) -> None:
         """One trial, from its first tick to its row. OSError, as one sentence, if the disk takes no more."""

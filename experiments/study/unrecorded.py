@@ -158,7 +158,7 @@ def _moved(controller: int, change: str, measure: str, by: list[tuple[float, flo
 # ----------------------------------------------------------------------------- the low gain by the rule "no vibration"
 
 
-def settled(protocol: Protocol, population: Population) -> Protocol:
+def with_low_gain_found(protocol: Protocol, population: Population) -> Protocol:
     """The protocol with the number for a low gain that is given by the paper's rule, "no detectable vibration": the
     largest such gain, found on simulated trials; else as it is.
 
@@ -167,7 +167,7 @@ def settled(protocol: Protocol, population: Population) -> Protocol:
     paper states neither a band nor a threshold, and has the gain chosen by feel. Trials are the first of three people
     on every path and device, under the assumptions of the study; the same seed finds the same gain.
     """
-    if not protocol.unsettled:
+    if not protocol.low_gain_unknown:
         return protocol
     about = protocol_to_json(protocol)
     found = {"low_gain_found": largest_without_vibration(protocol, population)}
@@ -180,7 +180,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
     By bisection: with the gain the vibration rises.
     """
     number = protocol.low_gain_controller
-    assert number is not None  # else it is not unsettled
+    assert number is not None  # else `low_gain_unknown` is False
     squares = partial(vibrations, protocol, population)
     without = squares(make_preset("without", "none", {}))
 

@@ -19,7 +19,7 @@ from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import replace_file
 from experiments.study.jobs import Done, Work, device_texts, first_done, run_work, table_lines
-from experiments.study.unrecorded import settled, study_trials
+from experiments.study.unrecorded import with_low_gain_found, study_trials
 from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files
@@ -45,7 +45,7 @@ class World:
         protocol, population = self.ranges.study(self.values, self.seed)
         about = self.world, self.triple, self.seed, *self.values.values()
         try:
-            protocol = settled(protocol, population)
+            protocol = with_low_gain_found(protocol, population)
         except InputError:  # no low gain is without vibration: there are no trials
             return Done(table_lines([[*about, *cells_of((), self.ranges.protocol)]]), 0)
         rows, ticks = zip(*study_trials(protocol, population, self.ranges.operators, JUDGED), strict=True)

@@ -113,7 +113,7 @@ class Freshness:
         self.last, self._any = sequence, True
 
 
-class Event(Enum):
+class BoardEvent(Enum):
     """What can happen to a board: a message from the host, or something of its own."""
 
     HELLO = "AskHello"
@@ -136,33 +136,33 @@ class Event(Enum):
 BOOT, IDLE, READY, ACTIVE, FAULT = State
 
 #: (state, event) -> the state after it; a pair that is not here changes nothing
-NEXT: dict[tuple[State, Event], State] = {
-    (BOOT, Event.STARTED): IDLE,
-    (BOOT, Event.STARTED_LOW): FAULT,
-    (IDLE, Event.LIMITS): READY,
-    (IDLE, Event.STOP): FAULT,
-    (READY, Event.HELLO): IDLE,
-    (READY, Event.ON): ACTIVE,
-    (READY, Event.STOP): FAULT,
-    (READY, Event.BYE): IDLE,
-    (READY, Event.SILENCE): IDLE,
-    (READY, Event.BAD): FAULT,
-    (ACTIVE, Event.HELLO): IDLE,
-    (ACTIVE, Event.OFF): READY,
-    (ACTIVE, Event.STOP): FAULT,
-    (ACTIVE, Event.BYE): IDLE,
-    (ACTIVE, Event.WATCHDOG): FAULT,
-    (ACTIVE, Event.BAD): FAULT,
-    (FAULT, Event.RESET): IDLE,
-    **{(state, Event.BROWN_OUT): BOOT for state in State},
+NEXT: dict[tuple[State, BoardEvent], State] = {
+    (BOOT, BoardEvent.STARTED): IDLE,
+    (BOOT, BoardEvent.STARTED_LOW): FAULT,
+    (IDLE, BoardEvent.LIMITS): READY,
+    (IDLE, BoardEvent.STOP): FAULT,
+    (READY, BoardEvent.HELLO): IDLE,
+    (READY, BoardEvent.ON): ACTIVE,
+    (READY, BoardEvent.STOP): FAULT,
+    (READY, BoardEvent.BYE): IDLE,
+    (READY, BoardEvent.SILENCE): IDLE,
+    (READY, BoardEvent.BAD): FAULT,
+    (ACTIVE, BoardEvent.HELLO): IDLE,
+    (ACTIVE, BoardEvent.OFF): READY,
+    (ACTIVE, BoardEvent.STOP): FAULT,
+    (ACTIVE, BoardEvent.BYE): IDLE,
+    (ACTIVE, BoardEvent.WATCHDOG): FAULT,
+    (ACTIVE, BoardEvent.BAD): FAULT,
+    (FAULT, BoardEvent.RESET): IDLE,
+    **{(state, BoardEvent.BROWN_OUT): BOOT for state in State},
 }
 
 #: Refused with WRONG_STATE.
 REFUSED = {
-    (IDLE, Event.ON),
-    (IDLE, Event.OFF),
-    (ACTIVE, Event.LIMITS),
-    (ACTIVE, Event.HOME),
+    (IDLE, BoardEvent.ON),
+    (IDLE, BoardEvent.OFF),
+    (ACTIVE, BoardEvent.LIMITS),
+    (ACTIVE, BoardEvent.HOME),
 }
 
 TICK_US = 1_000_000 // m.SAMPLE_HZ
@@ -195,7 +195,7 @@ class Board:
     homed: int = 0
     starts: int = 1
     #: (state before, event) -> how often: the coverage of the state machine
-    seen: dict[tuple[State, Event], int] = field(default_factory=dict)
+    seen: dict[tuple[State, BoardEvent], int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._layout = m.layout_of(self.hello)
@@ -251,7 +251,7 @@ class Board:
         if self.state == State.BOOT:
             if now_us - self._started_us >= START_US:
                 self._heard_us = now_us
-                self._change(Event.STARTED_LOW if self._low_at_start else Event.STARTED)
+                self._change(BoardEvent.STARTED_LOW if self._low_at_start else BoardEvent.STARTED)
                 if self._low_at_start:
                     self._latch(Fault.BROWN_OUT, m.NO_DETAIL)
                 self._low_at_start = False
@@ -259,7 +259,7 @@ class Board:
         self._sequence = (self._sequence + 1) % WRAP
         self._watch(now_us)
         if now_us - self._heard_us >= SILENCE_US and self.state != State.ACTIVE and self.streaming:
-            self._change(Event.SILENCE)
+            self._change(BoardEvent.SILENCE)
             self._disconnect()
         self._check(readings)
         out = b""
@@ -275,17 +275,17 @@ class Board:
 
         Not noticed: neither latched nor counted, by a board that counts its starts in a memory that forgets.
         """
-        self._change(Event.BROWN_OUT)
+        self._change(BoardEvent.BROWN_OUT)
         self._low_at_start = noticed
         self.faults = self.cause = Fault.NONE
         self.starts = (self.starts + noticed) % WRAP
         self._sequence = 0
         self._power_up(now_us)
 
-    def _see(self, event: Event) -> None:
+    def _see(self, event: BoardEvent) -> None:
         self.seen[self.state, event] = self.seen.get((self.state, event), 0) + 1
 
-    def _change(self, event: Event) -> bool:
+    def _change(self, event: BoardEvent) -> bool:
         """The table's next state; False where the event is refused in this state."""
         self._see(event)
         refused = (self.state, event) in REFUSED
@@ -300,18 +300,18 @@ class Board:
             self._detail = detail
         self.faults |= fault
 
-    def _fail(self, event: Event, fault: Fault, detail: int = m.NO_DETAIL) -> None:
+    def _fail(self, event: BoardEvent, fault: Fault, detail: int = m.NO_DETAIL) -> None:
         """Latch a fault: the currents are zero when this returns."""
         self._change(event)
         self._latch(fault, detail)
 
-    def _take(self, message: tuple, event: Event, now_us: int) -> list[tuple]:
+    def _take(self, message: tuple, event: BoardEvent, now_us: int) -> list[tuple]:
         """Obey one message; the answers."""
         if isinstance(message, m.Command):
             return self._command(message, event, now_us)
         if isinstance(message, m.Home) and (message.joints == 0 or message.joints & ~self.hello.encoders):
             return self._refuse(message, Refusal.BAD_VALUE)
-        if event is Event.RESET and self.faults and self._standing:
+        if event is BoardEvent.RESET and self.faults and self._standing:
             self._see(event)
             return self._refuse(message, Refusal.FAULT_STANDS)
         if not self._change(event):
@@ -345,14 +345,14 @@ class Board:
         self._disconnect()  # Bye
         return []
 
-    def _command(self, command: m.Command, event: Event, now_us: int) -> list[tuple]:
+    def _command(self, command: m.Command, event: BoardEvent, now_us: int) -> list[tuple]:
         if command.mode > 1:
             return self._refuse(command, Refusal.BAD_VALUE)
         age = self._fresh.judge(command.sequence, command.host_us, now_us)
         if age is Age.OLD:
             self.counts.old += 1
             return []
-        if age is Age.LATE and event is Event.ON:  # Off is obeyed however late
+        if age is Age.LATE and event is BoardEvent.ON:  # Off is obeyed however late
             self.counts.late += 1
             self._flags |= Flag.LATE
             return []
@@ -374,7 +374,7 @@ class Board:
     def _watch(self, now_us: int) -> None:
         """The watchdog: trips while there is still a tick left, so that currents are zero at 50 ms at the latest."""
         if self.state == State.ACTIVE and now_us - self._commanded_us > m.WATCHDOG_US - TICK_US:
-            self._fail(Event.WATCHDOG, Fault.WATCHDOG)
+            self._fail(BoardEvent.WATCHDOG, Fault.WATCHDOG)
 
     def _check(self, readings: Readings) -> None:
         """Conditions that latch a fault in Ready and Active, and keep one from being reset."""
@@ -382,7 +382,7 @@ class Board:
         for fault, detail in self._inputs.conditions(readings, self.limits):
             self._standing = True
             if self.state != State.IDLE and not self.faults & fault:
-                self._fail(Event.BAD, fault, detail)
+                self._fail(BoardEvent.BAD, fault, detail)
 
     def _report(self, now_us: int) -> m.FaultReport:
         self._reported = self.faults
@@ -405,15 +405,20 @@ class Board:
 
 
 _EVENTS = {
-    m.AskHello: Event.HELLO, m.SetLimits: Event.LIMITS, m.Home: Event.HOME, m.ResetFault: Event.RESET,
-    m.Heartbeat: Event.HEARTBEAT, m.Stop: Event.STOP, m.Bye: Event.BYE,
-}  # fmt: skip
+    m.AskHello: BoardEvent.HELLO,
+    m.SetLimits: BoardEvent.LIMITS,
+    m.Home: BoardEvent.HOME,
+    m.ResetFault: BoardEvent.RESET,
+    m.Heartbeat: BoardEvent.HEARTBEAT,
+    m.Stop: BoardEvent.STOP,
+    m.Bye: BoardEvent.BYE,
+}
 
 
-def _event_of(message: tuple | None) -> Event | None:
+def _event_of(message: tuple | None) -> BoardEvent | None:
     """The event that a message is; None where it is none of a host's (unknown, or our own echoed back by something)."""
     if isinstance(message, m.Command):
-        return Event.ON if message.mode else Event.OFF
+        return BoardEvent.ON if message.mode else BoardEvent.OFF
     return _EVENTS.get(type(message))
 
 

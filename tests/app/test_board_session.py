@@ -41,7 +41,7 @@ class OnBench:
         self.window.until_stage(m.NO_SESSION)
         self.send(m.Open("01"))
         self.until(lambda s: s.card and "Hold the handle" in s.card.text)
-        self.send(m.Rig(m.HOME))
+        self.send(m.PrepareDevice(m.HOME))
         self.until(lambda s: s.card and "Let go" in s.card.text)
 
     def zero(self) -> None:
@@ -73,9 +73,9 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     assert told.report["protocol"] == 1
     assert math.dist(window.snapshot.tip, (0.0, 0.4)) < 0.3, "the place of the handle is unknown: its jig is shown"
     assert len(told.counts) == len(told.encoders) == len(told.report["counts_per_rev"])
-    on_bench.send(m.Rig(m.HOME))  # without a session there is no journal to keep it
+    on_bench.send(m.PrepareDevice(m.HOME))  # without a session there is no journal to keep it
     on_bench.until(lambda s: s.notice_bad and "session" in s.notice)
-    on_bench.send(m.Sandbox(), m.Start())
+    on_bench.send(m.SetSandbox(), m.Start())
     on_bench.until(lambda s: s.notice_bad and "Open a session" in s.notice)
     on_bench.send(m.EndSandbox())
     before = time.time()
@@ -85,17 +85,17 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     middle = [0.5 * (a + b) for a, b in zip(PATH.start_m, PATH.end_m, strict=True)]
     assert on_bench.status.tip == pytest.approx(middle, abs=1e-3), "the encoders stand where the jig holds the handle"
     on_bench.send(m.Confirm())
-    assert window.client.state.snapshot().card == m.Card(f"Make {DEVICE.name} ready", "A moment ...", "")
+    assert window.client.state.snapshot().card == m.StepCard(f"Make {DEVICE.name} ready", "A moment ...", "")
     on_bench.until(lambda: on_bench.status.zeroed)
     first = on_bench.status.zeroed_at
-    on_bench.send(m.Rig(m.ZERO))
+    on_bench.send(m.PrepareDevice(m.ZERO))
     on_bench.until(lambda: on_bench.status.zeroed_at > first)  # again, between two trials
 
 
 def test_a_board_that_is_connected_anew_is_made_ready_again(on_bench: OnBench) -> None:
     on_bench.open()
     on_bench.zero()
-    on_bench.send(m.Rig(m.CONNECT))
+    on_bench.send(m.PrepareDevice(m.CONNECT))
     on_bench.until(lambda: on_bench.status.device and not on_bench.status.zeroed)
     on_bench.window.until_stage(m.RERIG)
     on_bench.zero()
@@ -105,7 +105,7 @@ def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: 
     window = on_bench.window
     on_bench.open()
     on_bench.zero()
-    on_bench.send(m.Rig(m.CONNECT), m.Start())
+    on_bench.send(m.PrepareDevice(m.CONNECT), m.Start())
     on_bench.until(lambda s: s.notice_bad and "a moment" in s.notice)
     window.until_stage(m.RERIG)
     on_bench.zero()
@@ -121,7 +121,7 @@ def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_ben
     on_bench.zero()
     window.client.brakes_off("the first press")
     on_bench.until(lambda s: s.brakes_off)
-    on_bench.send(m.Rig(m.CONNECT), m.AllowBrakes())  # the loop connects first
+    on_bench.send(m.PrepareDevice(m.CONNECT), m.AllowBrakes())  # the loop connects first
     window.client.brakes_off("the second press")
     on_bench.until(lambda: on_bench.status.device and not on_bench.status.zeroed)
     assert window.snapshot.brakes_off

@@ -15,7 +15,7 @@ from refusals import refusal
 
 from app import __version__
 from app.cli import main
-from app.progress import Progress
+from app.progress import ProgressBar
 from core.device import load_device
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,7 +173,7 @@ def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, 
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     for terminal, after, shows in ((True, 2.0, True), (True, 0.5, False), (False, 2.0, False)):
         monkeypatch.setattr(sys.stderr, "isatty", lambda t=terminal: t, raising=False)
-        with contextlib.closing(Progress("simulating")) as progress:
+        with contextlib.closing(ProgressBar("simulating")) as progress:
             now[0] += after
             progress(0.5)
             assert ("50 %" in capsys.readouterr().err) == shows
@@ -184,7 +184,7 @@ def test_progress_names_the_time_left_at_the_pace_since_it_began(monkeypatch, ca
     now = [100.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    progress = Progress("worlds")
+    progress = ProgressBar("worlds")
     for after, share, left in ((2.0, 0.5, ""), (1200.0, 0.6, ", 1 h 20 min left"), (4760.0, 0.999, "")):
         now[0] += after
         progress(share)

@@ -129,7 +129,7 @@ def test_a_step_is_taken_after_a_question_that_says_what_it_needs(page: DevicePa
         assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
         QTest.mouseClick(button, LEFT)
         QTest.mouseClick(page.cards.question.buttons[0], LEFT)
-        assert page.sent == [m.Rig(step)] and page.cards.question is None
+        assert page.sent == [m.PrepareDevice(step)] and page.cards.question is None
         page.sent.clear()
 
 

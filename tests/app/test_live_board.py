@@ -26,7 +26,7 @@ def session(tmp_path: Path) -> Iterator[BoardSession]:
 def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession) -> None:
     window, emulated = session.window, session.emulated
     window.until_stage(m.NO_SESSION)
-    window.client.send(m.Sandbox())
+    window.client.send(m.SetSandbox())
     assert window.until(lambda s: s.sandbox).sandbox.by_start
     window.client.send(m.Start())
     assert "Open a session" in window.until(lambda s: s.notice_bad).notice
@@ -73,16 +73,16 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     assert len(zeros(session)) == before + 1
     window.client.send(m.Leave())
     window.until_stage(m.NO_SESSION)
-    window.client.send(m.Sandbox())
+    window.client.send(m.SetSandbox())
     window.until(lambda s: s.sandbox)
     assert not window.within(0.3, lambda s: s.running)  # currents flow in real brakes: a pass waits for a Start
     window.client.send(m.Start())
     tried = window.until_stage(m.RUNNING)
     settings = tried.sandbox.settings
     assert tried.practice and tried.running.configuration == settings.device == DEVICE
-    window.client.send(m.Sandbox(settings._replace(brake_strength=0.5)))
+    window.client.send(m.SetSandbox(settings._replace(brake_strength=0.5)))
     assert "brake_strength cannot be changed" in window.until(lambda s: s.notice_bad).notice
-    window.client.send(m.Sandbox(settings.with_parameters(gap_m=0.01)))  # for the next pass: this one goes on as it is
+    window.client.send(m.SetSandbox(settings.with_parameters(gap_m=0.01)))  # for the next pass alone
     window.ticks.clear()
     window.until_tick(lambda ticks: len(ticks) > 100)
     assert np.allclose(np.diff(window.rows[:, tick_log.T]), 1e-3)

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numba import typeof
 from waiting import LONG_S
 
-from app.ipc.messages import Run, Tried, Try
+from app.ipc.messages import CheckTiming, Run, TimingChecked
 from app.ipc.ring import Ring
 from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
@@ -196,9 +196,9 @@ def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:
 
 def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
     ring, process = loop
-    process.send(Try(30))
+    process.send(CheckTiming(30))
     tried = answer_of(ring, process)
-    assert isinstance(tried, Tried) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0
+    assert isinstance(tried, TimingChecked) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0
 
 
 def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:

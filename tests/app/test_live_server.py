@@ -118,7 +118,7 @@ def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
     setup = Setup(tmp_path / "new" / "data", real_time=False)
     with live_window(setup) as opened:
         opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.Sandbox())
+        opened.client.send(m.SetSandbox())
         opened.until_stage(m.RUNNING)
         assert opened.snapshot.practice and opened.snapshot.running.block == 0
         opened.until(lambda s: opened.pulse)

@@ -135,5 +135,5 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
         session=None, trial_ended=lambda row: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
     )
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.keep(SimpleNamespace(name="Run 18", trial=trial, keep=lambda session: row, again="never"))
+    storage.store_trial(SimpleNamespace(name="Run 18", trial=trial, finish=lambda session: row, again="never"))
     assert heard == [said]

@@ -17,7 +17,7 @@ from refusals import refusal
 from waiting import wait_until
 
 from app.cli import main
-from app.progress import Progress
+from app.progress import ProgressBar
 from app.verbs.common import as_text
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
@@ -67,7 +67,7 @@ def test_with_a_closed_stdout_nothing_that_is_printed_gets_into_a_file_that_is_w
 
 
 class Interrupting:
-    """Progress that presses Ctrl-C after so many calls."""
+    """ProgressBar that presses Ctrl-C after so many calls."""
 
     def __init__(self, after: int) -> None:
         self.left = after
@@ -122,13 +122,13 @@ def test_what_cannot_go_on_does_not_say_that_it_can(monkeypatch, capsys):
 def no_terminal():
     """What is said on stderr, which is no terminal, with little time between two lines."""
     with contextlib.redirect_stderr(io.StringIO()) as said, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Progress, "LINE_S", 0.01)
+        patch.setattr(ProgressBar, "LINE_S", 0.01)
         yield said
 
 
 def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_after_the_end():
     with no_terminal() as said:
-        with contextlib.closing(Progress("study")) as progress:
+        with contextlib.closing(ProgressBar("study")) as progress:
             progress(0.25)
             wait_until(lambda: said.getvalue().count("\n") >= 3)
             progress(0.5)
@@ -140,7 +140,7 @@ def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_
 
 def test_a_bar_that_was_closed_writes_lines_again_when_the_next_work_begins():
     with no_terminal() as said:
-        progress = Progress("compiling kernels")
+        progress = ProgressBar("compiling kernels")
         for number in (1, 2):
             progress(0.1, f"{number} of 9")
             wait_until(lambda number=number: f"compiling kernels: {number} of 9\n" in said.getvalue())
@@ -154,14 +154,14 @@ def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(m
         told.set()
         raise BrokenPipeError
 
-    with no_terminal() as said, contextlib.closing(Progress("study")) as progress:
+    with no_terminal() as said, contextlib.closing(ProgressBar("study")) as progress:
         monkeypatch.setattr(said, "write", gone)
         progress(0.5)
         assert told.wait(200)
 
 
 def test_a_line_comes_every_ten_seconds():
-    assert Progress.LINE_S == 10.0
+    assert ProgressBar.LINE_S == 10.0
 
 
 # ------------------------------------------------------------------------------------------------------------ too large

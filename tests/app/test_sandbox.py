@@ -23,14 +23,14 @@ from experiments.protocol import SHIPPED_FOLDER, load_protocol
 def window(tmp_path: Path):
     with local_window(Setup(tmp_path / "data", sync=False)) as opened:
         opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.Sandbox())
+        opened.client.send(m.SetSandbox())
         opened.until(lambda s: s.sandbox and s.running)
         yield opened
 
 
 def change(window: LocalWindow, parameters: dict[str, float] | None = None, **what) -> None:
     settings = window.snapshot.sandbox.settings._replace(**what)
-    window.client.send(m.Sandbox(settings.with_parameters(**parameters or {})))
+    window.client.send(m.SetSandbox(settings.with_parameters(**parameters or {})))
 
 
 def drive(window: LocalWindow, until) -> None:
@@ -251,7 +251,7 @@ def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the
     window.client.let_go()
     window.client.send(m.EndSandbox())
     window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
-    window.client.send(m.Sandbox())
+    window.client.send(m.SetSandbox())
     window.until(lambda s: s.sandbox and s.running)
     for what in (dict(path=1), dict(path=2), dict(device="four-brake"), dict(path=1)):
         change(window, **what)
@@ -261,7 +261,7 @@ def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the
 
 def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.Sandbox())
+        window.client.send(m.SetSandbox())
         window.until(lambda s: s.sandbox and s.running)
         window.client.send(m.BringBack())
         assert "Only the hand of the pointer" in window.until(lambda s: s.notice_bad).notice
@@ -269,7 +269,7 @@ def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.Sandbox())
+        window.client.send(m.SetSandbox())
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
         change(window, spring_N_m=500.0)
@@ -292,7 +292,7 @@ def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) 
     window.client.send(m.EndSandbox())
     window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
     window.open()
-    window.client.send(m.Sandbox())
+    window.client.send(m.SetSandbox())
     assert "leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
 
 
@@ -368,7 +368,7 @@ def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controll
     (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
     with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
         opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.Sandbox())
+        opened.client.send(m.SetSandbox())
         opened.until(lambda s: s.sandbox and s.running)
         change(opened, controller=controller, parameters={"gap_m": 0.002})
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
@@ -388,7 +388,7 @@ def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_gu
     file.write_text(text)
     with local_window(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
         window.until_stage(m.NO_SESSION)
-        window.client.send(m.Sandbox())
+        window.client.send(m.SetSandbox())
         window.until(lambda s: s.sandbox and s.running)
         change(window, controller=1)
         drive(window, moves(20))

@@ -127,7 +127,7 @@ def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens) ->
 @pytest.mark.parametrize("moment", [False, True])
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
-    rig = m.Card(f"Make {PLAN[0].configuration} ready", says, "" if moment else "Go on", device_page=True)
+    rig = m.StepCard(f"Make {PLAN[0].configuration} ready", says, "" if moment else "Go on", device_page=True)
     screens.hear(opened(real_device=True), ready(stage=m.RERIG, card=rig))
     card = screens.run.cards.notice
     assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
@@ -296,7 +296,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial_or_keeps_the_n
 
 
 def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
-    screens.hear(opened(), ready(3, stage="a text", card=m.Card("Text", "", participant="Think of a line")))
+    screens.hear(opened(), ready(3, stage="a text", card=m.StepCard("Text", "", participant="Think of a line")))
     assert screens.participant.view.shown.large == screens.run.large.text() == "Think of a line"
 
 

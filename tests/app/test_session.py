@@ -90,10 +90,10 @@ def test_a_skipped_trial_settles_its_cell_without_a_recording_and_can_be_redone(
     session = new_session(tmp_path, protocol=short())
     row = session.skip("late")
     assert (row.run, row.status, row.recording, row.path_error_m) == (1, "skipped", "", None)
-    assert session.settled == 1 and session.next_planned() == session.plan[1]
+    assert session.finished_count == 1 and session.next_planned() == session.plan[1]
     session.redo(1, "time enough after all")
     again = session.next_planned()
-    assert cell(again) == cell(session.plan[0]) and again.run == 21 and session.settled == 0
+    assert cell(again) == cell(session.plan[0]) and again.run == 21 and session.finished_count == 0
     session.close()
     assert verify(tmp_path)["faults"] == []
 
@@ -114,7 +114,7 @@ def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_record
     run_trials(session, 2)
     content = (session.folder / session.rows[1].recording).read_bytes()
     row = session.exclude(2, "the participant sneezed")
-    assert row.status == "excluded" and row.path_error_m is not None and session.settled == 2
+    assert row.status == "excluded" and row.path_error_m is not None and session.finished_count == 2
     assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "excluded")]
     assert (session.folder / row.recording).read_bytes() == content
     told = [entry.about for entry in read_events(session.folder) if entry.event is EXCLUDED]
@@ -136,7 +136,7 @@ def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):
     session = new_session(tmp_path, protocol=short(paths=1))
     while session.next_planned():
         session.skip("no time")
-    assert session.settled == len(session.plan)
+    assert session.finished_count == len(session.plan)
     with pytest.raises(InputError, match="none to skip"):
         session.skip("more")
     session.close()
@@ -232,7 +232,7 @@ def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_n
         trial, writer = session.begin(planned)
         move_to_the_end(trial, writer)
         assert session.finish(trial, writer).status == "done"
-    assert session.rows == [] and session.settled == 0 and not (session.folder / "trials.csv").exists()
+    assert session.rows == [] and session.finished_count == 0 and not (session.folder / "trials.csv").exists()
     assert session.next_planned() == session.plan[0]
     extra = session.next_practice()  # whenever it is asked for
     assert (extra.block, extra.run) == (0, 3)

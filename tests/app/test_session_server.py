@@ -189,7 +189,7 @@ def test_a_studys_folder_takes_no_other_session(tmp_path: Path) -> None:
 def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()
-        seen.client.send(m.Rig(m.ZERO))
+        seen.client.send(m.PrepareDevice(m.ZERO))
         seen.until(lambda s: s.notice_bad and "simulated" in s.notice)
         seen.until(lambda s: seen.pulse)
         assert seen.pulse.device is None

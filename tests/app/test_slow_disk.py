@@ -68,9 +68,9 @@ def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, m
     assert len(syncs) == SYNCS_TO_START
     run(trial, writer, piece=10**6)
     syncs.clear()
-    keep = partial(session.finish, trial, writer)
-    storage.keep(SimpleNamespace(
-        name="Run 1", trial=trial, recorder=SimpleNamespace(writer=writer), keep=lambda _: keep(), again="never"
+    finish = partial(session.finish, trial, writer)
+    storage.store_trial(SimpleNamespace(
+        name="Run 1", trial=trial, recorder=SimpleNamespace(writer=writer), finish=lambda _: finish(), again="never"
     ))  # fmt: skip
     assert len(syncs) == SYNCS_TO_END and not storage.undone
     session.close()

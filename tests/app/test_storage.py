@@ -60,7 +60,7 @@ class Ended:
         with contextlib.suppress(OSError):
             self.writer.abandon()
 
-    def keep(self, session: Session):
+    def finish(self, session: Session):
         return session.finish(self.trial, self.writer, self.cut_short, raw_will_do=True)
 
 
@@ -94,7 +94,7 @@ def in_order(session: Session) -> None:
 def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(storage, session, said, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.keep(Ended(session))
+        storage.store_trial(Ended(session))
         assert [(row.status, row.recording) for row in session.rows] == [("done", "trials/run-001.arrows")]
         assert not storage.undone and storage.streams == 1 and "its stream is whole" in said[-1][0]
         assert check_recording("", storage.undone, storage.verified, storage.streams).state == CAUTION
@@ -132,7 +132,7 @@ def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkey
 def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.keep(Ended(session))
+        storage.store_trial(Ended(session))
     session.close()
     assert recover(session.data_dir)["faults"] == []
     assert [row.recording for row in rows_of(session.folder)] == ["trials/run-001.parquet"]
@@ -141,7 +141,7 @@ def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, mon
 def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(storage, session, said, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.atomic_files.written_beside", full)
-        storage.keep(Ended(session))
+        storage.store_trial(Ended(session))
         assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
         assert "Make room on the disk: what is missing is then written by itself." in said[-1][0]
         assert check_recording("", storage.undone, "", 0).state == BAD
@@ -168,7 +168,7 @@ def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(
     with monkeypatch.context() as patch:
         patch.setattr(journal.os, "write", until_full)
         patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.keep(ended)
+        storage.store_trial(ended)
         storage.write(NOTE, text="somebody coughed")
     storage.catch_up()
     assert not storage.undone and storage.streams == 0
@@ -195,7 +195,7 @@ def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
     table = session.folder / "trials.csv"
     by_hand = table.read_bytes().replace(b"\n", b"\r\n")
     table.write_bytes(by_hand)
-    storage.keep(Ended(session))
+    storage.store_trial(Ended(session))
     assert storage.undone
     storage.catch_up()
     assert not storage.undone and [row.status for row in session.rows] == ["done", "done"]
@@ -204,7 +204,7 @@ def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
 
 
 def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(storage, session, said):
-    storage.keep(Ended(session, ticks=200))
+    storage.store_trial(Ended(session, ticks=200))
     (row,) = session.rows
     assert row.status == "stopped" and "the lamp fell down" in said[-1][0] and "is repeated next" in said[-1][0]
     assert read_recording(session.folder / row.recording).outcome["status"] == "stopped"
@@ -212,7 +212,7 @@ def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(s
     assert cell(again) == cell(row) and again.run != row.run
     ended = Ended(session, ticks=200)
     ended.cut_short = False
-    storage.keep(ended)
+    storage.store_trial(ended)
     assert session.rows[-1].status == "aborted" and cell(storage.progress.coming) == cell(session.plan[1])
     in_order(session)
 
@@ -221,14 +221,14 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     run_trials(session, len(session.plan) - 2)
     ended = Ended(session, ticks=200)
     ended.cut_short = False
-    storage.keep(ended)
+    storage.store_trial(ended)
     assert storage.progress.without_valid_trial() == ""
     session.skip("short of time")
     storage.changed("")
     last = len(session.plan)
     assert f"2 of its {last} trials have no result: {last - 1} (aborted), {last} (skipped)" in said[-1][0]
     session.redo(session.rows[-2].run, "there is time")
-    storage.keep(Ended(session))
+    storage.store_trial(Ended(session))
     assert f"1 of its {last} trials have no result: {last} (skipped)" in said[-1][0]
 
 
@@ -287,7 +287,7 @@ def test_a_break_that_passed_while_the_session_was_closed_or_was_ended_is_not_as
     run_trials(rested.session, 1)
     rested.later(0.0)
     assert stage_of(rested.open(), MOUSE_HELD) == BREAK
-    rested.session.journal(BREAK_ENDED, settled=rested.session.settled)
+    rested.session.journal(BREAK_ENDED, settled=rested.session.finished_count)
     assert stage_of(rested.open(), MOUSE_HELD) == READY
     run_trials(rested.session, 1)
     assert stage_of(rested.open(), MOUSE_HELD) == BREAK

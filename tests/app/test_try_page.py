@@ -84,7 +84,7 @@ def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_
 
 def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:
     held = Held(qtbot)
-    assert held.sent == [m.Sandbox(None)]
+    assert held.sent == [m.SetSandbox(None)]
     held.page.show_snapshot(tried())
     assert held.page.controls.settings == INITIAL and held.page.controls.guides[2].isChecked()
     held.page.end()
@@ -101,7 +101,7 @@ def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
     assert not held.sent and held.page.large.text() == "A session is open"
     assert not held.page.save.isEnabled() and not held.page.controls.guides[1].isEnabled()
     held.page.show_opened(opened(""))
-    assert held.sent == [m.Sandbox(None)]
+    assert held.sent == [m.SetSandbox(None)]
 
 
 def test_another_protocol_brings_its_own_controllers(held: Held) -> None:

@@ -75,7 +75,7 @@ def answer(window: Window) -> m.Snapshot:
 def test_a_first_try_is_with_a_controller_that_brakes(window: Window) -> None:
     window.until_stage(m.NO_SESSION)
     assert window.opened.hand == "mouse"
-    window.client.send(m.Sandbox())
+    window.client.send(m.SetSandbox())
     tried = window.touch().running
     assert window.opened.protocol.controllers[tried.controller].kind != "none" and tried.block == 0
     window.client.send(m.EndSandbox())

@@ -10,7 +10,7 @@ from sessions import new_session
 from app.cli import main
 from core.files import InputError
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
-from experiments.study.unrecorded import DETECTED_M_S2, GAINS, settled, study_trials, vibrations
+from experiments.study.unrecorded import DETECTED_M_S2, GAINS, study_trials, vibrations, with_low_gain_found
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def unsettled() -> Protocol:
 
 @pytest.fixture(scope="module")
 def found(unsettled) -> Protocol:
-    return settled(unsettled, PEOPLE)
+    return with_low_gain_found(unsettled, PEOPLE)
 
 
 def test_the_gain_found_does_not_vibrate_and_the_next_one_does(unsettled, found):
@@ -34,17 +34,19 @@ def test_the_gain_found_does_not_vibrate_and_the_next_one_does(unsettled, found)
 
 def test_the_number_found_is_stored_with_its_rule_and_not_looked_for_again(found):
     again = protocol_from_json(protocol_to_json(found), "stored")
-    assert again.low_gain == found.low_gain and again.assumptions.low_gain == "no vibration" and not again.unsettled
-    assert settled(again, PEOPLE) is again
+    assert (
+        again.low_gain == found.low_gain and again.assumptions.low_gain == "no vibration" and not again.low_gain_unknown
+    )
+    assert with_low_gain_found(again, PEOPLE) is again
     assert f"low gain {found.low_gain:g} N s/m (no vibration)" in again.note()
     assert again.controllers[4].value(GAIN) == 10_000.0
 
 
 def test_the_same_seed_finds_the_same_gain_and_another_world_another(unsettled, found):
-    assert settled(unsettled, PEOPLE).low_gain == found.low_gain
+    assert with_low_gain_found(unsettled, PEOPLE).low_gain == found.low_gain
     about = protocol_to_json(unsettled)
     slow = {"low_gain": "no vibration", "sensing": "encoders", "lag_factor": 0.2}
-    other = settled(protocol_from_json({**about, "overrides": {"assumptions": slow}}, "other"), PEOPLE)
+    other = with_low_gain_found(protocol_from_json({**about, "overrides": {"assumptions": slow}}, "other"), PEOPLE)
     assert other.low_gain != found.low_gain
 
 

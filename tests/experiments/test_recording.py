@@ -21,7 +21,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import write_table
 from experiments.recording import atomic_files
 from experiments.recording import writer as recording_writer
-from experiments.recording.atomic_files import TRIES, retry_while_locked, remove, replace_file, set_aside
+from experiments.recording.atomic_files import TRIES, remove, replace_file, retry_while_locked, set_aside
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet

@@ -11,7 +11,7 @@ import pytest
 from board_table import UNSEEN, handling
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US, Event
+from hardware.emulated_board.board import SILENCE_US, TICK_US, BoardEvent
 from hardware.wire.messages import (
     AskHello,
     Bye,
@@ -31,16 +31,16 @@ from hardware.wire.messages import (
 )
 
 SPECIFICATION = (Path(__file__).resolve().parents[2] / "docs" / "protocol.md").read_text()
-PAIRS = [(state, event) for state in State for event in Event]
+PAIRS = [(state, event) for state in State for event in BoardEvent]
 SEEN = [pair for pair in PAIRS if pair not in UNSEEN]
 UNWATCHED = [pair for pair in PAIRS if pair in UNSEEN]
 
 
-def in_state(state: State, event: Event | None = None) -> SimulatedBoard:
+def in_state(state: State, event: BoardEvent | None = None) -> SimulatedBoard:
     """A board in a state, by the shortest way from power-up."""
     bench = SimulatedBoard()
     if state == State.BOOT:
-        if event is Event.STARTED_LOW:
+        if event is BoardEvent.STARTED_LOW:
             bench.start().board.lose_power(bench.now_us)
         return bench
     bench.start()
@@ -54,31 +54,36 @@ def in_state(state: State, event: Event | None = None) -> SimulatedBoard:
     return bench
 
 
-def happen(bench: SimulatedBoard, event: Event) -> list[tuple]:
+def happen(bench: SimulatedBoard, event: BoardEvent) -> list[tuple]:
     """Make an event happen; what the board says to it."""
     told = {
-        Event.HELLO: AskHello(1), Event.LIMITS: SetLimits(FULL, NO_LIMIT), Event.HOME: Home(0b0101, (5, 0, 7, 0)),
-        Event.RESET: ResetFault(), Event.HEARTBEAT: Heartbeat(9), Event.STOP: Stop(), Event.BYE: Bye(),
-    }  # fmt: skip
+        BoardEvent.HELLO: AskHello(1),
+        BoardEvent.LIMITS: SetLimits(FULL, NO_LIMIT),
+        BoardEvent.HOME: Home(0b0101, (5, 0, 7, 0)),
+        BoardEvent.RESET: ResetFault(),
+        BoardEvent.HEARTBEAT: Heartbeat(9),
+        BoardEvent.STOP: Stop(),
+        BoardEvent.BYE: Bye(),
+    }
     if event in told:
         return bench.tell(told[event])
-    if event in (Event.ON, Event.OFF):
-        return bench.command(mode=int(event is Event.ON))
-    if event in (Event.STARTED, Event.STARTED_LOW):
+    if event in (BoardEvent.ON, BoardEvent.OFF):
+        return bench.command(mode=int(event is BoardEvent.ON))
+    if event in (BoardEvent.STARTED, BoardEvent.STARTED_LOW):
         bench.start()
-    elif event is Event.SILENCE:
+    elif event is BoardEvent.SILENCE:
         bench.tick(SILENCE_US // TICK_US)
-    elif event is Event.WATCHDOG:
+    elif event is BoardEvent.WATCHDOG:
         bench.tick(50)
-    elif event is Event.BAD:
+    elif event is BoardEvent.BAD:
         return bench.tick(encoder_good=(False, True, True, True))
-    elif event is Event.BROWN_OUT:
+    elif event is BoardEvent.BROWN_OUT:
         bench.board.lose_power(bench.now_us)
     return []
 
 
 @pytest.mark.parametrize(("state", "event"), SEEN, ids=[f"{s.name}-{e.name}" for s, e in SEEN])
-def test_each_event_in_each_state_does_what_the_table_says(state: State, event: Event) -> None:
+def test_each_event_in_each_state_does_what_the_table_says(state: State, event: BoardEvent) -> None:
     bench = in_state(state, event)
     bench.board.seen.clear()
     answers = happen(bench, event)
@@ -93,14 +98,14 @@ def test_each_event_in_each_state_does_what_the_table_says(state: State, event: 
 
 
 @pytest.mark.parametrize(("state", "event"), UNWATCHED, ids=[f"{s.name}-{e.name}" for s, e in UNWATCHED])
-def test_what_a_state_does_not_watch_for_is_never_met_there(state: State, event: Event) -> None:
+def test_what_a_state_does_not_watch_for_is_never_met_there(state: State, event: BoardEvent) -> None:
     """The rest of the table: what would be the event elsewhere is brought about, and for long."""
     bench = in_state(state)
     bench.board.seen.clear()
     happen(bench, event)
     assert (state, event) not in bench.board.seen
-    if (state, event) != (State.ACTIVE, Event.SILENCE):  # there the watchdog comes first
-        assert bench.state == (State.IDLE if (state, event) == (State.BOOT, Event.SILENCE) else state)
+    if (state, event) != (State.ACTIVE, BoardEvent.SILENCE):  # there the watchdog comes first
+        assert bench.state == (State.IDLE if (state, event) == (State.BOOT, BoardEvent.SILENCE) else state)
     if state in (State.IDLE, State.FAULT):
         bench.tick(3000, encoder_good=(False,) * 4)
         assert bench.state == state and not UNSEEN & set(bench.board.seen)
@@ -128,8 +133,8 @@ def test_the_table_covers_every_pair_and_the_specification_holds_it() -> None:
         event: [cell.strip() for cell in cells.split("|")[:5]]
         for event, cells in re.findall(r"^\| ([^|]+) \| ((?:[^|]+\|){5})$", SPECIFICATION, re.M)
     }
-    assert len(SEEN) + len(UNSEEN) == len(State) * len(Event) == 75
-    for event in Event:
+    assert len(SEEN) + len(UNSEEN) == len(State) * len(BoardEvent) == 75
+    for event in BoardEvent:
         assert written[event.value] == [handling(state, event) for state in State]
     said = re.search(r"\(75 pairs: (.+?)\)", SPECIFICATION.replace("\n", " "))
     assert said and said[1] == coverage()
@@ -137,12 +142,12 @@ def test_the_table_covers_every_pair_and_the_specification_holds_it() -> None:
 
 def test_answers_say_what_was_done() -> None:
     bench = in_state(State.READY)
-    assert happen(bench, Event.HEARTBEAT) == [HeartbeatReply(9, bench.now_us)]
-    assert happen(bench, Event.LIMITS) == [Limits(FULL, NO_LIMIT)]
-    assert happen(bench, Event.HOME) == [Homed(0b0101, (5, 0, 7, 0))]
-    assert happen(bench, Event.STOP) == [FaultReport(64, 64, 255, bench.now_us)]
-    assert happen(bench, Event.RESET) == [FaultReport(0, 0, 255, bench.now_us)]
-    assert happen(bench, Event.ON) == [Refused(3, Refusal.WRONG_STATE)]
+    assert happen(bench, BoardEvent.HEARTBEAT) == [HeartbeatReply(9, bench.now_us)]
+    assert happen(bench, BoardEvent.LIMITS) == [Limits(FULL, NO_LIMIT)]
+    assert happen(bench, BoardEvent.HOME) == [Homed(0b0101, (5, 0, 7, 0))]
+    assert happen(bench, BoardEvent.STOP) == [FaultReport(64, 64, 255, bench.now_us)]
+    assert happen(bench, BoardEvent.RESET) == [FaultReport(0, 0, 255, bench.now_us)]
+    assert happen(bench, BoardEvent.ON) == [Refused(3, Refusal.WRONG_STATE)]
 
 
 def test_hello_says_what_the_board_is_ends_the_connection_before_and_tells_a_host_of_another_version_so() -> None:

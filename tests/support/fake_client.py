@@ -98,9 +98,9 @@ def before(**changes) -> m.Snapshot:
 
 #: stage -> the card that is up then
 CARDS = {
-    m.QUESTIONS: m.Card("Questions", "The participant answers them on the other screen.", ""),
-    m.RERIG: m.Card("Change to four-brake", "Mount the four-brake linkage.", "It is done"),
-    m.BREAK: m.Card("Break", "A break: let go of the handle and rest."),
+    m.QUESTIONS: m.StepCard("Questions", "The participant answers them on the other screen.", ""),
+    m.RERIG: m.StepCard("Change to four-brake", "Mount the four-brake linkage.", "It is done"),
+    m.BREAK: m.StepCard("Break", "A break: let go of the handle and rest."),
 }
 SHORT_BREAK, LONG_BREAK = (CARDS[m.BREAK]._replace(wait_s=seconds) for seconds in (5.0, 60.0))
 

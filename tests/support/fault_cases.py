@@ -258,7 +258,7 @@ class Case:
             return
         self.run.returned(Done(self.running.changed()), "")
         self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
-        self.row = self.run.keep(session)
+        self.row = self.run.finish(session)
 
     @property
     def recording(self):

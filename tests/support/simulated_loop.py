@@ -10,7 +10,7 @@ from live import Window
 from simulated_bench import Bench, BenchWire
 
 from app.ipc import messages as m
-from app.ipc.messages import Done, Prepared, Run, Setup, Tried, Try
+from app.ipc.messages import CheckTiming, Done, Prepared, Run, Setup, TimingChecked
 from app.ipc.ring import HAND_BACK, Ring
 from app.ipc.scheduling import Scheduling
 from app.loop.loop import Loop
@@ -39,8 +39,8 @@ class SimulatedLoop:
 
     def send(self, job: object) -> None:
         match pickle.loads(pickle.dumps(job)):  # as through the pipe
-            case Try(ticks):
-                self._answers.append(Tried(np.zeros(ticks)))
+            case CheckTiming(ticks):
+                self._answers.append(TimingChecked(np.zeros(ticks)))
             case Run(trial):
                 self._trial = trial
                 self._force_max = float(trial.simulation.hand.grips["force_max"][0])
@@ -110,8 +110,8 @@ class BoardLoop:
     def receive(self, wait_s: float = 0.0) -> list[object]:
         if self._jobs:
             match job := self._jobs.pop(0):
-                case Try(ticks):
-                    pickle.dump(Tried(np.zeros(ticks)), self._out)
+                case CheckTiming(ticks):
+                    pickle.dump(TimingChecked(np.zeros(ticks)), self._out)
                 case _:
                     self._loop.do(job)
         else:

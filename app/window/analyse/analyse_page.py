@@ -52,7 +52,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Job, Results, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free, partial_name
-from experiments.session.files import STORED, STUDY, settled_cells
+from experiments.session.files import STORED, STUDY, finished_cells
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
@@ -204,7 +204,7 @@ class AnalysePage(Page):
             return
         self.results = results
         rows = {who: [row for row in results.rows if row.participant == who] for who in people_of(results.rows)}
-        count = {who: len(settled_cells(theirs)[0]) for who, theirs in rows.items()}
+        count = {who: len(finished_cells(theirs)[0]) for who, theirs in rows.items()}
         planned = {who: results.planned.get(who, 0) for who in count}
         self.people.show_choices({
             who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()

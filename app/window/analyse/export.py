@@ -6,7 +6,7 @@ import pickle
 import signal
 import sys
 
-from app.progress import Progress
+from app.progress import ProgressBar
 from core.files import InputError
 from experiments.export.results_files import write_results
 
@@ -20,7 +20,7 @@ def main() -> None:
         os.nice(NICE)
     job = pickle.load(sys.stdin.buffer)
     try:
-        with contextlib.closing(Progress("writing")) as progress:
+        with contextlib.closing(ProgressBar("writing")) as progress:
             count = write_results(job, progress)
     except InputError as error:
         print(error, file=sys.stderr)

@@ -29,7 +29,7 @@ def load(setup: m.Setup) -> Loaded:
     protocol = load_protocol(
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )
-    protocol.refuse_unsettled()
+    protocol.refuse_unknown_low_gain()
     participant = setup.participant or proposed(setup.data_dir, protocol)
     return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 

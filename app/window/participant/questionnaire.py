@@ -11,7 +11,7 @@ from app.window.widgets import theme
 from app.window.widgets.parts import Panel, column, text_label, wrapped_label
 from app.window.widgets.theme import pen
 from experiments.language import ENGLISH_WORDS, Language
-from experiments.protocol_file import Page
+from experiments.protocol_file import InstructionPage
 
 #: item, whose question is the language's sentence of that name, and the keys of what stands at both ends
 ITEMS = (
@@ -206,7 +206,7 @@ class Instructions(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._pages: tuple[Page, ...] = ()
+        self._pages: tuple[InstructionPage, ...] = ()
         self._language = ENGLISH_WORDS
         self.at = 0
         self.text, self.picture = wrapped_label("", size=theme.LARGE), QLabel()
@@ -220,7 +220,7 @@ class Instructions(QWidget):
     def over(self) -> bool:
         return self.at >= len(self._pages)
 
-    def show_pages(self, pages: tuple[Page, ...], language: Language) -> None:
+    def show_pages(self, pages: tuple[InstructionPage, ...], language: Language) -> None:
         """From the first page on."""
         self._pages, self._language, self.at = pages, language, 0
         self._show()

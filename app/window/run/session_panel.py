@@ -25,7 +25,7 @@ from app.window.widgets.parts import (
 from app.window.widgets.preflight import advice
 from app.window.widgets.words import LACKING, cell, done_of, minutes, place
 from experiments.analysis.trials_table import TrialRow
-from experiments.session.files import settled_cells
+from experiments.session.files import finished_cells
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
@@ -96,8 +96,8 @@ class SessionPanel(Panel):
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
-        settled, lacking = map(len, settled_cells(snapshot.rows))
-        self.done.setText(done_of(settled, len(opened.plan), lacking) if opened.participant else "")
+        done, lacking = map(len, finished_cells(snapshot.rows))
+        self.done.setText(done_of(done, len(opened.plan), lacking) if opened.participant else "")
         self.done.setToolTip(LACKING if lacking else "")
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)

@@ -45,7 +45,7 @@ class TryPage(Page):
         self._reading = RefreshClock()
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
-        self._timer.timeout.connect(lambda: self.send(m.Sandbox(self.controls.settings)))
+        self._timer.timeout.connect(lambda: self.send(m.SetSandbox(self.controls.settings)))
         self.large, self.small = text_label("", size=30, bold=True), wrapped_label("", "quiet", theme.TITLE)
         self.error, self.time = text_label("–", size=22, bold=True), text_label("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
@@ -118,7 +118,7 @@ class TryPage(Page):
     def _ask(self) -> None:
         """Open Try on the server, unless a session is open."""
         if self._front and self.opened is not None and not self.opened.participant:
-            self.send(m.Sandbox(self.controls.settings))
+            self.send(m.SetSandbox(self.controls.settings))
 
     def _start(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:

@@ -24,7 +24,7 @@ from app.window.widgets.parts import (
 )
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
-from experiments.session.files import settled_cells
+from experiments.session.files import finished_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
@@ -326,7 +326,7 @@ class Cards:
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
         text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
-        lacking = len(settled_cells(snapshot.rows)[1])
+        lacking = len(finished_cells(snapshot.rows)[1])
         if lacking:
             text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted), – (skipped) or e (excluded)."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]

@@ -169,9 +169,9 @@ def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
     return all(getattr(a, field) == getattr(b, field) for field in CELL)
 
 
-def done_of(settled: int, planned: int, lacking: int) -> str:
-    """How far a session is: trials that are settled, of the plan; those without a result."""
-    return f"{settled} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
+def done_of(done: int, planned: int, lacking: int) -> str:
+    """How far a session is: trials of the plan that are done; those without a result."""
+    return f"{done} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
 
 
 def minutes(seconds: float | None) -> str:
