@@ -11,7 +11,7 @@ import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -205,7 +205,7 @@ def read_protocol(
         raise InputError(f"{where}: language: {error}") from None
     named = {one.picture for one in file.instruction if one.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
-    return _checked(file, text, found, overrides, where, words, pictures)
+    return _checked(file, _Contents(text, words, pictures), found, overrides, where)
 
 
 def read_picture(path: Path, where: str) -> bytes:
@@ -235,9 +235,17 @@ def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[s
     return str(path) if os.path.isfile(path) and device.name != str(reference) else f"device {device.name}", device
 
 
+class _Contents(NamedTuple):
+    """Files in full."""
+
+    text: str  # of the protocol
+    language: str
+    pictures: dict[str, bytes]
+
+
 def _checked(
-    file: ProtocolFile, text: str, devices: Sequence[tuple[str, Device]], overrides: Mapping[str, Any], where: str,
-    words: str, pictures: dict[str, bytes],
+    file: ProtocolFile, contents: _Contents, devices: Sequence[tuple[str, Device]], overrides: Mapping[str, Any],
+    where: str,
 ) -> Protocol:  # fmt: skip
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
@@ -267,7 +275,7 @@ def _checked(
             f"({cells} of device, path and controller, {file.blocks} blocks, {file.repetitions} repetitions)"
         )
     check_reach(devices, paths, where)
-    read_language(words, f"{where}: language")
+    read_language(contents.language, f"{where}: language")
     settings = {name: getattr(file, name) for name in Settings.__struct_fields__}
     settings |= {name: getattr(asked, name) for name in ("rules", "seed") if name in overrides}
     release = file.release if file.release.on else None
@@ -277,8 +285,8 @@ def _checked(
         around=_around(file, devices, paths, where),
     )  # fmt: skip
     return Protocol(
-        text=text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        controllers=controllers, language_text=words, pictures=pictures, **settings,
+        text=contents.text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
+        controllers=controllers, language_text=contents.language, pictures=contents.pictures, **settings,
     )  # fmt: skip
 
 
@@ -408,7 +416,8 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
     words = about.get("language") or language_text(file.language, Path())
     pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
-    return _checked(file, about["text"], devices, about["overrides"], f"{where}: protocol", words, pictures)
+    contents = _Contents(about["text"], words, pictures)
+    return _checked(file, contents, devices, about["overrides"], f"{where}: protocol")
 
 
 def home_of(device: Device, paths: Mapping[int, PathFile]) -> tuple[float, float]:

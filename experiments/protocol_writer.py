@@ -5,7 +5,7 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -43,38 +43,47 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
         raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
 
 
-def save_variant(
-    path: Path, protocol: Protocol, device: Device, segment: int, controllers: Mapping[int, Preset], rules: str,
-    mouse: MouseHand, strength: float = 1.0, backlash_deg: float | None = None, sensing: str = IDEAL,
-) -> None:  # fmt: skip
+class Variant(NamedTuple):
+    """What a protocol of one device and one path has in place of another protocol's."""
+
+    device: Device
+    path: int  # its number in the other protocol
+    controllers: Mapping[int, Preset]  # as the other protocol's assumptions made them
+    rules: str
+    mouse: MouseHand
+    brake_strength: float = 1.0  # share of K(I)
+    backlash_deg: float | None = None  # of all brakes; None: each brake's own
+    sensing: str = IDEAL
+
+
+def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
     """Write a protocol like another one, of one device and one path. InputError as above; no file is overwritten.
 
-    strength, backlash_deg: of its brakes, as a share of K(I) and of all brakes (None: each brake's own). Where they are
-    not the device's, or the device is not a shipped one, device and brake files are written beside. Instructions and a
-    translation are left out: they stand in files beside the other protocol. The controllers are as the protocol's
-    assumptions made them.
+    Device and brake files are written beside it where the brakes are changed or the device is not a shipped one.
+    Instructions and a translation are left out: they stand in files beside the other protocol.
     """
+    device, strength, backlash_deg = variant.device, variant.brake_strength, variant.backlash_deg
     content = _without_files(protocol)
     applied = {"gap_reading": None, "low_gain": None} | ({} if backlash_deg is None else {"backlash_deg": None})
-    content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": sensing}
+    content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": variant.sensing}
     paths = {entry.get("number", place): entry for place, entry in enumerate(content["path"], start=1)}
     changed = strength != 1.0 or backlash_deg is not None
     changed = changed or device.name not in shipped_devices() or load_device(device.name).text != device.text
-    files, variant = _device_files(path, device, strength, backlash_deg) if changed else ({}, device)
+    files, changed_device = _device_files(file, device, strength, backlash_deg) if changed else ({}, device)
     content |= {
-        "name": path.stem,
-        "rules": rules,
-        "devices": [f"{path.stem}-device.toml" if files else device.name],
-        "path": [paths[segment]],
-        "controller": [_controller(number, preset) for number, preset in controllers.items()],
-        "mouse": msgspec.to_builtins(mouse),
+        "name": file.stem,
+        "rules": variant.rules,
+        "devices": [f"{file.stem}-device.toml" if files else device.name],
+        "path": [paths[variant.path]],
+        "controller": [_controller(number, preset) for number, preset in variant.controllers.items()],
+        "mouse": msgspec.to_builtins(variant.mouse),
     }
     text = protocol_text(content)
-    read_protocol(text, path.parent, str(path), devices=[variant])
+    read_protocol(text, file.parent, str(file), devices=[changed_device])
     try:
-        write_new_files({path.parent / name: made.encode() for name, made in {**files, path.name: text}.items()})
+        write_new_files({file.parent / name: made.encode() for name, made in {**files, file.name: text}.items()})
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({reason_of(error)})") from None
+        raise InputError(f"{file}: cannot be written ({reason_of(error)})") from None
 
 
 def whole_text(protocol: Protocol, name: str, about: str) -> str:

@@ -17,7 +17,7 @@ from experiments.plan import PlannedTrial, counted
 from experiments.recording.atomic_files import reason_of
 from experiments.session.files import other_protocol, refuse_study
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.trial.population import load_population
 
 
@@ -58,12 +58,11 @@ def _open(state: State, command: m.Open) -> None:
         session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
         refuse_study(setup.data_dir)
-        person = person_at(setup, state.protocol, name)
-        blind = (command.blind or None) if person is None else False
-        operators = load_population().operators if person else None
-        session = Session(
-            setup.data_dir, name, state.protocol, person, setup.sync, blind, hand, operators, command.form, on_event
-        )
+        operator = person_at(setup, state.protocol, name)
+        blind = (command.blind or None) if operator is None else False
+        population = load_population().operators if operator else None
+        who = Participant(name, hand, operator, population, command.form)
+        session = Session(setup.data_dir, who, state.protocol, blind, setup.sync, on_event)
     try:
         state.storage.take(SessionProgress(session))
     except BaseException:
@@ -122,7 +121,7 @@ def _run(state: State, session: Session, planned: PlannedTrial) -> None:
     if why := state.broken or state.snapshot().why_not or _wrong_hand(state, session):
         raise InputError(why)
     trial, writer = state.device.begin(session, planned)
-    state.runner.start(planned, trial, writer, state.lsl.begin(planned.run) if state.lsl else None)
+    state.runner.start(trial, writer, state.lsl.begin(planned.run) if state.lsl else None)
     state.notify("")
 
 

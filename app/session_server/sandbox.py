@@ -40,7 +40,7 @@ from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.protocol_writer import save_variant
+from experiments.protocol_writer import Variant, save_variant
 from experiments.recording.schema import recording_of
 from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
 from experiments.trial.trial import Trial
@@ -162,7 +162,8 @@ class Sandbox:
         if s.spring_N_m != mouse.stiffness_N_m:
             mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
         backlash = None if self._own_backlash() else s.backlash_deg
-        save_variant(path, p, device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
+        variant = Variant(device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
+        save_variant(path, p, variant)
         self._saved = str(path)
         left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
         self._notify(f"Saved as {path}.{left_out}", False)
@@ -290,7 +291,7 @@ class Sandbox:
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
         self._pieces, self._changed, self._asked = [], False, False
-        self._run = self._runner.start(planned, trial, None, partial(append_ticks, self._pieces), self._grasp)
+        self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
 
     def _ready_simulation(self) -> SimulatedDevice:
         """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""

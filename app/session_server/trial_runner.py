@@ -21,7 +21,6 @@ from app.session_server.recorder import Recorder, Take, timing_of
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
-from experiments.plan import PlannedTrial
 from experiments.recording.writer import RecordingWriter
 from experiments.session.session import Session
 from experiments.trial.trial import Trial
@@ -36,14 +35,14 @@ class TrialRun:
     """A trial that the loop runs now."""
 
     def __init__(
-        self, ring: Ring, loop: LoopProcess, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None,
-        take: Take | None = None, grasp: int = UNTOUCHED,
+        self, ring: Ring, loop: LoopProcess, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
+        grasp: int = UNTOUCHED,
     ) -> None:  # fmt: skip
         """Start it. writer: None for a trial that is not kept. take: gets all ticks, too.
 
         grasp: how the pointer has the handle.
         """
-        self.planned, self.trial = planned, trial
+        self.planned, self.trial = trial.planned, trial
         self.again = "never"  # as `messages.Abort` has it
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
@@ -155,16 +154,15 @@ class TrialRunner:
         return self._tried is not None and self.run is None
 
     def start(
-        self, planned: PlannedTrial, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
-        grasp: int | None = None,
-    ) -> TrialRun:  # fmt: skip
+        self, trial: Trial, writer: RecordingWriter | None, take: Take | None = None, grasp: int | None = None
+    ) -> TrialRun:
         """Run a trial; the writer is the runner's until the run has ended or is lost.
 
         grasp: how the pointer has the handle; None: it must touch it, and one that was let go still comes home.
         """
         if grasp is None:
             grasp = LET_GO if trial.simulation is self._let_go else UNTOUCHED
-        self.run = TrialRun(self._ring, self._loop, planned, trial, writer, take, grasp)
+        self.run = TrialRun(self._ring, self._loop, trial, writer, take, grasp)
         return self.run
 
     def go_on(self, run: TrialRun) -> None:

@@ -47,7 +47,7 @@ sys.path += [os.path.join(_here, "program"), os.path.join(_here, "libraries")]
 
 def add(verbs: argparse._SubParsersAction) -> None:
     verb = add_verb(
-        verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away",
+        verbs, "bundle", bundle_verb, "put the program, its Python and its libraries into a folder to carry away\n"
         "For computers of this system that have no Python and no network: copy the folder, double-click phd in it.\n"
         "On Linux it runs where the C library is at least as new as here. The first start compiles for the computer.",
         "phd bundle phd-bundle",

@@ -42,9 +42,13 @@ Do = Callable[[argparse.Namespace], int | None]
 
 
 def add_verb(
-    verbs: argparse._SubParsersAction, name: str, do: Do, summary: str, more: str, example: str, prints: str = ""
+    verbs: argparse._SubParsersAction, name: str, do: Do, about: str, example: str, prints: str = ""
 ) -> argparse.ArgumentParser:
-    """A new verb. do: runs it, its exit code (None: 0). prints: what --json prints as JSON; "": there is no --json."""
+    """Add a verb. do: runs it and returns the exit code (None: 0). about: its first line is the summary.
+
+    prints: what --json prints as JSON; "": there is no --json.
+    """
+    summary, _, more = about.partition("\n")
     verb = verbs.add_parser(
         name,
         help=summary,

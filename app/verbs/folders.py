@@ -16,7 +16,7 @@ HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "replay", replay_verb,
-        "play a recorded trial on the screen, or its hand through another controller or device",
+        "play a recorded trial on the screen, or its hand through another controller or device\n"
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
         "each metric is printed as it was and as it is. A person would react to what they feel; the recorded hand\n"
         "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again, to the\n"
@@ -37,7 +37,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
     option = add_verb(
-        verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone",
+        verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone\n"
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
         "with the change of each box against the trials.csv of DIR; the exit code is still 0 (phd verify exits 1).\n"
         "The journals in DIR are read for what no recording holds: trials skipped or done again later.",
@@ -57,7 +57,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     timeouts = "put trials whose time was up into boxes and statistics, which leave them out otherwise"
     option("--timeouts", action="store_true", help=timeouts)
     option = add_verb(
-        verbs, "export", export_verb, "write a study's recordings as BIDS-Motion or as CSV",
+        verbs, "export", export_verb, "write a study's recordings as BIDS-Motion or as CSV\n"
         "Each into a new folder, whole or not at all; both may be asked for at once. A recording that is damaged or\n"
         "was cut off is left out and named. While a session is blind, controllers keep their codes and what the\n"
         "brakes did is not exported. Answers to the questionnaire go into both, the experimenter's notes into CSV.",
@@ -71,7 +71,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     shift = "dates of the BIDS data set to before 1925, by the same random number of days for all of one participant"
     option("--shift-dates", action="store_true", help=shift)
     option = add_verb(
-        verbs, "verify", verify_verb, "check that everything in a folder is as it was written, every recording whole",
+        verbs, "verify", verify_verb, "check that everything in a folder is as it was written, every recording whole\n"
         "Writes nothing. Exit 0: it is so, or a recording is marked as recovered (an unfinished plan is no fault).\n"
         "Exit 1: each damaged batch, missing recording, trial that was cut off, changed or lost line of a journal,\n"
         "changed record, and table that disagrees is named. Checksums find accidents, not malice.",
@@ -79,7 +79,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option("dir", **FOLDER)
     option = add_verb(
-        verbs, "recover", recover_verb, "rescue what a crash left: every whole batch of a trial that was cut off",
+        verbs, "recover", recover_verb, "rescue what a crash left: every whole batch of a trial that was cut off\n"
         "The trial gets a recording and a row marked as recovered; the file that the crash left is kept beside it.\n"
         "What cannot be read of a journal is named, and the rest of it holds.\n"
         "Exit 0: phd verify finds no fault any more. Exit 1: what is left is named. A folder that a running process\n"

@@ -59,7 +59,7 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
         with cpu_load(busy):
             while ticks < most:
                 trial = next(trials)
-                run = runner.start(trial.planned, trial, None)
+                run = runner.start(trial, None)
 
                 def over(run: TrialRun = run, before: int = ticks) -> bool:
                     now = before + len(run.recorder.lateness_us)

@@ -19,14 +19,14 @@ MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
-        verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices",
+        verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices\n"
         "Only ports that are named with --port are asked for a board; a port that is in use is not disturbed.\n"
         "Exit 0: done, also where nothing is attached. Exit 1: at a named port no board answers.",
         "phd devices --port /dev/ttyACM0", prints="what was found",
     ).add_argument  # fmt: skip
     option("--port", **PORTS)
     option = add_verb(
-        verbs, "doctor", doctor_verb, "check this machine: libraries, screens, scheduling, disk, ports and hands",
+        verbs, "doctor", doctor_verb, "check this machine: libraries, screens, scheduling, disk, ports and hands\n"
         "Gives advice on everything that is not as it should be. Changes nothing.\n"
         "Exit 0: trials can be run. Exit 1: something marked NO stands in the way.",
         "phd doctor --data-dir data", prints="the findings",
@@ -34,7 +34,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--data-dir", **DATA_DIR)
     option("--port", **PORTS)
     option = add_verb(
-        verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it",
+        verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it\n"
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
         "The log names a UDP port of this computer that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '
@@ -121,25 +121,25 @@ def emulate(args: argparse.Namespace) -> None:
     from experiments.protocol import load_protocol
 
     every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
-    device, *others = map(load_device, [args.device] if args.device else every)
-    if device.castor:
-        raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
+    devices = list(map(load_device, [args.device] if args.device else every))
+    if devices[0].castor:
+        raise InputError(f"--device: {devices[0].name} has a castor, which can only be simulated")
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)
     watch_compiling()
     from app.emulated_operator import drawn_operator
     from hardware.emulated_board.device import HeldHand
-    from hardware.emulated_board.emulator import Emulator
+    from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 
     hand = drawn_operator(path, args.seed) if args.hand == "operator" else HeldHand(tip, holds=args.hand == "still")
-    emulator = Emulator(device, hand, tip, faults, args.seed, not args.not_homed, log, others, args.socket)
+    emulator = Emulator(devices, hand, tip, faults, EmulatorSettings(args.seed, not args.not_homed, args.socket), log)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         scheduling = low_latency()
         for number in before:
             signal.signal(number, lambda *_: emulator.stop())
-        names = [f"{one.name}{' (assumed)' if one.assumed else ''}" for one in (device, *others)]
+        names = [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in devices]
         orders = f"orders to UDP port {emulator.control}"
         log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
         print(emulator.port, flush=True)

@@ -14,7 +14,7 @@ KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and d
 
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
-        verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people",
+        verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people\n"
         "Reads the trials that reached the end of a straight path: motion and force of the handle, path and phases,\n"
         "nothing that a bench could not record. Prints each number with its 95 % interval and what it rests on, and\n"
         "the numbers that cannot be seen, which stay as in --like and are marked assumed. phd study --population FILE\n"
@@ -26,7 +26,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--like", default="average", metavar="NAME|PATH", help="population of the other numbers (default: average)")
     option("--out", type=Path, metavar="FILE.toml", help="a new population file")
     option = add_verb(
-        verbs, "simulate", simulate_verb, "simulate one scene without an operator",
+        verbs, "simulate", simulate_verb, "simulate one scene without an operator\n"
         "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"
         "goes to a CSV file.",
         "phd simulate scene.toml --out motion.csv", prints="the summary",
@@ -34,7 +34,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
     option("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
     option = add_verb(
-        verbs, "identify", identify_verb, "fit a brake to measured current steps",
+        verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
         "step_index (tells repeats apart, which are averaged), in the order in which they were measured. With some\n"
         "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
@@ -54,7 +54,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
     )  # fmt: skip
     option = add_verb(
-        verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models",
+        verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models\n"
         "Besides: the shipped displays compared, the guard's stopping distances, a passive master and the Scooter.\n"
         "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
         "Files that exist are never overwritten. Prints the files.",

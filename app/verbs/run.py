@@ -19,7 +19,7 @@ HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
-        verbs, "run", run, "open the app and run trials (the same as phd alone)",
+        verbs, "run", run, "open the app and run trials (the same as phd alone)\n"
         "One window (Home, Try, Run, Analyse), and the participant's view on the second screen (on one screen: F11).\n"
         "The simulated device is moved with the mouse: the pointer pulls the handle on a spring.\n"
         "An interrupted session is offered to be resumed.",

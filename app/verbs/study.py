@@ -26,7 +26,7 @@ IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
-        verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators",
+        verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators\n"
         "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
         "trials.csv, box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on\n"
         "with --resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
@@ -54,7 +54,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     option = add_verb(
-        verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings",
+        verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings\n"
         "Each world is a study of three simulated people by the paper's protocol, without recordings, under\n"
         "assumptions drawn from the ranges, and is judged by boxes as the paper judges. Leaves DIR/worlds.csv, a row\n"
         "a world, and DIR/report: the share of worlds in which each statement holds, which assumption decides it, the\n"

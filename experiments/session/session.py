@@ -11,7 +11,7 @@ import platform
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import msgspec
 
@@ -52,34 +52,43 @@ OnEvent = Callable[[events.Event, dict[str, Any]], None]
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
+class Participant(NamedTuple):
+    """Whose session it is, and whose hand moves the handle."""
+
+    label: str
+    hand: str = MOUSE  # of `INPUTS`; of a simulated operator always OPERATOR
+    operator: Person | None = None  # simulated; None: a person
+    population: Operators | None = None  # of which the simulated operator is one
+    form: Mapping[str, str | float] = {}  # answers to what the protocol asks
+
+
 class Session:
     """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
 
     _known: InMemory | None = None  # of its folder; None: the session is being created
 
     def __init__(
-        self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None = None, sync: bool = True,
-        blind: bool | None = None, hand: str = MOUSE, operators: Operators | None = None,
-        form: Mapping[str, str | float] | None = None, on_event: OnEvent | None = None,
+        self, data_dir: Path, who: Participant, protocol: Protocol, blind: bool | None = None, sync: bool = True,
+        on_event: OnEvent | None = None,
     ) -> None:  # fmt: skip
-        """Create the folder and store the plan. person: a simulated operator; None: a hand at the mouse or device.
+        """Create the folder and store the plan.
 
         blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
-        hand: what moves the handle where it is no simulated operator. operators: the population of the person.
-        form: what the participant answered of what the protocol asks. on_event: called after each line of the journal.
-        InputError if the session exists, is none of the protocol's, or the folder cannot be made.
+        on_event: called after each line of the journal.
+        InputError if the session exists, the participant is none of the protocol's, or the folder cannot be made.
         """
-        if person is None:
-            protocol.refuse_stranger(participant)
+        if who.operator is None:
+            protocol.refuse_stranger(who.label)
+        else:
+            who = who._replace(hand=OPERATOR)
         protocol.refuse_unknown_low_gain()
-        protocol.refuse_answers(form or {})
-        is_blind = (protocol.blind and person is None) if blind is None else blind
-        plan = make_plan(protocol, participant, is_blind)
-        files.refuse_existing(data_dir, participant)
-        self._init_common(data_dir, participant, protocol, person, sync, on_event)
-        self.hand, self.operators, self.blind = OPERATOR if person else hand, operators, is_blind
-        self.plan, self.plan_sha256 = plan, plan_hash(plan)
+        protocol.refuse_answers(who.form)
+        is_blind = (protocol.blind and who.operator is None) if blind is None else blind
+        plan = make_plan(protocol, who.label, is_blind)
+        files.refuse_existing(data_dir, who.label)
+        self._init_common(data_dir, who, protocol, sync, on_event)
+        self.blind, self.plan, self.plan_sha256 = is_blind, plan, plan_hash(plan)
         with refusing(self.folder, "cannot be created"):
             try:
                 (self.folder / files.TRIALS).mkdir(parents=True, exist_ok=True)
@@ -88,7 +97,7 @@ class Session:
                 files.remove_empty(self.folder)
                 raise
         try:
-            files.refuse_existing(data_dir, participant)  # another process was faster
+            files.refuse_existing(data_dir, who.label)  # another process was faster
         except InputError:
             self.close()
             raise
@@ -96,7 +105,7 @@ class Session:
             if self.blind:
                 self._key = new_key(protocol.controllers)
             about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
-            about |= {"form": dict(form)} if form else {}
+            about |= {"form": dict(who.form)} if who.form else {}
             write_new_file(self.folder / files.STORED, sealed(about), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
             self._known = InMemory(self.folder, self.rows)
@@ -120,10 +129,10 @@ class Session:
         folder = files.session_folder(data_dir, participant)
         stored = files.read_stored(folder)
         session = cls.__new__(cls)
-        person = files.person_of(folder, stored)
+        operator = files.person_of(folder, stored)
         with reading_stored(folder / files.STORED):
-            session._init_common(data_dir, participant, stored.protocol, person, sync, on_event)
-            session.hand, session.operators = stored.about["hand"], operators_from_json(stored.about)
+            who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))
+            session._init_common(data_dir, who, stored.protocol, sync, on_event)
             was_blind, key_sha256 = stored.about["blind"], stored.about["key_sha256"]
         session._lock = files.hold_lock(folder)
         try:
@@ -144,12 +153,12 @@ class Session:
         return session
 
     def _init_common(
-        self, data_dir: Path, participant: str, protocol: Protocol, person: Person | None, sync: bool,
-        on_event: OnEvent | None,
-    ) -> None:  # fmt: skip
+        self, data_dir: Path, who: Participant, protocol: Protocol, sync: bool, on_event: OnEvent | None
+    ) -> None:
         """What a new session and a resumed one begin with."""
-        self.data_dir, self.participant, self.protocol, self.person = data_dir, participant, protocol, person
-        self.folder = files.session_folder(data_dir, participant)
+        self.data_dir, self.protocol, self.participant = data_dir, protocol, who.label
+        self.hand, self.person, self.operators = who.hand, who.operator, who.population
+        self.folder = files.session_folder(data_dir, who.label)
         self.rows: list[TrialRow] = []
         self._table = b""  # the table, as this process has written it last
         self._key = {}  # code -> controller

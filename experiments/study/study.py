@@ -35,7 +35,7 @@ from experiments.session.files import (
     write_study,
 )
 from experiments.session.journal import TRIAL_CUT_OFF
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, with_low_gain_found
@@ -170,7 +170,8 @@ class Run:
             return Session.resume(self.out, label, sync=False)
         protocol, population = self.study.protocol, self.study.population
         person = person_of(population, protocol.seed, participant_index(label))
-        return Session(self.out, label, protocol, person, sync=False, operators=population.operators)
+        who = Participant(label, operator=person, population=population.operators)
+        return Session(self.out, who, protocol, sync=False)
 
     def run_operator(self, session: Session) -> None:
         """What an operator has still to do."""

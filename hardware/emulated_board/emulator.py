@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from core.device import Device
 from core.files import InputError
@@ -27,23 +28,30 @@ MOST_AT_ONCE = 20  # ticks made up for after the machine held us up; beyond, the
 ORDER_BYTES = 4096
 
 
+class EmulatorSettings(NamedTuple):
+    """How the board is started."""
+
+    seed: int = 1  # of noise and faults
+    homed: bool = True  # as if its encoders had been homed since power-up
+    tcp: int | None = None  # number of the TCP port that a host opens (0: a free one); None: a pseudo-terminal
+
+
 class Emulator:
     """One emulated board. Times in s since it was made, as its time goes."""
 
     def __init__(
-        self, device: Device, hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault], seed: int = 1,
-        homed: bool = True, log: Callable[[str], None] = lambda line: None, others: Sequence[Device] = (),
-        tcp: int | None = None,
+        self, devices: Sequence[Device], hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault],
+        settings: EmulatorSettings, log: Callable[[str], None] = lambda line: None,
     ) -> None:  # fmt: skip
-        """homed: as if its encoders had been homed since power-up; others: what it can be wired to by an order.
+        """devices: the first one is wired to the board, the others can be by an order. tip: of the handle, m.
 
-        tcp: number of the TCP port that a host opens (0: a free one); None: a pseudo-terminal.
-        InputError: the handle cannot be at `tip`, m; another program has the TCP port.
+        InputError: the handle cannot be at `tip`; another program has the TCP port.
         """
-        self._devices, self._seed, self._homed = {one.name: one for one in (device, *others)}, seed, homed
-        self._wire(device, hand, tip)
+        self._devices = {device.name: device for device in devices}
+        self._seed, self._homed, self._tcp = settings
+        self._wire(devices[0], hand, tip)
         self.faults = faults
-        self.to_host, self.to_board = Line(faults, seed, 0), Line(faults, seed, 1)
+        self.to_host, self.to_board = Line(faults, self._seed, 0), Line(faults, self._seed, 1)
         self.events: deque[tuple[float, str]] = deque(maxlen=200)  # s, what happened
         self.ticks = 0
         self._log = log
@@ -57,7 +65,6 @@ class Emulator:
         self.control = self._orders.getsockname()[1]  # number of the UDP port that takes orders
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER)
         (Path(self._folder.name) / CONTROL).write_text(str(self.control))
-        self._tcp = tcp
         self._plug: Terminal | TcpPort | None = None
         try:
             self._plug = self._plug_in()

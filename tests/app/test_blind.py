@@ -21,7 +21,7 @@ from experiments.session.blind import KEY, new_key, read_key
 from experiments.session.files import cell, read_stored, write_pooled_table
 from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
 
@@ -189,7 +189,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
 
 
 def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
-    session = Session(tmp_path, "01", short(blind="true"), sync=False)
+    session = Session(tmp_path, Participant("01"), short(blind="true"), sync=False)
     assert session.blind and (session.folder / "key.json").exists()
     session.close()
     from protocols import PEOPLE

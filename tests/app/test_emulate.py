@@ -24,7 +24,7 @@ from core.device_interface import DeviceError
 from core.files import InputError
 from hardware.discovery import ask_board, look_at_ports
 from hardware.emulated_board.device import HeldHand
-from hardware.emulated_board.emulator import Emulator
+from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
 from hardware.emulated_board.plug import LOOPBACK, emulated_ports
 from hardware.serial_device import SerialDevice
@@ -220,7 +220,7 @@ def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> 
 @pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
 def test_a_fault_may_act_from_the_start(text: str) -> None:
     tcp = None if HAS_TERMINALS else 0
-    emulator = Emulator(DEVICE, HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)], tcp=tcp)
+    emulator = Emulator([DEVICE], HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)], EmulatorSettings(tcp=tcp))
     emulator.close()
     assert emulator.port not in emulated_ports()
 

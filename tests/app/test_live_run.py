@@ -72,7 +72,7 @@ class Disk:
 def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: int = 10**9) -> TrialRun:
     """A trial until something, or so many recorded ticks, end it."""
     ring, process = loop
-    run = TrialRun(ring, process, trial.planned, trial, disk)
+    run = TrialRun(ring, process, trial, disk)
     end = time.perf_counter() + LONG_S
     ring.control.server_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
     while not (answers := process.receive()):

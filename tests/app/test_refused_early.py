@@ -26,7 +26,7 @@ from experiments.session import files as files_module
 from experiments.session.files import other_protocol, refuse_existing
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.journal import unmeasured_row
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.trial.population import load_population
 
 NAMED = changed(PAPER.text, participants='["07", "08"]', devices='["four-brake"]')
@@ -53,7 +53,7 @@ def test_a_participant_whom_the_protocol_does_not_name_is_refused_at_once(named,
 
 def test_a_session_that_is_there_is_taken_up_whoever_the_protocol_names_now(named, tmp_path):
     data = tmp_path / "data"
-    Session(data, "09", PAPER, sync=False).close()
+    Session(data, Participant("09"), PAPER, sync=False).close()
     assert read_protocol(Setup(data, str(named), participant="09")).participants == ("07", "08")
 
 
@@ -85,7 +85,7 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
     person = load_population().draw(np.random.default_rng(1))
     asked = {}
     for name, who in (("01", person), ("02", None)):
-        session = Session(tmp_path, name, asking, who, sync=False)
+        session = Session(tmp_path, Participant(name, operator=who), asking, sync=False)
         for _ in range(len(session.plan) // len(asking.devices)):
             trial = session.plan[len(session.rows)]
             session.rows.append(unmeasured_row(session.folder, trial._asdict(), "done"))
@@ -194,7 +194,7 @@ def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_
     one = re.sub(r"\[\[controller\]\]\s*number = [2345]\n(.+\n)+", "", one)
     for name, text, trials in (("one", changed(one, blocks="1"), 1), ("many", changed(PAPER.text, blocks="50"), 1000)):
         protocol = replace(protocol_of(text), devices=PAPER.devices[:1]) if name == "one" else protocol_of(text)
-        session = Session(tmp_path / name, "01", protocol, None, sync=False)
+        session = Session(tmp_path / name, Participant("01"), protocol, sync=False)
         assert len(session.plan) == trials and session.next_planned() == session.plan[0]
         session.skip("short of time")
         session.close()

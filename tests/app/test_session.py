@@ -18,7 +18,7 @@ from experiments.session import session as sessions
 from experiments.session.files import cell, free_participant, rows_of, write_pooled_table
 from experiments.session.journal import EXCLUDED, NOTE, REDONE, read_events
 from experiments.session.recover import recover
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
 
@@ -211,7 +211,7 @@ def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
 
 def practising(tmp_path, **values):
     """A session of a hand at the mouse, with two practice trials a configuration."""
-    return Session(tmp_path, "01", short(paths=1, practice_trials="2", **values), sync=False)
+    return Session(tmp_path, Participant("01"), short(paths=1, practice_trials="2", **values), sync=False)
 
 
 def move_to_the_end(trial, writer, most=60_000):
@@ -301,11 +301,11 @@ def test_a_break_is_due_after_so_many_trials_of_a_configuration_and_not_before_t
 def test_a_session_is_for_one_of_the_protocols_participants(tmp_path):
     protocol = short(participants='["anna", "berta"]')
     with pytest.raises(InputError, match=r"participant 01: is none of the paper protocol's \(anna, berta\)"):
-        Session(tmp_path, "01", protocol)
+        Session(tmp_path, Participant("01"), protocol)
     assert not list(tmp_path.iterdir())
     assert free_participant(tmp_path, protocol.participants) == "anna"
-    Session(tmp_path, "anna", protocol, sync=False).close()
+    Session(tmp_path, Participant("anna"), protocol, sync=False).close()
     assert free_participant(tmp_path, protocol.participants) == "berta" and free_participant(tmp_path) == "01"
-    Session(tmp_path, "berta", protocol, sync=False).close()
+    Session(tmp_path, Participant("berta"), protocol, sync=False).close()
     with pytest.raises(InputError, match="every participant"):
         free_participant(tmp_path, protocol.participants)

@@ -15,7 +15,7 @@ from app.ipc.messages import Setup
 from core import tick_log
 from experiments.analysis.trials_table import SETTLED, read_table
 from experiments.session.files import cell
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(window: Window) -> None:
 
 
 def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -> None:
-    Session(tmp_path / "data", "01", PAPER, sync=False, hand="force sensor").close()
+    Session(tmp_path / "data", Participant("01", "force sensor"), PAPER, sync=False).close()
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.until_stage(m.NO_SESSION)
         seen.client.send(m.Open("01", resume=True))
@@ -146,7 +146,7 @@ def test_trials_with_another_hand_are_not_mixed_into_a_session(tmp_path: Path) -
 
 
 def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_path: Path) -> None:
-    Session(tmp_path / "data", "01", PAPER, sync=False, hand="a foot").close()
+    Session(tmp_path / "data", Participant("01", "a foot"), PAPER, sync=False).close()
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.until_stage(m.NO_SESSION)
         seen.client.send(m.Open("01", resume=True))

@@ -27,7 +27,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors, recording_columns
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session.files import pooled_rows
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 
 SESSION = Path("sub-01", "ses-01")
 
@@ -349,7 +349,7 @@ def record(data: Path, kind: str) -> None:
         session = new_session(data)
     else:
         hand = "mouse" if kind.startswith("serial") else kind
-        session = Session(data, "01", short(), None, sync=False, hand=hand)
+        session = Session(data, Participant("01", hand), short(), sync=False)
     if kind.startswith("serial"):
         on_the_bench(session, kind.partition(" ")[2])
     else:

@@ -13,7 +13,7 @@ from core.files import InputError
 from experiments.export.export import export
 from experiments.session.files import TABLE
 from experiments.session.overview import scan_folder
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'
 
@@ -62,7 +62,7 @@ def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_p
 def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_path: Path) -> None:
     protocol = protocol_of(changed(short(1).text, devices='["four-brake"]') + FORM)
     answers = {"handedness": "left", "age": 27.0, "first_time": "yes", "remarks": "a, b"}
-    session = Session(tmp_path / "data", "01", protocol, sync=False, form=answers)
+    session = Session(tmp_path / "data", Participant("01", form=answers), protocol, sync=False)
     session.close()
     assert json.loads((session.folder / "session.json").read_text())["form"] == answers
     operated = closed_session(tmp_path / "data", 1, participant="02", protocol=protocol)
@@ -87,5 +87,5 @@ def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_
 )  # fmt: skip
 def test_an_answer_that_the_protocol_does_not_ask_for_makes_no_session(tmp_path: Path, form: dict, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        Session(tmp_path, "01", protocol_of(short(1).text + FORM), sync=False, form=form)
+        Session(tmp_path, Participant("01", form=form), protocol_of(short(1).text + FORM), sync=False)
     assert not list(tmp_path.iterdir())

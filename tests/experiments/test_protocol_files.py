@@ -30,7 +30,15 @@ from experiments.protocol import (
     read_protocol,
     shipped_protocols,
 )
-from experiments.protocol_writer import path_through, points_of, protocol_text, save_protocol, save_variant, whole_text
+from experiments.protocol_writer import (
+    Variant,
+    path_through,
+    points_of,
+    protocol_text,
+    save_protocol,
+    save_variant,
+    whole_text,
+)
 from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
@@ -82,7 +90,7 @@ def test_a_variant_of_the_protocol_keeps_its_assumptions_and_applies_none_twice(
     protocol = load_protocol(path)
     assert protocol.controllers[3].value("gap_m") == 0.0025
     saved = tmp_path / "variant.toml"
-    save_variant(saved, protocol, protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse)
+    save_variant(saved, protocol, Variant(protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse))
     again = load_protocol(saved)
     assert again.controllers == protocol.controllers
     assert again.assumptions == msgspec.structs.replace(DEFAULTS, lag_factor=2.0)

@@ -20,7 +20,7 @@ from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
 from core.tick_log import ARM_COLUMNS
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import save_as_parquet
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.study.replay import OTHER_VERSION, replay
 
 NEAR_M = 1e-5  # a replay that has to do without the trial's start: yields of the trial before had not quite gone
@@ -48,7 +48,7 @@ def session(tmp_path_factory):
 def by_hand(tmp_path_factory):
     """A practice trial and a trial by mouse (02), and a trial by a six-axis device (03)."""
     folder = tmp_path_factory.mktemp("by-hand")
-    session = Session(folder, "02", short(paths=1, practice_trials="1"), sync=False)
+    session = Session(folder, Participant("02"), short(paths=1, practice_trials="1"), sync=False)
     for _ in range(2):
         trial, writer = session.begin(session.next_planned())
         rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
@@ -58,7 +58,7 @@ def by_hand(tmp_path_factory):
             writer.write(rows[: trial.run(rows)])
         session.finish(trial, writer)
     session.close()
-    session = Session(folder, "03", short(paths=1), sync=False, hand="hid")
+    session = Session(folder, Participant("03", "hid"), short(paths=1), sync=False)
     push_through_a_trial(session)
     session.close()
     return folder

@@ -26,7 +26,7 @@ from core.faults import cause
 from experiments.protocol import Protocol, load_protocol
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.trial.trial import Trial
 from hardware.emulated_board.device import HeldHand
 from hardware.serial_device import SerialDevice
@@ -70,7 +70,7 @@ class Place(NamedTuple):
 
     @classmethod
     def make(cls, folder: Path) -> "Place":
-        session = Session(folder / "data", "01", fault_protocol(folder), sync=False)
+        session = Session(folder / "data", Participant("01"), fault_protocol(folder), sync=False)
         names = [device.name for device in session.protocol.devices]
         plan = {name: [t for t in session.plan if t.configuration == name] for name in names}
         return cls(folder, session, plan)
@@ -172,7 +172,7 @@ class Case:
         sensors = Sensors(self.bench.link.encoders, self.bench.link.force_channels)
         trial, writer = session.begin(planned, sensors)
         sent: list = []
-        self.run = TrialRun(self.ring, SimpleNamespace(send=sent.append), planned, trial, writer)
+        self.run = TrialRun(self.ring, SimpleNamespace(send=sent.append), trial, writer)
         self.running: Trial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
         self.course = self.steps()
         self.running.exchange = self.exchange

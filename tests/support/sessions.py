@@ -10,7 +10,7 @@ from protocols import PAPER
 from core import tick_log
 from experiments.protocol import Protocol
 from experiments.session.overview import scan_folder
-from experiments.session.session import Session
+from experiments.session.session import Participant, Session
 from experiments.trial.population import load_population
 
 
@@ -32,7 +32,8 @@ def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER,
     """A session of a simulated operator, not yet begun."""
     population = load_population()
     person = population.draw(np.random.default_rng(3))
-    return Session(data, participant, protocol, person, sync=False, blind=blind, operators=population.operators)
+    who = Participant(participant, operator=person, population=population.operators)
+    return Session(data, who, protocol, blind, sync=False)
 
 
 def run_trials(session: Session, count: int) -> None:
