@@ -34,15 +34,15 @@ def do(state: State, command: object) -> None:
     except InputError as error:
         state.notify(str(error), bad=True)
     except OSError as error:
-        if state.session is not None and not isinstance(command, m.Leave):
-            state.storage.fail(f"{error.filename or state.session.folder}", error)
+        if (progress := state.storage.progress) is not None and not isinstance(command, m.Leave):
+            state.storage.fail(f"{error.filename or progress.session.folder}", error)
         else:
             state.notify(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
 def refused(state: State, command: "CommandRule") -> str:
     """Why a command cannot be done now, in one sentence; "": the table allows it."""
-    if command.session and state.progress is None:
+    if command.session and state.storage.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:
         return state.broken or state.snapshot().not_now
@@ -103,16 +103,16 @@ def _leave(state: State, _: m.Leave) -> None:
 def _start(state: State, _: m.Start) -> None:
     if state.sandbox.on:
         state.sandbox.go(state.broken or state.snapshot().why_not)
-    elif state.progress is None:
+    elif state.storage.progress is None:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
-    elif (coming := state.progress.coming) is None:
+    elif (coming := state.storage.open.coming) is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
     else:
-        _run(state, state.progress.session, coming)
+        _run(state, state.storage.open.session, coming)
 
 
 def _try(state: State, command: m.SetSandbox) -> None:
-    if state.session is not None:
+    if state.storage.progress is not None:
         raise InputError("A session is open: leave it before you try something out.")
     state.sandbox.want(command.settings)
 
@@ -132,22 +132,22 @@ def _abort(state: State, command: m.Abort) -> None:
 
 
 def _redo(state: State, command: m.Redo) -> None:
-    row = state.open_progress.session.redo(command.run, command.reason)
+    row = state.storage.open.session.redo(command.run, command.reason)
     state.storage.changed(f"The trial of run {row.run} is repeated next; its recording is kept.")
 
 
 def _exclude(state: State, command: m.Exclude) -> None:
-    row = state.open_progress.session.exclude(command.run, command.reason)
+    row = state.storage.open.session.exclude(command.run, command.reason)
     state.storage.changed(f"Run {row.run} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: State, command: m.Skip) -> None:
-    row = state.open_progress.session.skip(command.reason)
+    row = state.storage.open.session.skip(command.reason)
     state.storage.changed(f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped.")
 
 
 def _pause(state: State, command: m.Pause) -> None:
-    since_s = state.open_progress.paused_s
+    since_s = state.storage.open.paused_s
     if command.on and since_s is None:
         state.storage.write(PAUSED)
     elif not command.on and since_s is not None:
@@ -176,7 +176,7 @@ def _allow(state: State, _: m.AllowBrakes) -> None:
 
 
 def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
-    progress = state.open_progress
+    progress = state.storage.open
     if (due := due_step(progress, state.device)) is not None:
         due[0].end(progress, state.device, state.storage.write, command)
         progress.last_end_s = None
@@ -185,13 +185,13 @@ def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
 def _rig(state: State, command: m.PrepareDevice) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
-    if state.open_progress.coming is None:
+    if state.storage.open.coming is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(state.open_progress, command.step)
+    state.device.do(state.storage.open, command.step)
 
 
 def _unblind(state: State, command: m.Unblind) -> None:
-    state.open_progress.session.unblind(command.who)
+    state.storage.open.session.unblind(command.who)
     state.storage.changed("The key is open: controllers are shown from now on.")
 
 

@@ -14,14 +14,12 @@ from app.session_server.loop_process import LoopProcess
 from app.session_server.lsl import Outlets
 from app.session_server.preflight import SLOW_SYNC_S, DiskWatch, check_recording, with_advice
 from app.session_server.sandbox import Sandbox
-from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import due_step, stage_of
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from experiments.inputs import is_person
 from experiments.protocol import Protocol
 from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
-from experiments.session.session import Session
 
 END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
 WAIT_S = 0.01
@@ -61,27 +59,11 @@ class State:
             return m.RUNNING
         if not self.sandbox.prepared or not self.runner.ready or not self._disk.known:
             return m.PREPARING
-        return stage_of(self.progress, self.device) if self.progress else m.NO_SESSION
-
-    @property
-    def progress(self) -> SessionProgress | None:
-        """The open session, and where it stands."""
-        return self.storage.progress
-
-    @property
-    def open_progress(self) -> SessionProgress:
-        """The same, for commands that need an open session: they are refused where there is none."""
-        assert self.progress is not None
-        return self.progress
-
-    @property
-    def session(self) -> Session | None:
-        """The open one."""
-        return self.progress.session if self.progress else None
+        return stage_of(self.storage.progress, self.device) if self.storage.progress else m.NO_SESSION
 
     def opened(self) -> m.Opened:
         """What does not change while a session is open."""
-        session = self.session
+        session = self.storage.progress.session if self.storage.progress else None
         protocol = session.protocol if session else self.protocol
         return m.Opened(
             participant=session.participant if session else "",
@@ -96,7 +78,8 @@ class State:
 
     def snapshot(self) -> m.Snapshot:
         """Everything that a window shows."""
-        stage, progress, session, run = self.stage, self.progress, self.session, self.runner.run
+        stage, progress, run = self.stage, self.storage.progress, self.runner.run
+        session = progress.session if progress else None
         coming = progress.coming if progress else None
         due = due_step(progress, self.device) if progress else None
         at = run.planned if run else coming
@@ -134,7 +117,8 @@ class State:
     def pulse(self) -> m.Pulse:
         """Proof of recording, and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
-        verified = sum(bool(row.recording) for row in self.session.rows) if self.session else 0
+        rows = self.storage.progress.session.rows if self.storage.progress else []
+        verified = sum(bool(row.recording) for row in rows)
         return m.Pulse(proof, self.runner.timing, verified, self.device.status)
 
     # ------------------------------------------------------------------------------------- what happens

@@ -52,6 +52,12 @@ class Storage:
         self._tried_s = time.perf_counter()
 
     @property
+    def open(self) -> SessionProgress:
+        """The open session, where there must be one."""
+        assert self.progress is not None, "no session is open"
+        return self.progress
+
+    @property
     def streams(self) -> int:
         """Trials whose recording is whole but no Parquet file yet."""
         rows = self.progress.session.rows if self.progress else []
@@ -85,7 +91,7 @@ class Storage:
         """
         if self.progress is None:
             return ""
-        session = self.progress.session
+        session = self.open.session
         try:
             if self._held is not None:
                 self._store_held()
@@ -102,8 +108,8 @@ class Storage:
         """A line in the journal of the session, if there is one; never while the control loop waits for us."""
         if self.progress is None:
             return
-        session, at = self.progress.session, now()
-        self.progress.take_in(event, at, about)
+        session, at = self.open.session, now()
+        self.open.take_in(event, at, about)
 
         def put() -> None:
             try:
@@ -123,17 +129,15 @@ class Storage:
 
     def _write_late(self) -> None:
         """Lines of the journal that the disk has not taken, with their own times. OSError."""
-        assert self.progress is not None
         while self._late:
             event, at, about = self._late[0]
-            self.progress.session.refuse_other_folder()
-            self.progress.session.journal(event, time=at, **about)
+            self.open.session.refuse_other_folder()
+            self.open.session.journal(event, time=at, **about)
             self._late.pop(0)
 
     def fail(self, what: str, error: Exception) -> None:
         """The disk took no more: say what is in memory, what is lost, and what to do."""
-        assert self.progress is not None
-        gone = self.progress.session.lacks()
+        gone = self.open.session.lacks()
         self._failed, self._tried_s, self._gone = what, time.perf_counter(), self._gone or bool(gone)
         reason = gone or getattr(error, "strerror", None) or cause_of(error)
         parts = [f"{what}: {reason.rstrip('.')}" if what else reason, *self._truth()]
@@ -167,7 +171,7 @@ class Storage:
         """
         if self.progress is None:
             return True
-        gone = self.progress.session.lacks()
+        gone = self.open.session.lacks()
         if gone and gone not in self.undone:
             self.fail(self._failed, InputError(gone))
         return not gone
@@ -200,38 +204,35 @@ class Storage:
         """Its row, and what follows. InputError or OSError: the disk does not take what is needed."""
         reason = run.trial.outcome()["reason"]
         notice = with_advice(run.name, reason)
-        assert self.progress is not None
-        row = run.finish(self.progress.session)
+        row = run.finish(self.open.session)
         self.verified = run.name.lower() if row.recording else self.verified
         if row.status == "aborted":  # the experimenter decided so: their reason alone does not show that
             notice = with_advice(f"{run.name} was aborted", reason)
             if run.again != "never" and row.block:
-                self.progress.session.redo(row.run, reason, at_end=run.again == "end")
+                self.open.session.redo(row.run, reason, at_end=run.again == "end")
                 notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
         if row.status == "stopped":
             notice += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
         if row.recording.endswith(STREAM_SUFFIX):
             notice += f" The disk did not take the Parquet file of {run.name.lower()}: its stream is whole."
-        self.progress.trial_ended(row)
+        self.open.trial_ended(row)
         self.changed(notice.strip())
 
     def rescue(self, run: TrialRun, why: str) -> None:
         """The control loop was lost with a trial."""
         notice = with_advice("", why)
-        assert self.progress is not None
         try:
-            run.rescue(self.progress.session)
+            run.rescue(self.open.session)
             self.write(LOOP_LOST, run=run.planned.run, reason=why)
-            self.progress.last_end_s = None
+            self.open.last_end_s = None
             self.changed(f"{notice} {run.name} is recovered and its trial is repeated next.", bad=True)
         except (InputError, OSError) as error:
             self._hold(run, f"{why}; {run.name.lower()} is not complete", error)
 
     def changed(self, notice: str, bad: bool = False) -> None:
         """A row has been added or marked: what comes, the table of all participants, and what to say. OSError."""
-        assert self.progress is not None
-        self.progress.look_ahead()
-        self._notify(" ".join(filter(None, (notice, self.progress.without_valid_trial()))), bad=bad)
+        self.open.look_ahead()
+        self._notify(" ".join(filter(None, (notice, self.open.without_valid_trial()))), bad=bad)
         try:
             write_pooled_table(self._data_dir)
         except InputError as error:  # another session's table cannot be read: this one goes on
@@ -247,8 +248,7 @@ class Storage:
 
     def _store(self) -> None:
         """What the disk has not taken is tried again."""
-        assert self.progress is not None
-        session, streams = self.progress.session, self.streams
+        session, streams = self.open.session, self.streams
         there: dict[int, TrialRow] = {row.run: row for row in session.rows}
         try:
             if self._gone:
@@ -276,8 +276,8 @@ class Storage:
         InputError or OSError: the disk does not take it, or what follows from it.
         """
         held = self._held
-        assert held is not None and self.progress is not None
-        self.progress.session.refuse_other_folder()
+        assert held is not None
+        self.open.session.refuse_other_folder()
         if (writer := held.unsaved) is not None:
             writer.save()
         try:
@@ -292,8 +292,7 @@ class Storage:
 
         InputError or OSError: the other folder does not take it, and it stays open here.
         """
-        assert self.progress is not None
-        session, before = self.progress.session, self.progress.session.folder
+        session, before = self.open.session, self.open.session.folder
         if data_dir.resolve() == self._data_dir.resolve():
             raise InputError(f"{data_dir}: is the data folder of this session already; choose another")
         refuse_place(data_dir, session.participant)

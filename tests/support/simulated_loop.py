@@ -188,8 +188,8 @@ class LocalClient:
 
     def leave(self) -> None:
         """As a server that is killed: nothing is brought to its end, and the system lets the locks go."""
-        if self.state.session is not None:
-            self.state.session.close()
+        if self.state.storage.progress is not None:
+            self.state.storage.progress.session.close()
         self._lock.release()
 
 
