@@ -26,7 +26,7 @@ LEAST_SCREEN = (1280, 720)
 UDEV_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="046d|256f", MODE="0660", TAG+="uaccess"'
 #: checks of what makes ticks late, the worst first: what the host keeps no priority brings back, and a loop that may
 #: take its core at any time suffers least from other programs
-LATE_BY = ("host", "cores", "scheduling", "load")
+LATENESS_CHECKS = ("host", "cores", "scheduling", "load")
 MUCH_STOLEN = 0.01  # of all cores' time. Our choice: ticks are then late by milliseconds several times a minute
 REINSTALL = "Remove the folder .venv and run ./phd again."
 
@@ -44,7 +44,7 @@ def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
 def first_change(checks: Sequence[Check]) -> Check:
     """The one change that helps most: against what stands in the way, else against what makes ticks late most."""
     bad = [check for check in checks if check.state == BAD]
-    late = [check for name in LATE_BY for check in checks if check.name == name and check.advice]
+    late = [check for name in LATENESS_CHECKS for check in checks if check.name == name and check.advice]
     for most in (*bad, *late):
         return check("first", f"what helps most: {most.name}", most.advice)
     return check("first", "no change is known that would help")
@@ -78,14 +78,14 @@ def libraries() -> Check:
     return check("libraries", f"all there, Python {sys.version.split()[0]}")
 
 
-def tried(code: str) -> subprocess.CompletedProcess:
+def run_python(code: str) -> subprocess.CompletedProcess:
     """Python code, in a process of its own: Qt ends the process where it cannot work; a schedule stays with it."""
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
 def screens() -> list[Check]:
     """What Qt can open windows on."""
-    answer = tried(SCREENS_CODE)
+    answer = run_python(SCREENS_CODE)
     if answer.returncode != 0:
         where = ", ".join(f"{name}={os.environ[name]}" for name in ("DISPLAY", "WAYLAND_DISPLAY") if name in os.environ)
         found = f"Qt finds none ({where or 'DISPLAY and WAYLAND_DISPLAY are not set'})"
@@ -115,7 +115,7 @@ print(json.dumps([got.real_time and got.locked, got.words]))
 
 def scheduling() -> Check:
     """The best scheduling that the control loop gets here."""
-    answer = tried(SCHEDULING)
+    answer = run_python(SCHEDULING)
     if answer.returncode != 0:
         last = (answer.stderr.strip().splitlines() or ["no reason given"])[-1]
         return check("scheduling", f"could not be tried: {last}", REINSTALL, bad=True)

@@ -89,7 +89,7 @@ class ProgressBar:
             self.shown = ""
 
 
-class Compiling:
+class CompileProgress:
     """Shows which of how many kernels is being compiled, and adds up how long that takes (s)."""
 
     def __init__(self) -> None:
@@ -107,16 +107,16 @@ class Compiling:
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None
 
 
-def watch_compiling() -> Compiling:
+def watch_compiling() -> CompileProgress:
     """From here on a bar shows each compilation of kernels."""
     from core.kernels.cache import watchers
 
-    compiling = Compiling()
+    compiling = CompileProgress()
     watchers[:] = [compiling]
     return compiling
 
 
-class Display:
+class ScreenCheck:
     """Whether there is a screen: tried in a process of its own, beside whatever else has to be prepared."""
 
     def __init__(self, purpose: str, without: str = "") -> None:
@@ -148,7 +148,7 @@ class Display:
             os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"
 
 
-def import_screen(name: str) -> ModuleType:
+def import_window_module(name: str) -> ModuleType:
     """A module of app.window. InputError if a system library is missing."""
     try:
         return import_module(f"app.window.{name}")

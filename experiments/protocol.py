@@ -249,9 +249,9 @@ def _checked(
 ) -> Protocol:  # fmt: skip
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
-    _refuse_twice([device.name for _, device in devices], f"{where}: devices: two devices")
+    _refuse_duplicates([device.name for _, device in devices], f"{where}: devices: two devices")
     presets = [controller.preset() for controller in file.controller]
-    _refuse_twice([preset.name for preset in presets], f"{where}: controller: two controllers")
+    _refuse_duplicates([preset.name for preset in presets], f"{where}: controller: two controllers")
     numbers = [controller.number for controller in file.controller]
     controllers = _numbered(numbers, presets, f"{where}: controller")
     assumptions = asked.assumptions or file.assumptions
@@ -317,7 +317,7 @@ def _around(
     return around
 
 
-def _refuse_twice(names: Sequence[str], what: str) -> None:
+def _refuse_duplicates(names: Sequence[str], what: str) -> None:
     if len(set(names)) < len(names):
         raise InputError(f"{what} have the same name ({', '.join(names)})")
 

@@ -92,7 +92,7 @@ def ask_board(port: str) -> BoardFound:
         return BoardFound(port, problem=str(error).rpartition(f"{port}: ")[2])
 
 
-def look_at_ports(before: Sequence[BoardFound] = (), besides: str = "") -> tuple[BoardFound, ...]:
+def scan_ports(before: Sequence[BoardFound] = (), besides: str = "") -> tuple[BoardFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
     before: an earlier look; no port is asked twice, for some devices start anew when their port is opened.

@@ -147,7 +147,7 @@ class HidHand:
         self._newest, self._reports, self._beyond, self._problem = -math.inf, 0, 0, ""
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
         self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
-        self._found, self._device = self._look()
+        self._found, self._device = self._open_first()
         self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
         self._thread.start()
 
@@ -185,7 +185,7 @@ class HidHand:
         self._ended.set()
         self._thread.join()
 
-    def _look(self) -> tuple[Attached, Any]:
+    def _open_first(self) -> tuple[Attached, Any]:
         """The first known device that can be opened; InputError says what is wrong."""
         there = attached(self._listing())
         if not there:
@@ -204,7 +204,7 @@ class HidHand:
         started, biased = self._clock(), False
         while not self._ended.is_set():
             if self._device is None:
-                self._look_again()
+                self._reconnect()
                 started, biased = self._clock(), self._found.who in self._biases
                 continue
             try:
@@ -245,9 +245,9 @@ class HidHand:
         with contextlib.suppress(OSError):  # it is gone: there is nothing left to close
             device.close()
 
-    def _look_again(self) -> None:
+    def _reconnect(self) -> None:
         try:
-            found, device = self._look()
+            found, device = self._open_first()
         except InputError:
             self._ended.wait(LOOK_AGAIN_S)
             return

@@ -66,7 +66,7 @@ def is_missing(name: str) -> bool:
     return not os.path.exists(name)
 
 
-def like_a_wire(end: socket.socket) -> None:
+def limit_buffers(end: socket.socket) -> None:
     """Make an end of a TCP connection send at once, and keep little of what the other end does not read."""
     end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
@@ -85,7 +85,7 @@ class Port:
             self._serial = serial.serial_for_url(name, BAUD, timeout=wait_s, write_timeout=WRITE_S, exclusive=True)
             if self._tcp:
                 with socket.fromfd(self._serial.fileno(), socket.AF_INET, socket.SOCK_STREAM) as end:
-                    like_a_wire(end)
+                    limit_buffers(end)
             self._serial.reset_input_buffer()
         except _DEAD as error:
             raise DeviceError(cause("port", name=name, what=_reason(error))) from None

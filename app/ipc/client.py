@@ -101,7 +101,7 @@ class Client:
 
     def brakes_off(self, cause: str) -> None:
         """No currents from the next tick on: the trial ends, until AllowBrakes; also without a session server."""
-        self._ring.press_off(cause)
+        self._ring.press_brakes_off(cause)
 
     def stop(self, reason: str) -> None:
         """End the session server: what runs is aborted for this reason and kept. Waits until that is done."""

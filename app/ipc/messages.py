@@ -305,7 +305,7 @@ class Snapshot(NamedTuple):
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
-    undone: str = ""  # why the disk does not have all of the session, and what to do; "": it has
+    not_written: str = ""  # why the disk does not have all of the session, and what to do; "": it has
     moved: tuple[str, str] | None = None  # a session that is to be gone on with elsewhere: data folder, participant
     in_memory: str = ""  # what the disk has not taken, and no file has: "run 5, 5,481 ticks"; "": nothing
 

@@ -37,14 +37,14 @@ class Pipe:
         self._outbox.put(pickle.dumps(message))
 
     @property
-    def behind(self) -> bool:
+    def has_backlog(self) -> bool:
         """Whether the other end has not yet made room for what was sent."""
         return self._written < self._waiting and self._writer.is_alive()
 
     def flush(self, wait_s: float) -> None:
         """Wait until everything is sent, or the other end is gone, at most so long."""
         end = time.perf_counter() + wait_s
-        while self.behind and time.perf_counter() < end:
+        while self.has_backlog and time.perf_counter() < end:
             time.sleep(_LOOK_S)
 
     def receive(self, wait_s: float = 0.0) -> list:

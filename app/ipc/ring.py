@@ -132,7 +132,7 @@ class Ring:
         """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
         self.aim(math.nan, math.nan)
 
-    def press_off(self, cause: str) -> None:
+    def press_brakes_off(self, cause: str) -> None:
         """The brakes-off is pressed: an `allow` that was asked for before this press does not end it."""
         self.control.presses += 1
         self.switch_off(cause)

@@ -47,8 +47,8 @@ def refused(state: State, command: "CommandRule") -> str:
     if command.stages and state.stage not in command.stages:
         return state.broken or state.snapshot().not_now
     if command.stored:
-        state.storage.look()
-    return f"{state.storage.undone}." if command.stored and state.storage.undone else ""
+        state.storage.check_folder()
+    return f"{state.storage.not_written}." if command.stored and state.storage.not_written else ""
 
 
 def _open(state: State, command: m.Open) -> None:
@@ -64,7 +64,7 @@ def _open(state: State, command: m.Open) -> None:
         who = Participant(name, hand, operator, population, command.form)
         session = Session(setup.data_dir, who, state.protocol, blind, setup.sync, on_event)
     try:
-        state.storage.take(SessionProgress(session))
+        state.storage.set_session(SessionProgress(session))
     except BaseException:
         session.close()
         raise
@@ -102,7 +102,7 @@ def _leave(state: State, _: m.Leave) -> None:
 
 def _start(state: State, _: m.Start) -> None:
     if state.sandbox.on:
-        state.sandbox.go(state.broken or state.snapshot().why_not)
+        state.sandbox.start_pass(state.broken or state.snapshot().why_not)
     elif state.storage.progress is None:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
     elif (coming := state.storage.open.coming) is None:
@@ -114,7 +114,7 @@ def _start(state: State, _: m.Start) -> None:
 def _try(state: State, command: m.SetSandbox) -> None:
     if state.storage.progress is not None:
         raise InputError("A session is open: leave it before you try something out.")
-    state.sandbox.want(command.settings)
+    state.sandbox.apply(command.settings)
 
 
 def _run(state: State, session: Session, planned: PlannedTrial) -> None:
@@ -133,17 +133,19 @@ def _abort(state: State, command: m.Abort) -> None:
 
 def _redo(state: State, command: m.Redo) -> None:
     row = state.storage.open.session.redo(command.run, command.reason)
-    state.storage.changed(f"The trial of run {row.run} is repeated next; its recording is kept.")
+    state.storage.update_tables(f"The trial of run {row.run} is repeated next; its recording is kept.")
 
 
 def _exclude(state: State, command: m.Exclude) -> None:
     row = state.storage.open.session.exclude(command.run, command.reason)
-    state.storage.changed(f"Run {row.run} is excluded from the results; its recording is kept.")
+    state.storage.update_tables(f"Run {row.run} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: State, command: m.Skip) -> None:
     row = state.storage.open.session.skip(command.reason)
-    state.storage.changed(f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped.")
+    state.storage.update_tables(
+        f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped."
+    )
 
 
 def _pause(state: State, command: m.Pause) -> None:
@@ -192,7 +194,7 @@ def _rig(state: State, command: m.PrepareDevice) -> None:
 
 def _unblind(state: State, command: m.Unblind) -> None:
     state.storage.open.session.unblind(command.who)
-    state.storage.changed("The key is open: controllers are shown from now on.")
+    state.storage.update_tables("The key is open: controllers are shown from now on.")
 
 
 class CommandRule(NamedTuple):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Write = Callable[..., None]  # an event and its fields, into the journal
 
 #: hand, of `INPUTS`, whose force moves the handle -> what reads it, and pushes from its start until it is closed
-PUSHING = {HID: HidHand}
+FORCE_HANDS = {HID: HidHand}
 
 
 class SimulatedSetup:
@@ -43,7 +43,7 @@ class SimulatedSetup:
 
     real, status = False, None
 
-    def __init__(self, ring: Ring, hand: str, pushing: Mapping[str, Callable[..., HidHand]] = PUSHING) -> None:
+    def __init__(self, ring: Ring, hand: str, pushing: Mapping[str, Callable[..., HidHand]] = FORCE_HANDS) -> None:
         """hand: what moves it, of `INPUTS`. InputError: it is a six-axis device, and none is attached."""
         self.hand, self._ring = hand, ring
         self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
@@ -85,7 +85,7 @@ class SimulatedSetup:
         self.take_handle(session.simulation(planned.configuration))
         return session.begin(planned)
 
-    def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> SimulatedDevice:
+    def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> SimulatedDevice:
         """The device of a pass of Try, ready for the hand."""
         assert tried is not None, "the session server is still preparing"
         self.take_handle(tried)
@@ -114,9 +114,9 @@ class RealSetup:
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
-        self.connect_anew()
+        self.reconnect()
 
-    def connect_anew(self) -> None:
+    def reconnect(self) -> None:
         """The loop is a new one, which knows of no device."""
         self.status, self._busy = None, False  # busy: a step has been asked for and not been answered
         self._send(self._connect)
@@ -127,7 +127,7 @@ class RealSetup:
         The loop must have the device as the session has it: the file may be another one by now.
         """
         status = self.status or DeviceStatus()
-        if status.device != device.name or not any(same(device, one) for one in self._connect.devices):
+        if status.device != device.name or not any(same_files(device, other) for other in self._connect.devices):
             return CONNECT
         if status.problem or status.fault:
             return DONE
@@ -207,10 +207,12 @@ class RealSetup:
         assert self.status is not None
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
-    def to_try(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
+    def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
         """The device of a pass of Try. InputError: it is not ready, or a step is being done."""
         self._refuse_while_busy()
-        device = next((one for one in protocol.devices if self.status and one.name == self.status.device), None)
+        device = next(
+            (device for device in protocol.devices if self.status and device.name == self.status.device), None
+        )
         if device is None or self.step(device) != DONE:
             raise InputError(
                 "The device on the bench is not ready. Open a session: it leads through homing and zero; "
@@ -226,9 +228,9 @@ class RealSetup:
         """The loop lets the board go."""
 
 
-def same(one: Device, other: Device) -> bool:
-    """Whether two devices are so by the same files."""
-    return (one.text, one.brake_texts, one.calibration_text) == (other.text, other.brake_texts, other.calibration_text)
+def same_files(a: Device, b: Device) -> bool:
+    """Whether the files of two devices have the same content."""
+    return (a.text, a.brake_texts, a.calibration_text) == (b.text, b.brake_texts, b.calibration_text)
 
 
 def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:

@@ -96,10 +96,10 @@ def check_disk(folder: Path) -> Check:
 
     A write is brought to the disk as a session does it, `LOOKS` times. The same rule for a session and `phd doctor`.
     """
-    return measured_disk(folder)[0]
+    return measure_disk(folder)[0]
 
 
-def measured_disk(folder: Path) -> tuple[Check, float]:
+def measure_disk(folder: Path) -> tuple[Check, float]:
     """The same, and the seconds that it takes to bring a write to the disk (0: it cannot be written to)."""
     there = folder
     while not there.exists() and there != there.parent:
@@ -113,7 +113,7 @@ def measured_disk(folder: Path) -> tuple[Check, float]:
         advice = f"{folder} cannot be written to: {reason}. Choose another data folder."
         return Check("Disk", BAD, reason, advice), 0.0
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
-    text += f", {in_time(sync_s)} a write"
+    text += f", {duration_words(sync_s)} a write"
     room = f"Make room on the disk of {folder}"
     if free < TOO_LOW:
         return Check("Disk", BAD, text, f"{room}: there must be {TOO_LOW / 1e9:g} GB."), sync_s
@@ -121,15 +121,15 @@ def measured_disk(folder: Path) -> tuple[Check, float]:
         return Check("Disk", CAUTION, text, f"{room}."), sync_s
     if sync_s > SLOW_SYNC_S:
         slow = (
-            f"The disk of {folder} takes {in_time(sync_s)} to keep a write: a trial then waits about "
-            f"{in_time(SYNCS_TO_START * sync_s)} for its start and {in_time(SYNCS_TO_END * sync_s)} after its end. "
-            "Record on a local disk, not on a network drive or a memory stick."
+            f"A write to the disk of {folder} takes {duration_words(sync_s)}, so a trial waits about "
+            f"{duration_words(SYNCS_TO_START * sync_s)} for its start and {duration_words(SYNCS_TO_END * sync_s)} "
+            "after its end. Record on a local disk, not on a network drive or a memory stick."
         )
         return Check("Disk", BAD if sync_s > TOO_SLOW_SYNC_S else CAUTION, text, slow), sync_s
     return Check("Disk", GOOD, text), sync_s
 
 
-def in_time(seconds: float) -> str:
+def duration_words(seconds: float) -> str:
     """A time as it is read: "3 ms", "0.4 s", "12 s"."""
     if seconds < 1e-3:
         return "under 1 ms"
@@ -163,7 +163,7 @@ class DiskWatch:
 
     def _measure(self) -> None:
         if self._folder.is_dir():
-            self._check, self.sync_s = measured_disk(self._folder)
+            self._check, self.sync_s = measure_disk(self._folder)
         else:
             advice = f"{self._folder} is gone. Bring it back, or choose another data folder."
             self._check, self.sync_s = Check("Disk", BAD, "the folder is gone", advice), 0.0
@@ -180,15 +180,15 @@ class DiskWatch:
     @property
     def known(self) -> bool:
         """Whether it has been measured, or has kept us waiting so long that this is to be said."""
-        return self._check is not None or self._keeps_waiting
+        return self._check is not None or self._overdue
 
     @property
     def slow(self) -> bool:
         """Whether a write is waited for so long, as far as is known, that this is to be said before."""
-        return self.sync_s > SLOW_SYNC_S or self._keeps_waiting
+        return self.sync_s > SLOW_SYNC_S or self._overdue
 
     @property
-    def _keeps_waiting(self) -> bool:
+    def _overdue(self) -> bool:
         """Whether the measurement takes longer than is usual here."""
         return self._waited_s > max(PATIENCE_S, 2 * LOOKS * self.sync_s)
 
@@ -200,22 +200,22 @@ class DiskWatch:
     @property
     def check(self) -> Check:
         """For the pre-flight row."""
-        if self._keeps_waiting:
+        if self._overdue:
             waited_s = self._waited_s
             advice = f"Waiting for the disk of {self._folder}: {LOOKS} short writes have taken {waited_s:.0f} s so far."
             return Check("Disk", BAD if waited_s > TOO_LONG_S else WAITING, f"waiting, {waited_s:.0f} s", advice)
         return self._check or Check("Disk", WAITING, "being measured")
 
 
-def check_recording(broken: str, undone: str, last: str, streams: int) -> Check:
+def check_recording(broken: str, not_written: str, last: str, streams: int) -> Check:
     """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or "".
 
-    undone: what the disk has not taken yet, or ""; streams: recordings that are whole, but no Parquet files yet.
+    not_written: what the disk has not taken yet, or ""; streams: recordings that are whole, but no Parquet files yet.
     """
     if broken:
         return Check("Recording", BAD, "failed", f"{broken}.")
-    if undone:
-        return Check("Recording", BAD, "incomplete", f"{undone}.")
+    if not_written:
+        return Check("Recording", BAD, "incomplete", f"{not_written}.")
     if streams:
         advice = "What was recorded is whole, as a stream; it becomes a Parquet file when the disk takes it."
         return Check("Recording", CAUTION, f"{streams} not converted", advice)

@@ -36,18 +36,18 @@ class Recorder:
         self._lateness: list[np.ndarray] = []
         self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0
         self._bytes, self._last_write = 0, time.perf_counter()
-        self._beside: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._writes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
-    def beside(self, write: Callable[[], None]) -> None:
+    def write_between(self, write: Callable[[], None]) -> None:
         """Do something else that waits for the disk (the journal) between two looks into the ring.
 
         After the last look it is done here and now: OSError.
         """
         if self._thread.is_alive() and not self._end.is_set():
-            self._beside.put(write)
+            self._writes.put(write)
         else:
             write()
 
@@ -102,8 +102,8 @@ class Recorder:
                     self.error = self.error or cause("recording-failed", why="neither disk nor memory has room")
             if self._take is not None and len(rows):
                 self._take(rows)
-            while not self._beside.empty():
-                self._try(self._beside.get())
+            while not self._writes.empty():
+                self._try(self._writes.get())
             self._ring.taken(len(rows))
             if len(rows):
                 lateness = rows[:, tick_log.LATENESS_US].copy()

@@ -78,7 +78,7 @@ class Sandbox:
         self._run: TrialRun | None = None
         self._pieces: list[np.ndarray] = []  # of the pass: its ticks
         self._now = self.settings  # those that the running pass has
-        self._changed = self._asked = False  # asked: a Start
+        self._changed = self._start_requested = False  # asked: a Start
         self._grasp = UNTOUCHED  # how the pointer has the handle between two passes
         self._given_up = False  # the running pass is to end without a result, and the handle to come home
         self._begun, self._number, self._least_gain = 0, 0, 0.0  # passes that were begun, and that have ended
@@ -103,7 +103,7 @@ class Sandbox:
 
     # ------------------------------------------------------------------------------------------- what is asked for
 
-    def want(self, settings: SandboxSettings | None) -> None:
+    def apply(self, settings: SandboxSettings | None) -> None:
         """These from now on; None: as protocol and device have them.
 
         InputError, and nothing has changed: they cannot be.
@@ -135,12 +135,12 @@ class Sandbox:
         self._least_gain = settings.brake_strength * least_gain_felt(device, places)
         self._change()
 
-    def go(self, hindrance: str) -> None:
+    def start_pass(self, blocker: str) -> None:
         """A Start: the next pass on a real device. InputError: it is not ready, or something else hinders it."""
-        self._device.to_try(self._protocol, self.simulation)
-        if hindrance:
-            raise InputError(hindrance)
-        self._asked = True
+        self._device.sandbox_device(self._protocol, self.simulation)
+        if blocker:
+            raise InputError(blocker)
+        self._start_requested = True
 
     def bring_back(self) -> None:
         """The hand lets the handle go and brings it to the start; the running pass is given up.
@@ -170,7 +170,7 @@ class Sandbox:
 
     def leave(self) -> None:
         """Try is left: the running pass ends."""
-        self.on = self._asked = False
+        self.on = self._start_requested = False
         if self._run is not None and self.real:
             self._run.stop("Try was left")
 
@@ -196,7 +196,7 @@ class Sandbox:
         return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes, self._saved)
 
     @property
-    def waits(self) -> bool:
+    def wants_pass(self) -> bool:
         """Whether the next pass is to begin as soon as one may."""
         return self.on and self._run is None
 
@@ -215,12 +215,12 @@ class Sandbox:
 
     # ------------------------------------------------------------------------------------------- the passes
 
-    def watch(self, hindrance: str) -> None:
-        """Begin, change or end the pass as is wanted; take in what has been measured. hindrance: why none may begin."""
+    def watch(self, blocker: str) -> None:
+        """Begin, change or end the pass as is wanted; take in what has been measured. blocker: why none may begin."""
         while self._measured and self._measured[0][1].done():
-            self._add(*self._measured.pop(0))
+            self._add_pass(*self._measured.pop(0))
         if self._run is None:
-            if self.on and not hindrance and (self._asked or not self.real):
+            if self.on and not blocker and (self._start_requested or not self.real):
                 self._begin()
             self._lose_hold()
         else:
@@ -239,7 +239,7 @@ class Sandbox:
     def lost(self) -> None:
         """The loop died with the pass: the device is as it was before it."""
         if self._run is not None:
-            self._run.let_go()
+            self._run.abandon_recording()
         self._run, self._given_up = None, False
 
     def returned(self, run: TrialRun, grasp: int) -> None:
@@ -252,7 +252,7 @@ class Sandbox:
             return
         self._run, self._grasp = None, LET_GO if self._given_up else grasp
         self._given_up = False
-        run.let_go()
+        run.abandon_recording()
         status, reason = (run.trial.outcome()[what] for what in ("status", "reason"))
         if not run.trial.finished or not self.on:
             return
@@ -263,7 +263,7 @@ class Sandbox:
         ended = Pass(self._number, self._now, self._changed, status, {})
         self._measured.append((ended, self._measuring.submit(measures_of_pass, self._pieces, run.trial)))
 
-    def _add(self, ended: Pass, measured: "Future[Metrics]") -> None:
+    def _add_pass(self, ended: Pass, measured: "Future[Metrics]") -> None:
         try:
             found = measured.result()
         except InputError as error:
@@ -282,7 +282,7 @@ class Sandbox:
         p, s = self._protocol, self.settings
         if not self.real:
             self.simulation = self._ready_simulation()
-        device = self._device.to_try(p, self.simulation)
+        device = self._device.sandbox_device(p, self.simulation)
         name = device.name if isinstance(device, Device) else device.device.name
         self.settings = s = s._replace(device=name)  # of a real one: the board's
         self._begun += 1
@@ -290,7 +290,7 @@ class Sandbox:
         person, generator = person_at(self._setup, p, "0"), np.random.default_rng(self._number)
         trial = Trial(device, planned, p.paths[s.path], self._preset(s), s.rules, p.trial, person, generator)
         self._tune(trial)
-        self._pieces, self._changed, self._asked = [], False, False
+        self._pieces, self._changed, self._start_requested = [], False, False
         self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
 
     def _ready_simulation(self) -> SimulatedDevice:

@@ -113,7 +113,7 @@ class SessionServer:
         return INPUTS[self._state.setup.hand].by_pointer or phase in (tick_log.APPROACH, tick_log.HOLD)
 
     def _send_state(self) -> None:
-        if self._window.behind:  # it hangs; once it reads again it gets the newest state
+        if self._window.has_backlog:  # it hangs; once it reads again it gets the newest state
             return
         for shown in (self._state.opened(), self._state.snapshot()):
             if shown != self._shown.get(type(shown)):
@@ -145,7 +145,7 @@ def main() -> None:
             _log_into(setup.data_dir / LOG, early, left)
             server = SessionServer(setup, protocol, ring, loop, window, lsl)
         except (InputError, OSError) as error:
-            window.send(m.Refused(in_words(error, setup.data_dir)))
+            window.send(m.Refused(refusal_of(error, setup.data_dir)))
             return
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
@@ -181,7 +181,7 @@ def _hold_lock(data_dir: Path) -> "BaseFileLock":
                 raise
 
 
-def in_words(error: Exception, data_dir: Path) -> str:
+def refusal_of(error: Exception, data_dir: Path) -> str:
     """Why the session server cannot serve, one sentence."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return f"{data_dir}: is a file, or lies in one, and not a folder"

@@ -48,14 +48,14 @@ class SessionProgress:
         self._answered: set[Asked] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event, at, about in read_events(session.folder):
-            self.take_in(event, at, about)
+            self.apply_event(event, at, about)
         self.paused_s: float | None = None  # since when
         if self.break_left_s() <= 0.0:  # it has passed while the session was closed, or there is none
             self.newest_line[BREAK_ENDED.name] = {"settled": session.finished_count}
-        self.look_ahead()
+        self.update_next()
         self.rigged = self.coming.configuration if self.coming else ""  # the configuration of a simulated device
 
-    def take_in(self, event: Event, at: str, about: dict[str, Any]) -> None:
+    def apply_event(self, event: Event, at: str, about: dict[str, Any]) -> None:
         """A line of the journal, from an earlier day or of now (ISO time): what it changes."""
         self.newest_line[event.name] = about
         if event is ENDED:
@@ -74,7 +74,7 @@ class SessionProgress:
         elif event is RESUMED_AFTER_PAUSE:
             self.paused_s = self.last_end_s = None
 
-    def look_ahead(self) -> None:
+    def update_next(self) -> None:
         """A trial has been added, skipped or marked: what comes now."""
         session = self.session
         self.coming, self._finished, self._break_due = session.next_planned(), session.finished_count, session.break_due

@@ -83,7 +83,7 @@ class State:
         coming = progress.coming if progress else None
         due = due_step(progress, self.device) if progress else None
         at = run.planned if run else coming
-        recording = check_recording(self.broken, self.storage.undone, self.storage.verified, self.storage.streams)
+        recording = check_recording(self.broken, self.storage.not_written, self.storage.verified, self.storage.streams)
         if self._waits_for:
             recording = m.Check("Recording", m.WAITING, "waiting for the disk", self._waits_for)
         return m.Snapshot(
@@ -109,7 +109,7 @@ class State:
             card=due[1] if due and stage == due[0].name else None,
             seconds_left=progress.seconds_left() if progress else None,
             newest=progress.newest if progress else None,
-            undone=self.storage.undone,
+            not_written=self.storage.not_written,
             moved=self.storage.moved,
             in_memory=self.storage.in_memory,
         )
@@ -186,16 +186,16 @@ class State:
             self.storage.store_trial(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)
-        self.sandbox.watch(self.snapshot().why_not if self.sandbox.waits else "")
+        self.sandbox.watch(self.snapshot().why_not if self.sandbox.wants_pass else "")
         if self.runner.run is None:
             self._disk.watch()
-            self.storage.catch_up()
+            self.storage.retry()
 
     def _lost(self, run: TrialRun | None, why: str) -> None:
         """The loop died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
         if isinstance(self.device, RealSetup) and not self.broken:
-            self.device.connect_anew()
+            self.device.reconnect()
         if run is not None and not self.sandbox.owns(run):
             self.storage.rescue(run, why)
         else:
@@ -216,6 +216,6 @@ class State:
         self.runner.close()
         if self.runner.run is not None:
             self._lost(self.runner.run, reason)
-        if lost := self.storage.let_go():
+        if lost := self.storage.close_session():
             self.broken = f"{lost} could not be written before the session server ended: lost"
             self.notify(f"{self.broken[0].upper()}{self.broken[1:]}.", bad=True)

@@ -79,7 +79,7 @@ class TrialRun:
         if not self.trial.finished:
             return
         self.recorder.close()
-        if reason := self._why():
+        if reason := self._end_reason():
             self.trial.abort(reason)
         self.trial.let_go = int(self._ring.control.let_go)
         timing = self.recorder.timing(scheduling)
@@ -95,7 +95,7 @@ class TrialRun:
         decided = self._decided and int(self._ring.control.cause) == STOPPED
         return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
 
-    def let_go(self) -> None:
+    def abandon_recording(self) -> None:
         """The recording gets no more: its stream stays as it is."""
         self.recorder.close()
         if self.recorder.writer is not None:
@@ -104,7 +104,7 @@ class TrialRun:
 
     def rescue(self, session: Session) -> None:
         """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
-        self.let_go()
+        self.abandon_recording()
         if (writer := self.recorder.writer) is not None:
             if not writer.is_stored():
                 writer.save()
@@ -116,7 +116,7 @@ class TrialRun:
         writer = self.recorder.writer
         return writer if writer is not None and writer.in_memory and not writer.is_stored() else None
 
-    def _why(self) -> str:
+    def _end_reason(self) -> str:
         """Why the loop ended it early; "": it did not."""
         off = self._ring.why_off
         reasons = {
@@ -136,22 +136,22 @@ class TrialRunner:
         self._ring, self._loop, self._real_time, self._port = ring, loop, real_time, port
         self._starts = 1
         self.scheduling: Scheduling | None = None  # that the loop got; None: it is not ready yet
-        self._tried: Timing | None = None
-        self._last: Timing | None = None  # of the last trial
+        self._idle_timing: Timing | None = None
+        self._last_timing: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self._let_go: Simulation | None = None  # the device whose handle was let go, and not touched since
         self.broken = ""  # why no loop can be had
         self._device_answers: list[object] = []  # what the loop has answered besides
 
     @property
-    def _words(self) -> str:
+    def _scheduling_words(self) -> str:
         """What scheduling the loop got."""
         return self.scheduling.words if self.scheduling else ""
 
     @property
     def ready(self) -> bool:
         """Whether a trial may start."""
-        return self._tried is not None and self.run is None
+        return self._idle_timing is not None and self.run is None
 
     def start(
         self, trial: Trial, writer: RecordingWriter | None, take: Take | None = None, grasp: int | None = None
@@ -193,13 +193,13 @@ class TrialRunner:
                     leave_core(scheduling.core)
                     self._loop.send(CheckTiming(TRY_TICKS))
                 case TimingChecked(lateness_us):
-                    self._tried = timing_of(lateness_us, self._words)
+                    self._idle_timing = timing_of(lateness_us, self._scheduling_words)
                 case Done():
                     assert self.run is not None
                     ended, self.run = self.run, None
                     self._let_go = ended.trial.simulation if self._ring.grasp == LET_GO else None
-                    ended.returned(answer, self._words)
-                    self._last = ended.recorder.timing(self._words)
+                    ended.returned(answer, self._scheduling_words)
+                    self._last_timing = ended.recorder.timing(self._scheduling_words)
                 case _:
                     self._device_answers.append(answer)
         if ended is None and (self._loop.closed or self._loop.hung):
@@ -209,7 +209,7 @@ class TrialRunner:
     def _replace(self) -> tuple[TrialRun | None, str]:
         why = cause("loop-died" if self._loop.closed else "loop-hung")
         self._loop.kill()
-        run, self.run, self._tried = self.run, None, None
+        run, self.run, self._idle_timing = self.run, None, None
         if self._starts >= MOST_STARTS:
             self.broken = cause("no-loop", times=MOST_STARTS)
             return run, self.broken
@@ -220,13 +220,13 @@ class TrialRunner:
     @property
     def timing(self) -> Timing | None:
         """The loop's lateness over the running trial, or the last, or the time without one."""
-        now = self.run.recorder.timing(self._words) if self.run else None
-        return now or self._last or self._tried
+        now = self.run.recorder.timing(self._scheduling_words) if self.run else None
+        return now or self._last_timing or self._idle_timing
 
     @property
     def check(self) -> Check:
         """For the pre-flight row."""
-        return check_loop(self._tried, self._loop.closed, self.scheduling, self._last)
+        return check_loop(self._idle_timing, self._loop.closed, self.scheduling, self._last_timing)
 
     def close(self) -> None:
         self._loop.end(END_S)

@@ -124,13 +124,13 @@ def print_result(args: argparse.Namespace, found: Any, text: str, warnings: Iter
     print(json.dumps(found) if args.json else text)
 
 
-def as_text(summary: dict) -> str:
+def summary_text(summary: dict) -> str:
     """A summary to be read: a line for each key, then each entry of its lists; warnings last, where they are seen."""
     shown = {key: value for key, value in summary.items() if key != "warnings"}
-    width = max((len(in_words(key)) for key in shown), default=0)
+    width = max((len(label_of_key(key)) for key in shown), default=0)
     lines, entries = [], []
     for key, value in shown.items():
-        name = in_words(key)
+        name = label_of_key(key)
         if isinstance(value, list):
             entries += [": ".join(one.values()) if isinstance(one, dict) else f"{name}: {one}" for one in value]
             value = len(value)
@@ -144,7 +144,7 @@ def _shown(key: str, value: object) -> object:
     return value
 
 
-def in_words(key: str) -> str:
+def label_of_key(key: str) -> str:
     """The key of a summary to be read: low_gain_N_s_m is "low gain (N s/m)"."""
     unit = next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
     name = key.removesuffix(f"_{unit}").replace("_", " ") if unit else key.replace("_", " ")

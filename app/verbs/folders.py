@@ -4,8 +4,8 @@ import argparse
 import getpass
 from pathlib import Path
 
-from app.progress import Display, import_screen
-from app.verbs.common import FIGURES, FOLDER, add_verb, as_text, print_result, whole_number_of, with_progress
+from app.progress import ScreenCheck, import_window_module
+from app.verbs.common import FIGURES, FOLDER, add_verb, print_result, summary_text, whole_number_of, with_progress
 from core.files import InputError
 from experiments.numbers import percent
 
@@ -99,7 +99,7 @@ def analyze_verb(args: argparse.Namespace) -> None:
     summary = with_progress("analyzing", analyze, *asked)
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
-    print_result(args, summary, as_text(summary))
+    print_result(args, summary, summary_text(summary))
 
 
 def export_verb(args: argparse.Namespace) -> None:
@@ -113,7 +113,7 @@ def export_verb(args: argparse.Namespace) -> None:
     from experiments.export.export import export
 
     summary = with_progress("exporting", export, args.dir, outs, args.compress, args.shift_dates)
-    print_result(args, summary, as_text(summary))
+    print_result(args, summary, summary_text(summary))
 
 
 def verify_verb(args: argparse.Namespace) -> int:
@@ -121,7 +121,7 @@ def verify_verb(args: argparse.Namespace) -> int:
 
     found = with_progress("verifying", verify, args.dir)
     doubts = found["warnings"]
-    text = as_text(found | {"in_doubt": len(doubts), "warnings": []})
+    text = summary_text(found | {"in_doubt": len(doubts), "warnings": []})
     print_result(
         args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)]
     )
@@ -132,7 +132,7 @@ def recover_verb(args: argparse.Namespace) -> int:
     from experiments.session.recover import recover
 
     done = with_progress("recovering", recover, args.dir)
-    print_result(args, done, as_text(done), _warn_if_empty(done))
+    print_result(args, done, summary_text(done), _warn_if_empty(done))
     return 1 if done["faults"] or done["not_rescued"] else 0
 
 
@@ -153,8 +153,8 @@ def play(recording: Path) -> int:
 
     if not read_recording(recording).rows:
         raise InputError(f"{recording}: there are no ticks to play")
-    display = Display("play it on", "--json needs none")
-    trial_view = import_screen("analyse.trial_view")
+    display = ScreenCheck("play it on", "--json needs none")
+    trial_view = import_window_module("analyse.trial_view")
     display.check()
     return trial_view.run(recording)
 

@@ -82,7 +82,7 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
         return {**timing._asdict(), "ticks": ticks, "busy": busy, "real_time": runner.scheduling.real_time}
     finally:
         if runner.run:
-            runner.run.let_go()
+            runner.run.abandon_recording()
         leave_core(-1)
         runner.close()
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.progress import Display, import_screen, watch_compiling
+from app.progress import ScreenCheck, import_window_module, watch_compiling
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int | None:
         print_plan(args)
         return None
     link = reached(port, args.force)
-    display = Display("open a window on")
+    display = ScreenCheck("open a window on")
     for device in protocol_of(args).devices if link else ():
         if device.castor:
             raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int | None:
     try:  # all this takes its time, and so does the session server
         watch_compiling()
         palette.choose(args.theme)
-        windows = import_screen("windows")
+        windows = import_window_module("windows")
         display.check()
         windows.make_ready()
         windows.compile_kernels()

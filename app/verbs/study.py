@@ -8,9 +8,9 @@ from app.verbs.common import (
     FIGURES,
     RULES,
     add_verb,
-    as_text,
     low_gain,
     print_result,
+    summary_text,
     whole_number_of,
     with_progress,
 )
@@ -105,7 +105,7 @@ def study(args: argparse.Namespace) -> None:
         f"{args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which may be wrong; "
         "phd verify names them"
     )
-    print_result(args, summary, as_text(summary), [doubt] if summary["in_doubt"] else [])
+    print_result(args, summary, summary_text(summary), [doubt] if summary["in_doubt"] else [])
 
 
 def sweep(args: argparse.Namespace) -> None:
@@ -119,7 +119,7 @@ def sweep(args: argparse.Namespace) -> None:
             raise InputError(f"{option}: stands in the file of a sweep, {args.sweep}")
     found = load_sweep(args.sweep)
     summary = with_progress("sweep", run_sweep, found, args.out, args.resume, args.cluster, compiles=True)
-    print_result(args, summary, as_text(summary))
+    print_result(args, summary, summary_text(summary))
 
 
 def worlds(args: argparse.Namespace) -> None:
@@ -131,4 +131,4 @@ def worlds(args: argparse.Namespace) -> None:
         summary = report_so_far(run, args.out)
     else:
         summary = with_progress("worlds", run_worlds, run, args.out, args.resume, args.cluster, compiles=True)
-    print_result(args, summary, as_text(summary))
+    print_result(args, summary, summary_text(summary))

@@ -75,7 +75,7 @@ class RecordingWriter:
         self.rows_written = 0  # rows in the file: what a kill cannot take any more
         self.bytes_written = 0
         self.trouble: OSError | None = None  # why the file gets no more; None: it has everything
-        self._told = False  # of the trouble
+        self._raised = False  # of the trouble
         self.ended = False  # the stream has its end record
         self.longest_sync_s = 0.0  # that the disk made us wait
         self._in_stream = 0  # rows
@@ -92,13 +92,13 @@ class RecordingWriter:
         self._sequence = 0
         self._sync = sync
         self._stream.write_batch(self._batch(self._none))
-        header = seal(_before_first_batch(self._taken()))
+        header = seal(_before_first_batch(self._drain_sink()))
         refuse_existing_files([self.path])
         with refusing(self.path, "the recording cannot be created"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
         self._open = True
         self._last_write = self._last_sync = time.perf_counter()
-        self._put(header)
+        self._append(header)
         self._bring_to_disk()
         if self.trouble is not None:
             self._open = False
@@ -125,14 +125,14 @@ class RecordingWriter:
         self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
         if self._sync and now - self._last_sync >= SYNC_INTERVAL_S:
             self.flush()
-        self._tell()
+        self._raise_once()
 
     def flush(self) -> None:
         """Bring every row to the file and, unless `sync` is off, to the disk."""
         self._need_open()
         self._write_batches(everything=True)
         self._bring_to_disk()
-        self._tell()
+        self._raise_once()
 
     def close(self, outcome: dict[str, Any] | None = None) -> None:
         """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds.
@@ -147,7 +147,7 @@ class RecordingWriter:
                     self._write_message(self._none, end="end", outcome=outcome_json)
                     self._stream.close()
                     self.ended = True
-                    self._put(self._taken())
+                    self._append(self._drain_sink())
                 self._bring_to_disk()
             finally:
                 self._release()
@@ -212,10 +212,10 @@ class RecordingWriter:
         if not self._open:
             raise ValueError("the recording is closed")
 
-    def _tell(self) -> None:
+    def _raise_once(self) -> None:
         """OSError, once, if the file gets no more."""
-        if self.trouble is not None and not self._told:
-            self._told = True
+        if self.trouble is not None and not self._raised:
+            self._raised = True
             raise self.trouble
 
     def _release(self) -> None:
@@ -227,7 +227,7 @@ class RecordingWriter:
             except OSError as error:  # as of a network drive that takes what was written only now
                 self.trouble = error
 
-    def _taken(self) -> bytes:
+    def _drain_sink(self) -> bytes:
         """What Arrow has written since the last call."""
         taken = self._sink.getvalue()
         self._sink.seek(0)
@@ -259,16 +259,16 @@ class RecordingWriter:
         for start in range(0, end, BATCH_ROWS):
             self._write_message(rows[start : min(start + BATCH_ROWS, end)])
         self._last_write = time.perf_counter()
-        self._see_to(self._look)
+        self._attempt(self._check_place)
 
     def _write_message(self, rows: np.ndarray, **more: str) -> None:
         about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self._in_stream)}
         self._stream.write_batch(self._batch(rows), custom_metadata={**about, "rows": str(len(rows)), **more})
         self._sequence += 1
         self._in_stream += len(rows)
-        self._put(seal(self._taken()))
+        self._append(seal(self._drain_sink()))
 
-    def _put(self, message: bytes) -> None:
+    def _append(self, message: bytes) -> None:
         """Append a whole message to memory, and to the file; or nothing of it to the file."""
         if self._memory is not None:
             self._memory.append(message)
@@ -279,25 +279,25 @@ class RecordingWriter:
             self.bytes_written += len(message)
             self.rows_written = self._in_stream
 
-        self._see_to(append)
+        self._attempt(append)
         if self._memory_bytes > MOST_IN_MEMORY and self.trouble is None:
             self._memory = None
 
     def _bring_to_disk(self) -> None:
         began = time.perf_counter()
         if self._sync:
-            self._see_to(lambda: os.fsync(self._file))
-        self._see_to(self._look)
+            self._attempt(lambda: os.fsync(self._file))
+        self._attempt(self._check_place)
         self._last_sync = time.perf_counter()
         self.longest_sync_s = max(self.longest_sync_s, self._last_sync - began)
 
-    def _look(self) -> None:
+    def _check_place(self) -> None:
         """OSError if the file is not where it was made: its folder was deleted, or its disk taken away."""
         there = os.stat(self.path)
         if os.name == "posix" and not os.path.samestat(there, os.fstat(self._file)):  # Windows keeps a file in use
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.path))
 
-    def _see_to(self, do: Callable[[], object]) -> None:
+    def _attempt(self, do: Callable[[], object]) -> None:
         """Something with the file, unless it gets no more; where that fails, it gets no more from now on."""
         if self.trouble is not None:
             return

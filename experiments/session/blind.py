@@ -52,7 +52,7 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
         return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
 
 
-def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
+def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
     """A planned trial or a row with its controller in place of the code; as it is where the key has no such code.
 
     A row is then without a name: the key has none (`trials_table.named`).
@@ -65,6 +65,6 @@ def opened(thing: Coded, key: Mapping[str, int]) -> Coded:
     return thing._replace(controller=number)
 
 
-def veiled(row: TrialRow) -> TrialRow:
+def blinded(row: TrialRow) -> TrialRow:
     """A coded row without what reveals the controller by itself."""
     return replace(row, controller_name=row.controller, **HIDDEN) if isinstance(row.controller, str) else row

@@ -33,12 +33,12 @@ class InMemory:
         self.runs[files.PRACTICE] = {line.about["run"] for line in self._lines if line.event is events.PRACTICE_BEGUN}
         self._missed = self._not_there(session, rows)  # recordings that were not there when it was taken up
 
-    def has_happened(self, event: events.Event, about: dict[str, Any]) -> None:
+    def add_event(self, event: events.Event, about: dict[str, Any]) -> None:
         """A line of the journal. about: its fields, and `time` if it is of another time than now."""
         fields = dict(about)
         self._lines.append(events.Entry(event, fields.pop("time", "") or events.now(), fields))
 
-    def lacking(self, session: Path, rows: Sequence[TrialRow]) -> str:
+    def missing_files(self, session: Path, rows: Sequence[TrialRow]) -> str:
         """What of the files is not there any more, one sentence without its full stop; "": nothing.
 
         rows: those that the session knows of. Looks at the disk.
@@ -81,7 +81,7 @@ class InMemory:
         if rows:
             write_new_file(target / files.TABLE, table_bytes(rows), sync)
         events.write_event(target, events.MOVED, sync, **{"from": str(old)})
-        self.has_happened(events.MOVED, {"from": str(old)})
+        self.add_event(events.MOVED, {"from": str(old)})
         behind = self._not_there(target, rows)
         new = len(behind - self._missed)
         self._missed |= behind

@@ -24,7 +24,7 @@ from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
-from experiments.session.blind import opened, veiled
+from experiments.session.blind import blinded, unblinded
 from experiments.session.checksums import fault_of_end, next_line, note_end, noted_end, read_lines
 from experiments.session.files import CRASHED, TABLE, controller_names, hold_lock, rows_of, write_pooled_table
 
@@ -224,14 +224,14 @@ class JournalSummary:
 
     def row(self, row: TrialRow) -> TrialRow:
         """A row, from its recording or of a skipped trial, as it stands in the table."""
-        row = opened(row, self.key) if self.key is not None else veiled(row)
+        row = unblinded(row, self.key) if self.key is not None else blinded(row)
         if row.controller_name is None:
             row = named(row, self.names)
         return replace(row, status=self.marked.get(row.run, row.status))
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
         """The stored plan, opened if the session is unblinded."""
-        return tuple(opened(trial, self.key) for trial in plan) if self.key is not None else plan
+        return tuple(unblinded(trial, self.key) for trial in plan) if self.key is not None else plan
 
 
 def journal_summary(session: Path) -> JournalSummary:

@@ -175,11 +175,11 @@ class Session:
     def journal(self, event: events.Event, **about: Any) -> None:
         """Append one line: what happened, and when (`time`: if not now)."""
         events.write_event(self.folder, event, self._sync, **about)
-        self._has_happened(event, about)
+        self._publish(event, about)
 
-    def _has_happened(self, event: events.Event, about: dict[str, Any]) -> None:
+    def _publish(self, event: events.Event, about: dict[str, Any]) -> None:
         if self._known is not None:
-            self._known.has_happened(event, about)
+            self._known.add_event(event, about)
         if self._on_event is not None:
             self._on_event(event, about)
 
@@ -335,16 +335,16 @@ class Session:
 
     # ---------------------------------------------------------------------------------------- a folder that is gone
 
-    def lacks(self) -> str:
+    def missing_files(self) -> str:
         """What of its folder is not there any more, one sentence without its full stop; "": nothing. Looks there."""
-        return self._known.lacking(self.folder, self.rows) if self._known else ""
+        return self._known.missing_files(self.folder, self.rows) if self._known else ""
 
     def refuse_other_folder(self) -> None:
         """FileNotFoundError if its folder is gone, or another session's by now: nothing of ours belongs there."""
         if self._known is not None and not self._known.is_ours(self.folder):
             raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
 
-    def hold_again(self) -> None:
+    def take_lock_again(self) -> None:
         """Take the lock of a folder that was gone and is back. InputError if another process has it by now."""
         self._lock.release()
         self._lock = files.hold_lock(self.folder)
@@ -409,7 +409,7 @@ class Session:
 
     def _mark(self, run: int, event: events.Event, reason: str) -> TrialRow:
         rows = events.mark_run(self.folder, self.rows, run, event, reason, self._sync)
-        self._has_happened(event, {"run": run, "reason": reason})
+        self._publish(event, {"run": run, "reason": reason})
         self._replace_rows(rows)
         return next(row for row in rows if row.run == run)
 

@@ -23,7 +23,7 @@ from experiments.progress import Progress, no_progress
 from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.recording.reader import read_recording
-from experiments.session.blind import opened, read_key
+from experiments.session.blind import read_key, unblinded
 from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, relative_to
 from experiments.session.journal import (
     KEY_OPENED,
@@ -204,7 +204,7 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     if not table.exists():
         return [f"{table}: there is no such table, so the figures cannot be compared with it"]
     try:
-        before_rows = [opened(row, found.keys.get(row.participant, {})) for row in read_table(table)]
+        before_rows = [unblinded(row, found.keys.get(row.participant, {})) for row in read_table(table)]
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))

@@ -94,7 +94,7 @@ class Emulator:
         if name.encode()[:24] != self.board.hello.device:
             self._wire(self._devices[name], self.device.hand, self.device.tip)
             self._powered_s = self.ticks * TICK_S
-            self.say(f"wired to {name}")
+            self.log_event(f"wired to {name}")
 
     def run(self) -> None:
         """Until `stop`."""
@@ -103,14 +103,14 @@ class Emulator:
             now, due = self.now(), self.ticks * TICK_S
             if now >= due + MOST_AT_ONCE * TICK_S:
                 self._zero += now - due
-                self.say(f"held up by this machine: the board's time stood still for {1e3 * (now - due):.0f} ms")
+                self.log_event(f"held up by this machine: the board's time stood still for {1e3 * (now - due):.0f} ms")
                 continue
             if now < due:
                 self._wait(min(due, self.to_host.next_s(), self.to_board.next_s()) - now)
-            self._hear(self.now())
+            self._receive(self.now())
             if self.now() >= due:
                 self._tick()
-            self._speak(self.now())
+            self._transmit(self.now())
 
     def stop(self) -> None:
         """End `run`: from a signal handler or another thread."""
@@ -127,7 +127,7 @@ class Emulator:
         """The time, s."""
         return time.perf_counter() - self._zero
 
-    def say(self, text: str) -> None:
+    def log_event(self, text: str) -> None:
         """Note an event."""
         self.events.append((self.ticks * TICK_S, text))
         self._log(f"{self.ticks * TICK_S:9.3f} s  {text}")
@@ -156,7 +156,7 @@ class Emulator:
     def _board_us(self, now: float) -> int:
         return round((now - self._powered_s) * 1e6)
 
-    def _hear(self, now: float) -> None:
+    def _receive(self, now: float) -> None:
         """Give the board what the host sent, by way of the wire and its faults."""
         if self._plug and (data := self._plug.read()):
             self.to_board.put(data, now)
@@ -169,7 +169,7 @@ class Emulator:
         for frame in frames.split(b"\0")[:-1]:
             self.to_host.put(frame + b"\0", now)
 
-    def _speak(self, now: float) -> None:
+    def _transmit(self, now: float) -> None:
         """Give the host what has come to its end of the wire."""
         data = self.to_host.take(now)
         if data and self._plug:
@@ -180,9 +180,9 @@ class Emulator:
             return
         acting = {fault for fault in self.faults if fault.acts(now)}
         for fault in self._acting - acting:
-            self.say(f"{fault.kind} is over")
+            self.log_event(f"{fault.kind} is over")
         for fault in acting - self._acting:
-            self.say(f"{fault.kind} begins")
+            self.log_event(f"{fault.kind} begins")
         self._acting, kinds = acting, {fault.kind for fault in acting}
         if self._plug and "unplug" in kinds:
             self._plug.close()
@@ -204,10 +204,10 @@ class Emulator:
         board = self.board
         state, faults, flows = shown = (board.state, board.faults, board.currents != ZERO)
         if flows != self._shown[2]:
-            self.say("currents flow" if flows else "currents zero")
+            self.log_event("currents flow" if flows else "currents zero")
         if (state, faults) != self._shown[:2]:
             cause = f", cause {board.cause.name}" if faults else ""
-            self.say(f"state {state.name}{cause}")
+            self.log_event(f"state {state.name}{cause}")
         self._shown = shown
 
     def _take_order(self) -> None:
@@ -220,11 +220,11 @@ class Emulator:
             answer = self._obey(json.loads(data))
         except (ValueError, RecursionError, InputError) as error:  # brackets in brackets, too many for JSON
             answer = {"error": str(error)}
-            self.say(f"order refused: {error}")
+            self.log_event(f"order refused: {error}")
         try:
             self._orders.sendto(json.dumps(answer).encode(), sender)
         except OSError as error:
-            self.say(f"the order could not be answered: {error}")
+            self.log_event(f"the order could not be answered: {error}")
 
     def _obey(self, order: object) -> dict:
         """{"fault": KIND..} from now on; {"clear": true} ends all faults; {"device": NAME}: it is wired to that one.

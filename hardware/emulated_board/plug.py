@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from core.files import InputError
-from hardware.serial_port import like_a_wire
+from hardware.serial_port import limit_buffers
 
 EMULATED = "EMULATED-"  # begins the serial number of an emulated board
 FOLDER = "phd-emulated-"  # begins the temporary folder's name
@@ -107,7 +107,7 @@ class TcpPort:
             host = self._listener.accept()[0]
             if self._host is None:
                 host.setblocking(False)
-                like_a_wire(host)
+                limit_buffers(host)
                 self._host = host
             else:
                 host.close()

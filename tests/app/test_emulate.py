@@ -22,7 +22,7 @@ from waiting import LONG_S, wait_until
 from core.device import load_device
 from core.device_interface import DeviceError
 from core.files import InputError
-from hardware.discovery import ask_board, look_at_ports
+from hardware.discovery import ask_board, scan_ports
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
@@ -166,11 +166,11 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         host = SerialDevice(load_device(name), emulated.port)
         retry_while_locked(host.open)
         sample, port = run(host, 3)[-1], emulated.port
-        found = {one.port: one for one in look_at_ports()}
+        found = {one.port: one for one in scan_ports()}
         assert found[port].words == found[port].problem == "another program is using it"
-        assert port not in {one.port for one in look_at_ports(besides=port)}
+        assert port not in {one.port for one in scan_ports(besides=port)}
         host.close()
-        (found,) = (one for one in look_at_ports() if one.port == port)
+        (found,) = (one for one in scan_ports() if one.port == port)
         assert (found.words, found.problem) == (f"answers, {name}", "")
         assert sample.homed and math.dist(sample.tip, before) < 3e-3
         assert ask_board(emulated.port).device == name

@@ -72,7 +72,7 @@ def test_a_folder_that_goes_in_mid_trial_and_comes_back_costs_no_tick(window, tm
     run = begin(window)
     gone = GOES[what](tmp_path)
     gone.rename(tmp_path / "away")
-    said = window.until(lambda s: s.undone)
+    said = window.until(lambda s: s.not_written)
     assert said.stage == m.RUNNING and "The trial goes on, and its ticks are kept in memory" in said.notice
     said = window.until(lambda s: s.stage == m.READY)
     ticks = len(window.rows)
@@ -85,7 +85,7 @@ def test_a_folder_that_goes_in_mid_trial_and_comes_back_costs_no_tick(window, tm
     window.until(lambda s: "line" in s.in_memory)
     assert not gone.exists(), "nothing was written into a folder that is none of ours"
     (tmp_path / "away").rename(gone)
-    said = window.until(lambda s: not s.undone)
+    said = window.until(lambda s: not s.not_written)
     assert said.in_memory == "" and [row.status for row in said.rows] == ["done", "done"]
     assert window.recording(run).rows == ticks and window.recording(run).outcome["status"] == "done"
     assert window.recording(run).columns["t_s"][-1] == window.rows[-1, tick_log.T]
@@ -107,7 +107,7 @@ def test_a_folder_that_is_deleted_in_mid_trial_is_gone_on_with_in_another(window
     other = tmp_path / "other"
     window.client.send(m.MoveTo(str(other)))
     said = window.until(lambda s: s.moved)
-    assert said.moved == (str(other), "01") and said.stage == m.NO_SESSION and said.in_memory == "" == said.undone
+    assert said.moved == (str(other), "01") and said.stage == m.NO_SESSION and said.in_memory == "" == said.not_written
     assert (
         "1 recording stayed in" in said.notice and "phd verify" in said.notice
     )  # of the first trial, that was deleted
@@ -121,7 +121,7 @@ def test_a_folder_that_is_deleted_in_mid_trial_is_gone_on_with_in_another(window
         there.until_stage(m.NO_SESSION)
         there.client.send(m.Open("01", resume=True))
         said = there.until_stage(m.READY)
-        assert not said.undone and [row.run for row in said.rows] == [1, run] and said.coming.run == run + 1
+        assert not said.not_written and [row.run for row in said.rows] == [1, run] and said.coming.run == run + 1
 
 
 def test_between_two_trials_nothing_starts_in_a_folder_that_is_gone_nor_in_an_empty_one_of_its_name(window, tmp_path):
@@ -194,7 +194,7 @@ def test_a_folder_that_cannot_take_the_session_is_refused_and_nothing_is_left_th
         patch.setattr("experiments.recording.writer.replace_file", full)
         assert "no space left" in refused(window, m.MoveTo(str(tmp_path / "other")))
     assert not session_in(tmp_path / "other").exists() and not any(session_in(taken).iterdir())
-    assert window.snapshot.in_memory == said.in_memory and window.snapshot.undone
+    assert window.snapshot.in_memory == said.in_memory and window.snapshot.not_written
     window.client.send(m.MoveTo(str(tmp_path / "other")))
     assert window.until(lambda s: s.moved).in_memory == ""
 
@@ -215,7 +215,7 @@ def test_a_session_with_ticks_in_memory_alone_is_not_closed_and_what_ends_with_t
 def test_a_loop_that_dies_while_the_folder_is_gone_leaves_its_ticks_in_memory(window, tmp_path):
     run = begin(window)
     (tmp_path / "data").rename(tmp_path / "away")
-    window.until(lambda s: s.undone)
+    window.until(lambda s: s.not_written)
     loop = window.client.state.runner._loop
     window.client.state.runner._replace = lambda: _lost(window.client.state.runner)
     loop.closed = True
@@ -223,7 +223,7 @@ def test_a_loop_that_dies_while_the_folder_is_gone_leaves_its_ticks_in_memory(wi
     assert "in memory" in said.notice and f"run {run}" in said.in_memory
     (tmp_path / "away").rename(tmp_path / "data")
     loop.closed = False
-    said = window.until(lambda s: not s.undone)
+    said = window.until(lambda s: not s.not_written)
     assert [(row.run, row.status) for row in said.rows] == [(run, "recovered")] and cell(said.coming) == cell(
         said.rows[0]
     )

@@ -171,7 +171,7 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
 
 def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch) -> None:
     page = shown.page
-    monkeypatch.setattr("app.window.home.board_ports.look_at_ports", lambda before, mine: ())
+    monkeypatch.setattr("app.window.home.board_ports.scan_ports", lambda before, mine: ())
     page.resize(1000, 600)
     page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
     page.show_opened(opened("", **ON_BENCH))
@@ -212,7 +212,7 @@ def test_a_protocol_that_was_saved_in_try_can_be_chosen_at_once(shown: Shown, tm
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
-    monkeypatch.setattr("app.window.home.board_ports.look_at_ports", lambda before, mine: found if not mine else ())
+    monkeypatch.setattr("app.window.home.board_ports.scan_ports", lambda before, mine: found if not mine else ())
     page.link.show_value(BOARD)
     page._link_chosen(BOARD)
     shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)

@@ -178,11 +178,11 @@ def test_a_line_for_the_journal_is_tried_also_where_the_recording_fails_and_afte
         tried.append("first")
         raise OSError(28, "No space left on device")
 
-    recorder.beside(fails)
-    recorder.beside(lambda: tried.append("second"))
+    recorder.write_between(fails)
+    recorder.write_between(lambda: tried.append("second"))
     disk.free.set()
     recorder.close()
-    recorder.beside(lambda: tried.append("third"))
+    recorder.write_between(lambda: tried.append("third"))
     assert tried == ["first", "second", "third"] and "No space left" in str(recorder.trouble)
 
 

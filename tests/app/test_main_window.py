@@ -396,9 +396,9 @@ def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_butt
 ) -> None:
     screens.hear(opened(), ready(3))
     assert not screens.run.panel.elsewhere.isVisible()
-    screens.hear(running(3, undone=UNDONE, checks=STUCK))
+    screens.hear(running(3, not_written=UNDONE, checks=STUCK))
     assert not screens.run.panel.elsewhere.isVisible()  # the trial goes on
-    screens.hear(ready(3, undone=UNDONE, checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    screens.hear(ready(3, not_written=UNDONE, checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
     said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
     assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
     answers = ["", "/elsewhere"]
@@ -421,7 +421,7 @@ def test_a_session_that_was_brought_to_another_folder_is_gone_on_with_there_once
 
 
 def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3, undone=UNDONE, in_memory="run 4, 812 ticks"))
+    console = screens.hear(opened(), ready(3, not_written=UNDONE, in_memory="run 4, 812 ticks"))
     assert not console.close() and not screens.client.stopped
     assert "would be lost: run 4, 812 ticks" in " ".join(visible_texts(console))
     screens.main.cards.question.buttons[1].click()
@@ -452,7 +452,7 @@ STATES = {
         opened(),
         ready(
             9,
-            undone=GONE,
+            not_written=GONE,
             checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE)),
             notice=f"{GONE}.",
             notice_bad=True,

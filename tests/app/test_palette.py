@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.progress import LEAST_ROOM, Display
+from app.progress import LEAST_ROOM, ScreenCheck
 from app.window.widgets.palette import DARK, LIGHT, PALETTES, Palette
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ def test_on_a_screen_with_little_room_all_is_drawn_smaller(
     monkeypatch.chdir(tmp_path)  # Qt does not take the colon of a drive
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen:configfile=screens.json")
     monkeypatch.setenv("QT_SCALE_FACTOR", scale)
-    Display("draw on").check()
+    ScreenCheck("draw on").check()
     after = float(os.environ["QT_SCALE_FACTOR"])
     assert (after < float(scale)) == shrinks
     assert width / after >= LEAST_ROOM[0] - 1 and height / after >= LEAST_ROOM[1] - 1

@@ -14,7 +14,7 @@ from app.ipc.messages import DeviceStatus
 from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.storage import Storage
-from app.verbs.common import as_text, in_words
+from app.verbs.common import label_of_key, summary_text
 from app.window.run.energy_panel import small_energy
 from app.window.widgets import words
 from experiments.analysis.report import sentences
@@ -98,12 +98,12 @@ def test_small_energies_are_said_in_units_that_fit(energy: float, said: str) -> 
 def test_a_summary_gives_units_as_units_and_names_what_it_lists() -> None:
     faults = [{"file": "run-001", "fault": "cut off"}]
     summary = {"low_gain_N_s_m": 5.0, "wall_s": 2.0, "left_out": ["a", "b"], "rules": "settled", "faults": faults}
-    lines = as_text(summary | {"warnings": ["few people"]}).splitlines()
+    lines = summary_text(summary | {"warnings": ["few people"]}).splitlines()
     names = [line.split("  ")[0] for line in lines[:5]]
     assert names == ["low gain (N s/m)", "wall (s)", "left out", "rules", "faults"]
     assert [line.split()[-1] for line in lines[2:5]] == ["2", "settled", "1"]
     assert lines[5:] == ["left out: a", "left out: b", "run-001: cut off", "warning: few people"]
-    assert in_words("operators") == "operators"
+    assert label_of_key("operators") == "operators"
 
 
 def test_the_order_of_controllers_is_told_by_their_names() -> None:
@@ -132,7 +132,7 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
     row = replace(result(PLAN[0], status), block=block)
     storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
     storage.progress = SimpleNamespace(
-        session=None, trial_ended=lambda row: None, look_ahead=lambda: None, without_valid_trial=lambda: ""
+        session=None, trial_ended=lambda row: None, update_next=lambda: None, without_valid_trial=lambda: ""
     )
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
     storage.store_trial(SimpleNamespace(name="Run 18", trial=trial, finish=lambda session: row, again="never"))

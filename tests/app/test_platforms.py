@@ -118,4 +118,4 @@ def test_a_library_that_the_windows_need_and_the_system_lacks_is_one_sentence(mo
 
     monkeypatch.setattr(progress, "import_module", missing)
     with pytest.raises(progress.InputError, match=r"a system library is missing: libEGL"):
-        progress.import_screen("windows")
+        progress.import_window_module("windows")

@@ -17,7 +17,7 @@ from simulated_loop import local_window
 from app.cli import main
 from app.ipc.messages import Setup
 from app.session_server.preflight import ignored_features
-from app.session_server.server import in_words, read_protocol, take_folder
+from app.session_server.server import read_protocol, refusal_of, take_folder
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.inputs import OPERATOR
@@ -126,7 +126,7 @@ def refuse(setup: Setup) -> str:
     """What a session server answers that refuses to begin."""
     with contextlib.ExitStack() as left, pytest.raises((InputError, OSError)) as refusal:
         take_folder(setup, left)
-    return in_words(refusal.value, setup.data_dir)
+    return refusal_of(refusal.value, setup.data_dir)
 
 
 @pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.json"])

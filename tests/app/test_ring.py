@@ -280,12 +280,12 @@ def test_an_end_that_does_not_read_never_makes_the_other_wait_and_loses_nothing(
         ours.send((i, bytes(1000)))  # more than the system keeps for it
     began = time.perf_counter()
     ours.flush(0.1)
-    assert ours.behind and time.perf_counter() - began < 30.0
+    assert ours.has_backlog and time.perf_counter() - began < 30.0
     theirs = other_end(*unread)
     ours.close()
     assert [i for i, _ in all_of(theirs)] == list(range(300))
     ours.flush(30.0)
-    assert not ours.behind
+    assert not ours.has_backlog
     theirs.close()
     assert all_of(ours) == []
 
@@ -316,4 +316,4 @@ def test_an_end_that_is_killed_in_the_middle_of_a_message_is_gone() -> None:
     os.close(hear_us)
     ours.send("nobody is there")
     ours.flush(30.0)
-    assert not ours.behind
+    assert not ours.has_backlog

@@ -18,7 +18,7 @@ from waiting import wait_until
 
 from app.cli import main
 from app.progress import ProgressBar
-from app.verbs.common import as_text
+from app.verbs.common import summary_text
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.study.study import MOST_OPERATORS, run_study
@@ -282,7 +282,7 @@ def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
         "already_done": 3,
         "wall_s": 1.0,
     }
-    lines = dict(re.split(r"\s{2,}", line) for line in as_text(summary).splitlines())
+    lines = dict(re.split(r"\s{2,}", line) for line in summary_text(summary).splitlines())
     assert lines == {
         "done controller 1": "100 %", "done controller 2": "95.83 %", "share done": "0 %", "already done": "3",
         "wall (s)": "1",

@@ -61,7 +61,7 @@ def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, m
     session = new_session(tmp_path / "data")
     session._sync = True
     storage = Storage(session.data_dir, SimpleNamespace(run=None), lambda *_, **__: None)
-    storage.take(SessionProgress(session))
+    storage.set_session(SessionProgress(session))
     syncs: list[int] = []
     monkeypatch.setattr(os, "fsync", syncs.append)
     trial, writer = session.begin(session.next_planned())
@@ -72,7 +72,7 @@ def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, m
     storage.store_trial(SimpleNamespace(
         name="Run 1", trial=trial, recorder=SimpleNamespace(writer=writer), finish=lambda _: finish(), again="never"
     ))  # fmt: skip
-    assert len(syncs) == SYNCS_TO_END and not storage.undone
+    assert len(syncs) == SYNCS_TO_END and not storage.not_written
     session.close()
 
 

@@ -80,7 +80,7 @@ def said() -> list[tuple[str, bool]]:
 def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
     monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
     storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
-    storage.take(SessionProgress(session))
+    storage.set_session(SessionProgress(session))
     return storage
 
 
@@ -96,16 +96,19 @@ def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(st
         patch.setattr("experiments.recording.writer.written_beside", full)
         storage.store_trial(Ended(session))
         assert [(row.status, row.recording) for row in session.rows] == [("done", "trials/run-001.arrows")]
-        assert not storage.undone and storage.streams == 1 and "its stream is whole" in said[-1][0]
-        assert check_recording("", storage.undone, storage.verified, storage.streams).state == CAUTION
+        assert not storage.not_written and storage.streams == 1 and "its stream is whole" in said[-1][0]
+        assert check_recording("", storage.not_written, storage.verified, storage.streams).state == CAUTION
         assert storage.progress.coming == session.plan[1]  # the session goes on
-        storage.catch_up()
+        storage.retry()
         assert storage.streams == 1
     kept = read_recording(session.folder / "trials" / "run-001.arrows")
-    storage.catch_up()
+    storage.retry()
     assert storage.streams == 0 and [row.recording for row in session.rows] == ["trials/run-001.parquet"]
     assert read_recording(session.folder / "trials" / "run-001.parquet").rows == kept.rows
-    assert not storage.undone and check_recording("", storage.undone, "", storage.streams).state not in (BAD, CAUTION)
+    assert not storage.not_written and check_recording("", storage.not_written, "", storage.streams).state not in (
+        BAD,
+        CAUTION,
+    )
     in_order(session)
 
 
@@ -125,7 +128,7 @@ def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left(s
 def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkeypatch, capsys):
     monkeypatch.setattr("experiments.session.journal.write_event", full)
     storage.write(NOTE, text="the lamp flickers")
-    storage.let_go()
+    storage.close_session()
     assert storage.progress is None and "the lamp flickers" in capsys.readouterr().err
 
 
@@ -142,13 +145,15 @@ def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.atomic_files.written_beside", full)
         storage.store_trial(Ended(session))
-        assert session.rows == [] and "Run 1 is not complete: No space left" in storage.undone and said[-1][1]
+        assert session.rows == [] and "Run 1 is not complete: No space left" in storage.not_written and said[-1][1]
         assert "Make room on the disk: what is missing is then written by itself." in said[-1][0]
-        assert check_recording("", storage.undone, "", 0).state == BAD
-        storage.catch_up()
-        assert storage.undone and session.rows == []
-    storage.catch_up()
-    assert not storage.undone and [row.status for row in session.rows] == ["done"] and "run 1 is done" in said[-1][0]
+        assert check_recording("", storage.not_written, "", 0).state == BAD
+        storage.retry()
+        assert storage.not_written and session.rows == []
+    storage.retry()
+    assert (
+        not storage.not_written and [row.status for row in session.rows] == ["done"] and "run 1 is done" in said[-1][0]
+    )
     assert storage.progress.coming == session.plan[1]
     in_order(session)
 
@@ -170,8 +175,8 @@ def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(
         patch.setattr("experiments.recording.writer.written_beside", full)
         storage.store_trial(ended)
         storage.write(NOTE, text="somebody coughed")
-    storage.catch_up()
-    assert not storage.undone and storage.streams == 0
+    storage.retry()
+    assert not storage.not_written and storage.streams == 0
     (row,) = session.rows
     assert row.status in ("done", "recovered") and read_recording(session.folder / row.recording).whole
     assert [entry.event for entry in read_events(session.folder)].count(NOTE) == 1
@@ -185,7 +190,7 @@ def test_a_line_of_the_journal_that_came_too_late_has_the_time_of_what_happened(
         storage.write(NOTE, text="one")
         storage.write(NOTE, text="two")
     session.note("later")
-    storage.catch_up()
+    storage.retry()
     events = {entry.about.get("text"): entry.time for entry in read_events(session.folder)}
     assert events["one"] <= events["two"] <= events["later"]
 
@@ -196,9 +201,9 @@ def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
     by_hand = table.read_bytes().replace(b"\n", b"\r\n")
     table.write_bytes(by_hand)
     storage.store_trial(Ended(session))
-    assert storage.undone
-    storage.catch_up()
-    assert not storage.undone and [row.status for row in session.rows] == ["done", "done"]
+    assert storage.not_written
+    storage.retry()
+    assert not storage.not_written and [row.status for row in session.rows] == ["done", "done"]
     assert (session.folder / "trials.csv.damaged").read_bytes() == by_hand
     in_order(session)
 
@@ -224,7 +229,7 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     storage.store_trial(ended)
     assert storage.progress.without_valid_trial() == ""
     session.skip("short of time")
-    storage.changed("")
+    storage.update_tables("")
     last = len(session.plan)
     assert f"2 of its {last} trials have no result: {last - 1} (aborted), {last} (skipped)" in said[-1][0]
     session.redo(session.rows[-2].run, "there is time")

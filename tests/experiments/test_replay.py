@@ -207,7 +207,7 @@ def test_without_options_it_plays_on_the_screen(data, monkeypatch):
     played, path = [], recordings(data)[0]
     window = SimpleNamespace(run=lambda recording: played.append(recording) or 0)
     monkeypatch.setitem(sys.modules, "app.window.analyse.trial_view", window)
-    monkeypatch.setattr("app.verbs.folders.Display", lambda *_: SimpleNamespace(check=lambda: None))
+    monkeypatch.setattr("app.verbs.folders.ScreenCheck", lambda *_: SimpleNamespace(check=lambda: None))
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     assert main(["replay", str(path)]) == 0 and played == [path]
 

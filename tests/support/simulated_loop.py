@@ -180,7 +180,7 @@ class LocalClient:
         self._ring.let_go()
 
     def brakes_off(self, cause: str) -> None:
-        self._ring.press_off(cause)
+        self._ring.press_brakes_off(cause)
 
     def stop(self, reason: str) -> None:
         self.state.end(reason)

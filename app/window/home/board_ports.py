@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 from app.window.widgets import theme
 from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, text_label, wrapped_label
 from app.window.widgets.work import BackgroundTask
-from hardware.discovery import BoardFound, look_at_ports
+from hardware.discovery import BoardFound, scan_ports
 
 LOOK_MS = 2000  # between two looks at the ports
 
@@ -52,7 +52,7 @@ class BoardPorts(QWidget):
 
     def _look(self) -> None:
         if not self._looking.busy:
-            self._looking.ask(look_at_ports, self._found, self._mine)
+            self._looking.ask(scan_ports, self._found, self._mine)
 
     def _look_anew(self) -> None:
         """Ask every port, those that did not answer too."""

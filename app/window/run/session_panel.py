@@ -125,7 +125,7 @@ class SessionPanel(Panel):
     def _show_status(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
         notice, bad = snapshot.notice, snapshot.notice_bad
-        if snapshot.undone and notice == f"{snapshot.undone}.":  # the banner says it
+        if snapshot.not_written and notice == f"{snapshot.not_written}.":  # the banner says it
             notice = ""
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
             silent = (
@@ -152,7 +152,7 @@ class SessionPanel(Panel):
         self.abort.setVisible(runs)
         self.leave.setVisible(not runs)
         self.leave.setEnabled(snapshot.can_leave)
-        self.elsewhere.setVisible(bool(snapshot.undone) and not runs)
+        self.elsewhere.setVisible(bool(snapshot.not_written) and not runs)
         self.elsewhere.setEnabled(snapshot.can_leave)
         self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
 
