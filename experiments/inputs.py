@@ -22,8 +22,8 @@ class Input(NamedTuple):
 
 MOUSE, HID, OPERATOR, SENSOR = "mouse", "hid", "operator", "force sensor"
 INPUTS = {
-    one.name: one
-    for one in (
+    hand.name: hand
+    for hand in (
         Input(
             MOUSE, "Mouse", "pulls the handle by a spring", "the simulated device and the mouse",
             "a person who pulled the simulated handle with the mouse", by_pointer=True,
@@ -50,4 +50,4 @@ def is_person(hand: str) -> bool:
 
 
 #: Those that one can choose.
-CHOICES = tuple(one.name for one in INPUTS.values() if one.simulated)
+CHOICES = tuple(hand.name for hand in INPUTS.values() if hand.simulated)

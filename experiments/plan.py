@@ -256,7 +256,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "participants": [", ".join(protocol.participants) or "anybody"],
         "devices": [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in protocol.devices],
         "paths": [f"{number}  {_path_text(path)}" for number, path in protocol.paths.items()],
-        "controllers": [f"{number}  {_controller_text(one)}" for number, one in protocol.controllers.items()],
+        "controllers": [f"{number}  {_controller_text(preset)}" for number, preset in protocol.controllers.items()],
         "blocks": [f"{protocol.blocks} for each device, each controller on each path {times} in each"],
         "breaks": [f"after every {every} of a device, at least {breaks.least_s:g} s" if breaks else "none"],
         "rules": [protocol.rules],
@@ -305,8 +305,8 @@ def _path_text(path: PathFile) -> str:
 def _controller_text(preset: Preset) -> str:
     """A controller in a few words."""
     about = [
-        f"{one.word} {grouped(one.scale * value)} {one.unit}".rstrip()
-        for one, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
-        if value != one.default
+        f"{parameter.word} {grouped(parameter.scale * value)} {parameter.unit}".rstrip()
+        for parameter, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
+        if value != parameter.default
     ]
     return f"{preset.name} ({', '.join(about)})" if about else preset.name

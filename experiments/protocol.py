@@ -85,7 +85,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
     @property
     def pages(self) -> tuple[InstructionPage, ...]:
         """The instructions."""
-        return tuple(InstructionPage(one.text, self.pictures.get(one.picture, b"")) for one in self.instruction)
+        return tuple(InstructionPage(page.text, self.pictures.get(page.picture, b"")) for page in self.instruction)
 
     @property
     def paths_assumed(self) -> bool:
@@ -203,7 +203,7 @@ def read_protocol(
         words = language_text(file.language, folder)
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
-    named = {one.picture for one in file.instruction if one.picture}
+    named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     return _checked(file, _Contents(text, words, pictures), found, overrides, where)
 

@@ -31,9 +31,9 @@ Rules = Annotated[str, choice(*RULE_SETS)]
 _SOME = msgspec.Meta(min_length=1)
 
 #: Parameter of an algorithm -> its type in a file.
-PARAMETER_TYPES = {name: Positive if one.default is None else NotNegative for name, one in PARAMETERS.items()} | {
-    GAP_M.name: SmallLength
-}
+PARAMETER_TYPES = {
+    name: Positive if parameter.default is None else NotNegative for name, parameter in PARAMETERS.items()
+} | {GAP_M.name: SmallLength}
 
 
 class TrialFile(Table, frozen=True):

@@ -100,7 +100,7 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
             text = device.brake_texts[reference]
             if text not in brakes:
                 brake = tomllib.loads(text)
-                if any(one["name"] == brake["name"] for one in brakes.values()):
+                if any(other["name"] == brake["name"] for other in brakes.values()):
                     brake["name"] += f" {len(brakes) + 1}"
                 brakes[text] = brake
             content["brakes"][joint] = brakes[text]["name"]
@@ -129,7 +129,7 @@ def _without_files(protocol: Protocol) -> dict[str, Any]:
 
 
 def _controller(number: int, preset: Preset) -> dict[str, Any]:
-    parameters = [one.name for one in ALGORITHMS[preset.kind].parameters]
+    parameters = [parameter.name for parameter in ALGORITHMS[preset.kind].parameters]
     about = {"number": number, "name": preset.name, "kind": preset.kind}
     return about | dict(zip(parameters, preset.values, strict=True))
 

@@ -187,11 +187,11 @@ class HidHand:
 
     def _open_first(self) -> tuple[Attached, Any]:
         """The first known device that can be opened; InputError says what is wrong."""
-        there = attached(self._listing())
-        if not there:
+        devices = attached(self._listing())
+        if not devices:
             raise InputError("no six-axis device is attached that is known here (a SpaceMouse, for instance)")
         refusals = []
-        for found in there:
+        for found in devices:
             try:
                 device = self._opening(found.path)
                 device.set_nonblocking(False)

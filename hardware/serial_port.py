@@ -167,9 +167,9 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
     """
     ports = usb_ports()
     if identity is not None:
-        there = ports.get(wanted)
+        named = ports.get(wanted)
         names = [name for name, found in ports.items() if found == identity]
-        if there == identity or (not names and (there is None or identity[:3] == there[:3])):  # in another socket
+        if named == identity or (not names and (named is None or identity[:3] == named[:3])):  # in another socket
             return wanted
         if not names:
             raise InputError(cause("port", name=wanted, what="another device has this name now"))

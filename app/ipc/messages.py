@@ -346,8 +346,8 @@ class Snapshot(NamedTuple):
         """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
         if not real_device:
             return self.why_not
-        there = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
-        return self._replace(checks=there, brakes_off="").why_not
+        others = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
+        return self._replace(checks=others, brakes_off="").why_not
 
 
 class Proof(NamedTuple):

@@ -50,7 +50,7 @@ class Outlets:
             pylsl.set_config_content(ONLY_ERRORS)
         self._ring, self._real, self._clock = ring, real, pylsl.local_clock
         whose = tick_log.BENCH if real else tick_log.SIMULATED
-        columns = [one for many in tick_log.COLUMNS if many.of in (tick_log.BOTH, whose) for one in many.spread()]
+        columns = [column for kind in tick_log.COLUMNS if kind.of in (tick_log.BOTH, whose) for column in kind.spread()]
         self._places = [column.place for column in columns]
         where = f"{socket.gethostname()}-{zlib.crc32(str(data_dir).encode()):08x}"
         about = pylsl.StreamInfo(TICKS, "Misc", len(columns), HZ, "double64", f"phd-ticks-{where}")

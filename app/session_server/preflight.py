@@ -101,12 +101,12 @@ def check_disk(folder: Path) -> Check:
 
 def measure_disk(folder: Path) -> tuple[Check, float]:
     """The same, and the seconds that it takes to bring a write to the disk (0: it cannot be written to)."""
-    there = folder
-    while not there.exists() and there != there.parent:
-        there = there.parent
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
     try:
-        free = shutil.disk_usage(there).free
-        with tempfile.TemporaryFile(dir=there) as file:
+        free = shutil.disk_usage(existing).free
+        with tempfile.TemporaryFile(dir=existing) as file:
             sync_s = statistics.median(_time_to_write(file) for _ in range(LOOKS))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()

@@ -132,7 +132,7 @@ def summary_text(summary: dict) -> str:
     for key, value in shown.items():
         name = label_of_key(key)
         if isinstance(value, list):
-            entries += [": ".join(one.values()) if isinstance(one, dict) else f"{name}: {one}" for one in value]
+            entries += [": ".join(entry.values()) if isinstance(entry, dict) else f"{name}: {entry}" for entry in value]
             value = len(value)
         lines.append(f"{name:{width}}  {_shown(key, value)}")
     return "\n".join([*lines, *entries, *(f"warning: {warning}" for warning in summary.get("warnings", []))])

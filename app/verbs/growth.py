@@ -57,7 +57,7 @@ def measure_all(progress: Progress = no_progress) -> list[dict]:
                 arguments = tuple(word.format(study=study, out=out) for word in words)
                 found.append(cost_of(name, trials, arguments, out))
                 progress((n + (k + 1) / len(COMMANDS)) / len(PEOPLE))
-    return [one._asdict() for one in found]
+    return [cost._asdict() for cost in found]
 
 
 def cost_of(name: str, trials: int, arguments: tuple[str, ...], out: Path) -> Cost:
@@ -102,9 +102,9 @@ def table(rows: list[dict]) -> str:
         slope, start = np.polyfit(trials, seconds, 1)
         power = np.log(seconds[-1] / seconds[-2]) / np.log(trials[-1] / trials[-2])
         memory = [row["memory_MB"] for row in own]
-        known = [one for one in memory if one is not None]
+        known = [megabytes for megabytes in memory if megabytes is not None]
         held = f"{min(known):6.0f} {max(known):6.0f}" if known else f"{'-':>6} {'-':>6}"
-        shown = "".join(f"{one:8.2f}" for one in seconds)
+        shown = "".join(f"{duration:8.2f}" for duration in seconds)
         each = own[-1]["written_MB"] / own[-1]["trials"]
         lines.append(f"{name:24} {shown}  {start:5.1f} {1e3 * slope:6.1f} {power:6.2f} {held}  {each:10.3f}")
     lines += [

@@ -115,9 +115,9 @@ def table(found: list[dict]) -> str:
         "host ms": "stolen_ms", "wait ms": "waited_ms", "switches": "switches", "tick µs": "tick_us", "busy": "busy",
     }  # fmt: skip
     lines = ["".join(f"{head:>9}" for head in columns) + "  scheduling"]
-    for one in found:
-        cells = ("?" if one[name] is None else f"{one[name]:.0f}" for name in columns.values())
-        lines.append("".join(f"{cell:>9}" for cell in cells) + f"  {one['scheduling']}")
+    for measured in found:
+        cells = ("?" if measured[name] is None else f"{measured[name]:.0f}" for name in columns.values())
+        lines.append("".join(f"{cell:>9}" for cell in cells) + f"  {measured['scheduling']}")
     return "\n".join(lines)
 
 

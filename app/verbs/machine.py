@@ -83,7 +83,7 @@ def devices_verb(args: argparse.Namespace) -> int:
         lines.append(f"serial port     {port.port}  {identity}{refused(port.allowed)}")
     lines += [f"board           {board.port}  {board.problem or about(board)}" for board in boards]
     lines += [f"six-axis device {hand.path}  {hand.ids} {hand.product}{refused(hand.allowed)}" for hand in hands]
-    listed = {name: [one._asdict() for one in many] for name, many in found.items()}
+    listed = {name: [item._asdict() for item in items] for name, items in found.items()}
     print_result(args, listed, "\n".join(lines) or "nothing attached")
     return 1 if any(board.problem for board in boards) else 0
 

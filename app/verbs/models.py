@@ -163,16 +163,19 @@ def fit_operator_verb(args: argparse.Namespace) -> None:
 
     found = with_progress("fitting", fit_operator, args.folder, args.participant, args.out, like)
     lines = []
-    for one in found:
-        lines += [f"participant {one.participant}, {one.trials} trials", f"{'':22}{'value':>9}{'95 % interval':>20}"]
-        for number in one.numbers:
+    for person in found:
+        lines += [
+            f"participant {person.participant}, {person.trials} trials",
+            f"{'':22}{'value':>9}{'95 % interval':>20}",
+        ]
+        for number in person.numbers:
             interval = f"{number.low:.3g} .. {number.high:.3g}"
             lines.append(f"{number.name:22}{number.value:9.4g}{interval:>20}  {number.rests_on}")
-        lines.append(f"not seen, assumed as in {like.name}: {', '.join(one.unseen)}")
+        lines.append(f"not seen, assumed as in {like.name}: {', '.join(person.unseen)}")
     people = [
-        {"participant": one.participant, "trials": one.trials, "unseen": one.unseen}
-        | {"numbers": [number._asdict() for number in one.numbers]}
-        for one in found
+        {"participant": person.participant, "trials": person.trials, "unseen": person.unseen}
+        | {"numbers": [number._asdict() for number in person.numbers]}
+        for person in found
     ]
     lines += [str(args.out)] if args.out else []
     print_result(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))

@@ -140,7 +140,7 @@ class BidsDataset:
         ])  # fmt: skip
         answers, _ = answers_and_notes(exported.sessions)
         write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
-        levels = {name: one.meaning for name, one in INPUTS.items() if name in self._hands.values()}
+        levels = {name: hand.meaning for name, hand in INPUTS.items() if name in self._hands.values()}
         controllers = controller_levels(self._rows, exported.sessions)
         hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
         phd = version_of("phd")

@@ -69,12 +69,12 @@ def export(
             sessions[home] = _session_of(home)
         except InputError as error:  # without its table a session cannot say what its trials are
             left_out.append(relative_to(folder, str(error)))
-    homes, there = list(sessions), set(paths)
+    homes, found = list(sessions), set(paths)
     left_out += [
         f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
         for home, session in sessions.items()
         for row in session.recorded.values()
-        if there.isdisjoint((home / row.recording).with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
+        if found.isdisjoint((home / row.recording).with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
     ]
     trials = 0
     with _new_folders(outs) as partial:

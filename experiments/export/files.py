@@ -22,7 +22,7 @@ from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_
 
 #: What the ticks of a recording hold.
 RECORDING = {
-    one.name: Column(one.meaning, one.unit) for column in tick_log.COLUMNS for one in column.spread()
+    part.name: Column(part.meaning, part.unit) for column in tick_log.COLUMNS for part in column.spread()
 }  # fmt: skip
 #: The scales of the questionnaire after a block, 0 to 100.
 SCALES = {
@@ -258,5 +258,5 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
 
 def _scales(answers: Iterable[Answers]) -> list[str]:
     """Every scale that was answered: ours in their order, then any other."""
-    there = dict.fromkeys(scale for a in answers for scale in a.values)
-    return [*(scale for scale in SCALES if scale in there), *(scale for scale in there if scale not in SCALES)]
+    answered = dict.fromkeys(scale for a in answers for scale in a.values)
+    return [*(scale for scale in SCALES if scale in answered), *(scale for scale in answered if scale not in SCALES)]

@@ -106,15 +106,15 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
             protocols.append(read_stored(session).protocol)
         except InputError as error:
             problems.append(str(error))
-    presets = {number: preset for one in reversed(protocols) for number, preset in one.controllers.items()}
+    presets = {number: preset for protocol in reversed(protocols) for number, preset in protocol.controllers.items()}
     lengths = {
         number: build_path(path, f"path {number}").length
-        for one in reversed(protocols)
-        for number, path in one.paths.items()
+        for protocol in reversed(protocols)
+        for number, path in protocol.paths.items()
     }
     if len(protocols) > 1:
         problems.append(f"The sessions follow {len(protocols)} different protocols: compare their results with care.")
-    devices = dict.fromkeys(device.name for one in protocols for device in one.devices)
+    devices = dict.fromkeys(device.name for protocol in protocols for device in protocol.devices)
     return Results(
         folder,
         tuple(sessions),
@@ -125,8 +125,8 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
         _labels(rows) | {number: label(preset.name) for number, preset in presets.items()},
         tuple(dict.fromkeys((*devices, *_configurations(rows)))),
         lengths,
-        " / ".join(dict.fromkeys(one.note() for one in protocols)),
-        " and ".join(dict.fromkeys(one.name for one in protocols)),
+        " / ".join(dict.fromkeys(protocol.note() for protocol in protocols)),
+        " and ".join(dict.fromkeys(protocol.name for protocol in protocols)),
         tuple(problems),
     )
 
@@ -143,7 +143,7 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 def _answers(sessions: Sequence[Path]) -> list[Answers]:
     """All answers; a controller stands as its code until the session is opened."""
-    keys = {one.parent.name.removeprefix("sub-"): journal_summary(one).key or {} for one in sessions}
+    keys = {session.parent.name.removeprefix("sub-"): journal_summary(session).key or {} for session in sessions}
     answers, _ = answers_and_notes(sessions)
     return [a._replace(controller=keys[a.participant].get(str(a.controller), a.controller)) for a in answers]
 

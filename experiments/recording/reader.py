@@ -127,7 +127,7 @@ def _json(text: bytes) -> Any:
 
 
 def _are_texts(value: object) -> bool:
-    return isinstance(value, list) and all(isinstance(one, str) for one in value)
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
 def _span(first: int, end: int) -> str:
@@ -234,10 +234,10 @@ def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str,
                 raise ValueError(f"column {name} is not of numbers")
             columns[name] = np.from_dlpack(coded).copy()  # that can be written to
             continue
-        there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}
-        if not place.keys() >= set(there):
+        words_there, place = coded.dictionary.to_pylist(), {word: code for code, word in enumerate(words[name])}
+        if not place.keys() >= set(words_there):
             raise ValueError(f"column {name} has words that the description does not list")
-        places = np.array([place[word] for word in there], TEXT_COLUMNS[name].to_pandas_dtype())
+        places = np.array([place[word] for word in words_there], TEXT_COLUMNS[name].to_pandas_dtype())
         columns[name] = places[np.from_dlpack(coded.indices)]
     return columns
 

@@ -166,10 +166,10 @@ class RecordingWriter:
     @property
     def lost(self) -> int:
         """Rows that are neither in the file nor in memory."""
-        there = self._in_stream + sum(map(len, self._waiting))
+        kept = self._in_stream + sum(map(len, self._waiting))
         if self.trouble is not None and self._memory is None:
-            there = self.rows_written
-        return self.rows - there
+            kept = self.rows_written
+        return self.rows - kept
 
     @property
     def in_memory(self) -> bool:
@@ -293,8 +293,8 @@ class RecordingWriter:
 
     def _check_place(self) -> None:
         """OSError if the file is not where it was made: its folder was deleted, or its disk taken away."""
-        there = os.stat(self.path)
-        if os.name == "posix" and not os.path.samestat(there, os.fstat(self._file)):  # Windows keeps a file in use
+        found = os.stat(self.path)
+        if os.name == "posix" and not os.path.samestat(found, os.fstat(self._file)):  # Windows keeps a file in use
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.path))
 
     def _attempt(self, do: Callable[[], object]) -> None:
@@ -344,8 +344,8 @@ def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> Re
     written.
     """
 
-    def is_the_same(there: Recording) -> bool:
-        return there.whole and same_content(there, recording)
+    def is_the_same(other: Recording) -> bool:
+        return other.whole and same_content(other, recording)
 
     if target.exists():
         if not is_the_same(stored := read_parquet(target)):

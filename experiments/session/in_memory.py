@@ -104,10 +104,10 @@ class InMemory:
 
     def _not_there(self, session: Path, rows: Sequence[TrialRow]) -> set[str]:
         """Recordings that the rows name and the folder does not have, as a stream or as Parquet."""
-        there: set[str] = set()
+        on_disk: set[str] = set()
         with contextlib.suppress(OSError):
-            there = {Path(name).stem for name in os.listdir(session / files.TRIALS) if not name.startswith(".")}
-        return {row.recording for row in rows if row.recording and Path(row.recording).stem not in there}
+            on_disk = {Path(name).stem for name in os.listdir(session / files.TRIALS) if not name.startswith(".")}
+        return {row.recording for row in rows if row.recording and Path(row.recording).stem not in on_disk}
 
 
 def _with_recordings(number: int) -> str:

@@ -109,11 +109,11 @@ def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", *
     handle = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
     try:
         with os.fdopen(os.dup(handle), "rb") as file:
-            there = file.read()
-        line = next_line({"time": time or now(), "event": event.name, **about}, there)
-        is_cut = bool(there) and not there.endswith(b"\n")
-        os.lseek(handle, len(there), os.SEEK_SET)
-        append_whole(handle, b"\n" + line if is_cut else line, len(there), sync)
+            content = file.read()
+        line = next_line({"time": time or now(), "event": event.name, **about}, content)
+        is_cut = bool(content) and not content.endswith(b"\n")
+        os.lseek(handle, len(content), os.SEEK_SET)
+        append_whole(handle, b"\n" + line if is_cut else line, len(content), sync)
     finally:
         os.close(handle)
 

@@ -61,7 +61,7 @@ def scan_folder(folder: Path) -> DataOverview:
     with contextlib.suppress(InputError), reading_stored(folder / STUDY):  # no study, or one that phd study will refuse
         operators = int(read_sealed(folder / STUDY)["operators"])
     found = (session for session in sessions if session is not None)
-    return DataOverview(folder, tuple(sorted(found, key=lambda one: -one.changed_s)), operators)
+    return DataOverview(folder, tuple(sorted(found, key=lambda session: -session.changed_s)), operators)
 
 
 def _stamp(path: Path) -> int:

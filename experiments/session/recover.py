@@ -75,20 +75,20 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
 
 def _recover_pooled_table(folder: Path, done: Rescue) -> None:
     """Rewrite the table of all participants where it lags; one that names trials that no session has stays."""
-    there = []
+    pooled = []
     try:
-        there = read_table(folder / files.TABLE)
+        pooled = read_table(folder / files.TABLE)
     except InputError:
         done.set_aside.append(set_aside(folder / files.TABLE, files.DAMAGED).name)
     try:
         rows = files.pooled_rows(folder)
     except InputError:  # a session's table cannot be read: it is named among the faults
         return
-    pairs = zip(there, rows, strict=False)
-    is_right = len(there) == len(rows) and all(is_same_row(one, right) for one, right in pairs)
-    if not is_right and {(row.participant, row.run) for row in there} <= {(row.participant, row.run) for row in rows}:
+    pairs = zip(pooled, rows, strict=False)
+    is_right = len(pooled) == len(rows) and all(is_same_row(row, right) for row, right in pairs)
+    if not is_right and {(row.participant, row.run) for row in pooled} <= {(row.participant, row.run) for row in rows}:
         files.write_pooled_table(folder)
-        added = len(rows) - len(there)
+        added = len(rows) - len(pooled)
         done.rows_changed.append(f"{files.TABLE}: {f'{added} trials added' if added > 0 else 'as the sessions say'}")
 
 

@@ -254,17 +254,20 @@ class _SessionCheck:
     def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
         """Where a row differs from the right one."""
         for column in COLUMNS:
-            there, true = getattr(row, column), getattr(right, column)
-            if column == "controller_name" and None in (there, true):
+            stored, right_value = getattr(row, column), getattr(right, column)
+            if column == "controller_name" and None in (stored, right_value):
                 continue  # session.json, which has the names, cannot be read: that is named by itself
             if column == "recording":
-                there, true = Path(there).stem, Path(true).stem  # a stream that is still to become Parquet
-            is_same = there == true
-            if isinstance(there, float) and isinstance(true, float):
-                is_same = math.isclose(there, true, rel_tol=TOLERANCE, abs_tol=1e-12)
-                self._rounded |= {row.run} if is_same and there != true else set()
+                stored, right_value = (
+                    Path(stored).stem,
+                    Path(right_value).stem,
+                )  # as a stream or as Parquet
+            is_same = stored == right_value
+            if isinstance(stored, float) and isinstance(right_value, float):
+                is_same = math.isclose(stored, right_value, rel_tol=TOLERANCE, abs_tol=1e-12)
+                self._rounded |= {row.run} if is_same and stored != right_value else set()
             if not is_same:
-                shown, right_shown = (_shown(value) for value in (there, true))
+                shown, right_shown = (_shown(value) for value in (stored, right_value))
                 self._fault(files.TABLE, f"run {row.run}: {column} is {shown}, {source} gives {right_shown}")
 
 
@@ -277,8 +280,8 @@ def _shown(value: object) -> str:
 def _pooled_faults(folder: Path) -> Iterator[str]:
     """How DATA/trials.csv differs from the tables of the sessions."""
     try:
-        there = read_table(folder / files.TABLE)
-        pooled = {(row.participant, row.run): row for row in there}
+        stored = read_table(folder / files.TABLE)
+        pooled = {(row.participant, row.run): row for row in stored}
     except InputError as error:
         yield files.relative_to(folder, str(error))
         return
@@ -286,7 +289,7 @@ def _pooled_faults(folder: Path) -> Iterator[str]:
         rows = {(row.participant, row.run): row for row in files.pooled_rows(folder)}
     except InputError:  # named already
         return
-    for (participant, run), count in Counter((row.participant, row.run) for row in there).items():
+    for (participant, run), count in Counter((row.participant, row.run) for row in stored).items():
         if count > 1:
             yield f"run {run} of participant {participant}: has {count} rows"
     for key in sorted({*pooled, *rows}):

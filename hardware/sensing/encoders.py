@@ -21,6 +21,7 @@ from core.workspace import tip_is_free
 TURN = 2.0 * math.pi
 OPEN_M = 0.002  # four encoders whose two tips are further apart than this do not belong to one closed chain
 A, E, B, C = range(4)
+Circle = tuple[float, float, float]  # centre x, y, radius, m
 
 
 class Pose(NamedTuple):
@@ -61,9 +62,9 @@ class PoseSensing:
         angle = {i: TURN * n / self._per_rev[i] for i, n in zip(self.joints, counts, strict=True)}
         apart = 0.0
         if len(angle) == 4:
-            one, two = self._direct(0, angle), self._direct(1, angle)
-            apart = math.dist(one, two)
-            tip: tuple[float, float] | None = (0.5 * (one[0] + two[0]), 0.5 * (one[1] + two[1]))
+            first, second = self._direct(0, angle), self._direct(1, angle)
+            apart = math.dist(first, second)
+            tip: tuple[float, float] | None = (0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1]))
         elif self.joints == (A, E) or self.joints == (B, C):
             tip = self._direct(self.joints[0] // 2, angle)
         else:
@@ -86,8 +87,8 @@ class PoseSensing:
         elbow = angle[2 * arm] + angle[2 * arm + 1]
         return x + radius * math.cos(elbow), y + radius * math.sin(elbow)
 
-    def _circle(self, joint: int, angle: float) -> tuple[float, float, float]:
-        """Centre x, y and radius (m) of the circle that the tip lies on."""
+    def _circle(self, joint: int, angle: float) -> Circle:
+        """The circle that the tip lies on."""
         arm: Arm = self._arms[joint // 2]
         if joint % 2 == 0:
             return (
@@ -98,21 +99,21 @@ class PoseSensing:
         square = arm.length_1**2 + arm.length_2**2 + 2.0 * arm.length_1 * arm.length_2 * math.cos(angle)
         return arm.base_x, arm.base_y, math.sqrt(max(square, 0.0))
 
-    def _meet(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> tuple[float, float] | None:
+    def _meet(self, first: Circle, second: Circle) -> tuple[float, float] | None:
         """Where two circles meet, on the side where the device's elbows are; None: nowhere."""
-        dx, dy = two[0] - one[0], two[1] - one[1]
+        dx, dy = second[0] - first[0], second[1] - first[1]
         square = dx * dx + dy * dy
         if square == 0.0:
             return None
-        along = 0.5 + 0.5 * (one[2] ** 2 - two[2] ** 2) / square
-        across = one[2] ** 2 / square - along * along
+        along = 0.5 + 0.5 * (first[2] ** 2 - second[2] ** 2) / square
+        across = first[2] ** 2 / square - along * along
         if across < 0.0:
             return None
         across = math.sqrt(across)
         places = [
-            (one[0] + along * dx - side * across * dy, one[1] + along * dy + side * across * dx) for side in (1, -1)
+            (first[0] + along * dx - side * across * dy, first[1] + along * dy + side * across * dx) for side in (1, -1)
         ]
-        fitting = [p for p in places if self._elbows_fit(p, one, two)]
+        fitting = [p for p in places if self._elbows_fit(p, first, second)]
         if not fitting:
             return None
         if self._last is None:
@@ -121,7 +122,7 @@ class PoseSensing:
         last = self._last.tip
         return min(fitting, key=lambda p: math.dist(p, last))
 
-    def _elbows_fit(self, tip: tuple[float, float], *circles: tuple[float, float, float]) -> bool:
+    def _elbows_fit(self, tip: tuple[float, float], *circles: Circle) -> bool:
         """Whether the elbows that encoders at the bases show lie on the sides on which the device has them."""
         for joint, (x, y, _) in zip(self.joints, circles, strict=True):
             if joint % 2 == 0:

@@ -213,7 +213,7 @@ class Layout:
         self._struct = struct.Struct("<" + fields)
         self.bytes = 1 + self._struct.size  # of a payload
         #: of each field how many values it has; None: one, by itself
-        self._widths = [None if len(one) == 1 or one[-1] == "s" else int(one[:-1]) for one in fields.split()]
+        self._widths = [None if len(code) == 1 or code[-1] == "s" else int(code[:-1]) for code in fields.split()]
 
     def pack(self, message: tuple) -> bytes:
         """The payload of a message. struct.error where a value does not fit its field."""

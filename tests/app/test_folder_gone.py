@@ -109,7 +109,7 @@ def test_a_folder_that_is_deleted_in_mid_trial_is_gone_on_with_in_another(window
     said = window.until(lambda s: s.moved)
     assert said.moved == (str(other), "01") and said.stage == m.NO_SESSION and said.in_memory == "" == said.not_written
     assert (
-        "1 recording stayed in" in said.notice and "phd verify" in said.notice
+        "1 recording could not be copied from" in said.notice and "phd verify" in said.notice
     )  # of the first trial, that was deleted
     kept = read_recording(session_in(other) / "trials" / f"run-{run:03d}.parquet")
     assert kept.whole and kept.rows == ticks

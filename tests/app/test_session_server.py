@@ -13,7 +13,7 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.analysis.trials_table import SETTLED, read_table
+from experiments.analysis.trials_table import FINISHED, read_table
 from experiments.session.files import cell
 from experiments.session.session import Participant, Session
 
@@ -54,7 +54,7 @@ def test_an_aborted_trial_comes_again_when_that_is_asked_for(window: Window, aga
     assert row.status == "redone" and (cell(snapshot.coming) == cell(planned)) == (again == "now")
     if again == "end":
         here = [trial for trial in window.opened.plan if trial.configuration == planned.configuration]
-        settled = {cell(one) for one in snapshot.rows if one.status in SETTLED}
+        settled = {cell(one) for one in snapshot.rows if one.status in FINISHED}
         assert cell(planned) not in settled and cell(snapshot.coming) in map(cell, here)
 
 

@@ -10,7 +10,7 @@ from board_table import handling
 from reference_board import compiled, needs_compiler
 from test_wire_messages import VECTORS
 
-from hardware.emulated_board.board import Event
+from hardware.emulated_board.board import BoardEvent
 from hardware.wire.messages import State
 
 pytestmark = needs_compiler
@@ -146,5 +146,5 @@ def test_a_damaged_stream_is_counted_as_its_vector_says(library: ctypes.CDLL, ve
 
 def test_the_table_is_that_of_the_specification(library: ctypes.CDLL) -> None:
     words = {**{int(state): state.name for state in State}, 16: "same", 17: "refused", 18: "ignored", 19: "-"}
-    table = ((ctypes.c_uint8 * len(State)) * len(Event)).in_dll(library, "phd_states")
-    assert [[words[cell] for cell in row] for row in table] == [[handling(s, e) for s in State] for e in Event]
+    table = ((ctypes.c_uint8 * len(State)) * len(BoardEvent)).in_dll(library, "phd_states")
+    assert [[words[cell] for cell in row] for row in table] == [[handling(s, e) for s in State] for e in BoardEvent]
