@@ -33,7 +33,7 @@ FAULTS = {
     "bad-encoder": Fault("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
     "force-saturated": Fault(
         "the force sensor is at the end of its range",
-        f"Nobody may push so hard; if nobody did, look at the sensor's cable, {ALLOW}.",
+        f"The force exceeds the limit: push less. If nobody pushed, look at the sensor's cable, {ALLOW}.",
     ),
     "brown-out": Fault(
         "the supply voltage was too low and the board started anew",
@@ -52,11 +52,13 @@ FAULTS = {
     ),
     "port": Fault("serial port {name}: {what}", "Plug the board in again: it is found by itself."),
     "no-board": Fault("{name}: no board answers there", f"Look at the board's cable and supply; {FOUND}."),
-    "board-left": Fault("the board had left: nobody talked to it for a second", f"Nothing has to be done: {FOUND}."),
+    "board-left": Fault(
+        "the board ended the connection: it had heard nothing for a second", f"Nothing has to be done: {FOUND}."
+    ),
     # of the sensors
     "not-homed": Fault("the encoders have not been homed", "Put the handle into its jig and home the encoders."),
     "contradict": Fault("the encoders contradict each other: one of them may be stuck", TO_THE_JIG),
-    "no-pose": Fault("the encoders are of no pose of the linkage: check the homing", TO_THE_JIG),
+    "no-pose": Fault("the encoder counts match no position of the linkage: check the homing", TO_THE_JIG),
     "out-of-place": Fault(
         "the handle was where the device file says it cannot be: check the homing",
         "Look at the encoders' couplings and take up the session anew to home them.",
@@ -79,7 +81,7 @@ FAULTS = {
         "the process that records did not answer for two seconds", "This computer was held up: close other programs."
     ),
     "disk-too-slow": Fault(
-        "the disk could not keep up: it took nothing for {seconds} s", "Free the disk of other work."
+        "the disk could not keep up: nothing was written for {seconds} s", "Free the disk of other work."
     ),
     "recording-failed": Fault(
         "the recording failed: {why}", "Make room on the disk: what is missing is then written by itself."

@@ -29,7 +29,7 @@ def read_language(text: str, where: str) -> Language:
     found = plain_toml(text, where)
     for key in {**ENGLISH_WORDS, **found}:
         if key not in found or key not in ENGLISH_WORDS:
-            raise InputError(f"{where}: {key} {'is missing' if key not in found else 'is no sentence of the screens'}")
+            raise InputError(f"{where}: {key} {'is missing' if key not in found else 'is not a known key'}")
         if not isinstance(found[key], str) or _filled_in(found[key]) != _filled_in(ENGLISH_WORDS[key]):
             raise InputError(f"{where}: {key} must be a text with what {ENGLISH_WORDS[key]!r} has in braces")
     return found

@@ -328,7 +328,7 @@ def _numbered(numbers: Iterable[int | None], entries: Iterable[T], where: str) -
     for place, (own, entry) in enumerate(zip(numbers, entries, strict=True), start=1):
         number = place if own is None else own
         if number in found:
-            raise InputError(f"{where}: number {number} stands there twice")
+            raise InputError(f"{where}: number {number} is used twice")
         found[number] = entry
     return dict(sorted(found.items()))
 

@@ -154,7 +154,7 @@ class Settings(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
         if len(set(self.participants)) < len(self.participants):
-            raise ValueError("participants: the same label stands there twice")
+            raise ValueError("participants: the same label is used twice")
         for name, kind in self.form.items():
             if not (name.isascii() and name.isidentifier()):
                 raise ValueError(f"form: {name!r} must be of letters, digits and _")

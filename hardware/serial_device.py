@@ -150,7 +150,7 @@ class Health:
     late_commands: int = 0  # samples that say that the board did not obey a command that waited
     refused: int = 0
     clamped: int = 0  # exchanges whose currents had to be put right: beyond a limit, below zero, not finite
-    not_closed: int = 0  # samples whose encoders are of no pose
+    not_closed: int = 0  # samples whose encoder counts match no position
     lost_links: int = 0
     begun_anew: int = 0  # of these: connections given up because the board took, or would take, all commands for late
     round_trip_s: float = math.inf  # the least, of heartbeats

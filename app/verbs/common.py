@@ -146,6 +146,8 @@ def _shown(key: str, value: object) -> object:
 
 def label_of_key(key: str) -> str:
     """The key of a summary to be read: low_gain_N_s_m is "low gain (N s/m)"."""
+    if key.startswith("done_controller_"):
+        return f"share reached, controller {key.removeprefix('done_controller_')}"
     unit = next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
     name = key.removesuffix(f"_{unit}").replace("_", " ") if unit else key.replace("_", " ")
     return f"{name} ({UNITS[unit]})" if unit else name

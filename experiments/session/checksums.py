@@ -161,7 +161,7 @@ def _believe(read: Lines, i: int, text: bytes) -> None:
 def _break_of_chain(texts: Sequence[bytes], i: int, before: int | None) -> str:
     """What is wrong where a whole line does not follow the one before it."""
     if texts[i] in texts[:i]:
-        return f"line {i + 1}: stands there twice, in line {texts.index(texts[i]) + 1} already"
+        return f"line {i + 1}: is the same as line {texts.index(texts[i]) + 1}"
     if before is None and i:
         return f"{_lines(range(i))}: changed since, or lines are missing, by the checksum in line {i + 1}"
     return f"line {i + 1}: the lines before it are missing, or it is out of place"

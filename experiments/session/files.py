@@ -145,7 +145,7 @@ def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
     try:
         lock.acquire(timeout=wait_s)
     except filelock.Timeout:
-        raise InputError(f"{folder}: is in use by a running process") from None
+        raise InputError(f"{folder}: another PHD window or study is using this folder; choose another one") from None
     return lock
 
 

@@ -5,7 +5,7 @@ Nothing is written. No faults: an unfinished plan, an empty folder, one that was
 live process holds, the trial in progress. Faults, each by file: every damaged batch or part of a recording; one whose
 metadata fit neither its name, its session nor the journal; a trial that was cut off and not yet recovered; a recording
 that trials.csv or the journal names and that is not there; a line of the journal that was changed, cannot be read, is
-missing or stands there twice; session.json or study.json that was changed or lacks something; a trial without a row, or
+missing or doubled; session.json or study.json that was changed or lacks something; a trial without a row, or
 with two; a row that its recording and the journal (skipped, redone, excluded, unblinded) contradict; a blind session
 without its key. Practice trials have recordings and no rows: none is missing.
 

@@ -103,7 +103,7 @@ class SweepFile(Table, frozen=True):
         named = {key: getattr(self, key) or () for key in ("populations", "devices", "rules")}
         for key, values in (named | {f"assumptions.{key}": values for key, values in self.varied.items()}).items():
             if len(set(values)) < len(values):
-                raise ValueError(f"{key}: the same one stands there twice")
+                raise ValueError(f"{key}: the same value is given twice")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def load_sweep(path: Path) -> Work:
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
     presets = [preset for controller in file.controller for preset in controller.presets()]
     if len(set(presets)) < len(presets):
-        raise InputError(f"{path}: controller: the same controller stands there twice")
+        raise InputError(f"{path}: controller: the same controller is given twice")
     all_rules = file.rules or (protocol.rules,)
     lists = populations, protocol.devices, all_rules, presets, *file.varied.values()
     count = file.operators * math.prod(map(len, lists))

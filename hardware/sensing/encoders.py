@@ -29,7 +29,7 @@ class Pose(NamedTuple):
 
     tip: tuple[float, float]  # m
     theta: tuple[float, float, float, float]  # rad
-    closed: bool  # False: these counts are of no pose; tip and theta are the last ones
+    closed: bool  # False: these counts match no position; tip and theta are the last ones
 
 
 class PoseSensing:

@@ -316,7 +316,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     other = Session.resume(page.results.folder, "01")
     try:
         page.side.exclude.menu().actions()[0].trigger()
-        qtbot.waitUntil(lambda: "in use by a running process" in page.side.note.text(), timeout=60_000)
+        qtbot.waitUntil(lambda: "is using this folder" in page.side.note.text(), timeout=60_000)
     finally:
         other.close()
     assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]

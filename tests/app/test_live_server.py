@@ -140,7 +140,7 @@ def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) ->
     with live_window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
         first.until_stage(m.NO_SESSION)
         other = Client(Setup(tmp_path / "data", real_time=False))
-        assert "is in use by a running process" in other.refused()
+        assert "is using this folder" in other.refused()
         (said,) = other.receive()
         assert said.stage == m.FAILED and not other.alive
         other.stop("")

@@ -109,7 +109,7 @@ REFUSED = {
     "feedback": (changed(PAPER.text, feedback='"applause"'), "feedback must be one of none, time, error"),
     "seed": (changed(PAPER.text, seed="-1"), "seed must be at least 0"),
     "not finite": (PAPER.text.replace("force_N = 30.0", "force_N = nan"), "release.force_N must be finite"),
-    "same number": (PAPER.text.replace("number = 2", "number = 1", 1), "path: number 1 stands there twice"),
+    "same number": (PAPER.text.replace("number = 2", "number = 1", 1), "path: number 1 is used twice"),
     "number zero": (PAPER.text.replace("number = 1", "number = 0", 1), "path 1: number: must be at least 1, not 0"),
     "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "path 1: number: must be a whole number"),
     "same controller": (PAPER.text.replace('"SDOF with gap"', '"SDOF"'), "two controllers have the same name"),

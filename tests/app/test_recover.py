@@ -206,7 +206,7 @@ def test_a_trial_that_a_bad_force_cut_short_has_a_row_without_measures(data, sta
 def test_a_session_that_a_live_process_holds_is_refused_and_not_touched(data, capsys):
     before = files(data)
     with hold_lock(of(data)) as lock:
-        assert "in use by a running process" in refusal(capsys, "recover", data)
+        assert "is using this folder" in refusal(capsys, "recover", data)
     assert not lock.is_locked
     assert {name: text for name, text in files(data).items() if name != ".lock"} == before
     assert main(["recover", str(data)]) == 0

@@ -284,9 +284,12 @@ def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
     }
     lines = dict(re.split(r"\s{2,}", line) for line in summary_text(summary).splitlines())
     assert lines == {
-        "done controller 1": "100 %", "done controller 2": "95.83 %", "share done": "0 %", "already done": "3",
+        "share reached, controller 1": "100 %",
+        "share reached, controller 2": "95.83 %",
+        "share done": "0 %",
+        "already done": "3",
         "wall (s)": "1",
-    }  # fmt: skip
+    }
 
 
 # -------------------------------------------------------------------------------------------- a tree of somebody else's

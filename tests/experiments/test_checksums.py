@@ -124,7 +124,7 @@ def test_a_line_that_is_missing_doubled_or_out_of_place_is_named(data):
         path.write_bytes(b"".join(lines[:place] + lines[place + 1 :]))
         assert read_journal(of(data)).faults, place
         path.write_bytes(b"".join(lines[: place + 1] + lines[place:]))
-        twice = f"line {place + 2}: stands there twice, in line {place + 1} already"
+        twice = f"line {place + 2}: is the same as line {place + 1}"
         assert read_journal(of(data)).faults == [twice]
     assert found(data)[NAME] == [twice]
     path.write_bytes(b"".join([*lines[:5], lines[6], lines[5], *lines[7:]]))

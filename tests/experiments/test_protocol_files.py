@@ -156,7 +156,7 @@ WRONG_SWEEPS = {
     "no value": ({"lag_factor": []}, "assumptions.lag_factor"),
     "no list": ({"lag_factor": 2.0}, "assumptions.lag_factor must be a list, not a number"),
     "a wrong value": ({"fidelity": ["mr", "best"]}, "assumptions.fidelity[1] must be one of ideal, static, mr"),
-    "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same one stands there twice"),
+    "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same value is given twice"),
     "a gain": ({"low_gain": [5.0]}, "unknown key assumptions.low_gain"),
 }
 
@@ -188,7 +188,7 @@ def test_english_and_german_are_shipped_with_the_same_sentences() -> None:
     ("text", "what"),
     [
         (GERMAN.replace("hold = ", "hald = "), "hold is missing"),
-        (GERMAN + 'more = "x"\n', "more is no sentence of the screens"),
+        (GERMAN + 'more = "x"\n', "more is not a known key"),
         (GERMAN.replace("{seconds} Sekunden", "Sekunden"), "time must be a text"),
         (GERMAN.replace("{seconds} Sekunden", "{seconds Sekunden"), "time must be a text"),
         ("hold = 3", "approach is missing"),

@@ -117,7 +117,7 @@ def told_trial(held: RealBench) -> tuple:
         ({"tip": (0.55, 0.2)}, "the device file says it cannot be"),
         ({"homed": False}, "have not been homed"),
         ({"fault": "a joint turned faster than its limit"}, "the board: a joint turned faster"),
-        ({"tip": (math.nan, math.nan)}, "of no pose"),
+        ({"tip": (math.nan, math.nan)}, "match no position"),
         ({"force": (math.nan, 0.0)}, "not finite"),
     ],
 )

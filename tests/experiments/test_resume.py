@@ -89,7 +89,7 @@ def test_a_session_without_a_crash_goes_on_as_it_was_stored_whatever_the_protoco
 
 def test_a_session_that_a_live_process_holds_is_not_resumed(tmp_path):
     session = new_session(tmp_path)
-    with pytest.raises(InputError, match="in use by a running process"):
+    with pytest.raises(InputError, match="is using this folder"):
         Session.resume(tmp_path, "01")
     session.close()
     Session.resume(tmp_path, "01").close()

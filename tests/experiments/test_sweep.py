@@ -136,7 +136,7 @@ WRONG = {
     "unknown key": ("speed = 3\n" + SMALL, "speed"),
     "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
     "gain missing": (SMALL.replace("gain_N_s_m = [500.0]", ""), "gain_N_s_m is required"),
-    "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller stands there twice"),
+    "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller is given twice"),
     "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
     "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),
     "more assumptions than fit": (

@@ -92,7 +92,7 @@ HARD = [
           1e3 * SILENT_S + 10.0, acts=fall_silent),
     Fault("loop held up 0.2 s", "", NO_CURRENTS, (LATE,), acts=lambda case: case.bench.pass_time(200),
           seen_ms=400.0),
-    Fault("lid closed 5 s", "", (), (LATE, "the board had left"),
+    Fault("lid closed 5 s", "", (), (LATE, "the board ended the connection"),
           acts=lambda case: case.bench.pass_time(5000), seen_ms=5200.0),
     Fault("loop killed", "", (), ("The control loop ended unexpectedly",), acts=die),
     Fault("Esc", "", ("end",), ("brakes off: Esc, participant's window", "Brakes off: Esc"), False,
