@@ -26,7 +26,7 @@ WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirecto
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; the exit code."""
+    """Run one verb and return the exit code."""
     if argv is None:
         argv = sys.argv[1:]
         open_closed_streams()
@@ -98,7 +98,7 @@ def tell_strange_input() -> None:
 
 
 def with_verb(argv: Sequence[str]) -> list[str]:
-    """The arguments with their verb: options alone are those of `phd run`."""
+    """Put `run` before options that come without a verb."""
     if not argv or (argv[0].startswith("-") and argv[0] not in ("-h", "--help", "--version")):
         return ["run", *argv]
     return list(argv)
@@ -114,14 +114,13 @@ def _say(sentence: str) -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse, with its refusals as one sentence."""
+    """argparse whose refusals are one sentence."""
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The verbs and their arguments."""
     parser = _Parser(
         prog="phd",
         description="A passive haptic display you can run an experiment on: a real one or a simulated one.",

@@ -51,12 +51,11 @@ def first_change(checks: Sequence[Check]) -> Check:
 
 
 def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
-    """Good where there is no advice; with advice a caution, or bad."""
+    """No advice: good; with advice: a caution, or bad."""
     return Check(name, GOOD if not advice else BAD if bad else CAUTION, found, advice)
 
 
 def wanted_libraries() -> list[Requirement]:
-    """The libraries that the project asks for on this system."""
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needs = map(Requirement, project["dependencies"])
     return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
@@ -84,7 +83,7 @@ def run_python(code: str) -> subprocess.CompletedProcess:
 
 
 def screens() -> list[Check]:
-    """What Qt can open windows on."""
+    """The screens on which Qt can open windows."""
     answer = run_python(SCREENS_CODE)
     if answer.returncode != 0:
         where = ", ".join(f"{name}={os.environ[name]}" for name in ("DISPLAY", "WAYLAND_DISPLAY") if name in os.environ)
@@ -114,7 +113,7 @@ print(json.dumps([got.real_time and got.locked, got.words]))
 
 
 def scheduling() -> Check:
-    """The best scheduling that the control loop gets here."""
+    """The best scheduling that the control loop gets on this machine."""
     answer = run_python(SCHEDULING)
     if answer.returncode != 0:
         last = (answer.stderr.strip().splitlines() or ["no reason given"])[-1]
@@ -126,7 +125,7 @@ def scheduling() -> Check:
 
 
 def cores() -> Check:
-    """Processor cores that we may use: the loop wants one of its own."""
+    """The processor cores that the program may use: the loop wants one of its own."""
     count = len(program_cores()) or os.cpu_count() or 1
     if count < 2:
         return check("cores", "1: loop and window share it", "Give the machine a second core.")
@@ -143,7 +142,6 @@ def host(stolen: float | None) -> Check:
 
 
 def load() -> Check:
-    """How many programs want to run."""
     if not hasattr(os, "getloadavg"):
         return check("load", "not known: this system does not count the programs that want to run")
     running, count = os.getloadavg()[0], os.cpu_count() or 1
@@ -177,7 +175,6 @@ def kernels() -> Check:
 
 
 def board_check(board: BoardFound) -> Check:
-    """The board that answers at a port."""
     if board.problem:
         advice = "Is this the board's port, has the board power, and does no other program (phd itself) use the port?"
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
@@ -186,7 +183,7 @@ def board_check(board: BoardFound) -> Check:
 
 
 def about(board: BoardFound) -> str:
-    """A board that answers, in one line."""
+    """Describe a board that answers in one line."""
     encoders = ", ".join(f"{joint} {counts}" for joint, counts in board.encoders.items())
     brakes = ", ".join(f"{joint} {current:g} A" for joint, current in board.brakes.items())
     return (
@@ -197,7 +194,6 @@ def about(board: BoardFound) -> str:
 
 
 def port_checks(ports: list[SerialPort]) -> list[Check]:
-    """A check for each port."""
     if not ports:
         return [check("serial", "nothing attached (the simulated device needs nothing)")]
     dialout = "Close any other program that uses it, or ask this machine's administrator for the right to it."
@@ -214,7 +210,6 @@ def port_checks(ports: list[SerialPort]) -> list[Check]:
 
 
 def hid_checks() -> list[Check]:
-    """A check for each six-axis device."""
     try:
         devices = hid_devices()
     except InputError as error:

@@ -44,7 +44,7 @@ class EmulatedOperator:
         self._noise = generator.standard_normal((NOISE_DRAWS, 2))
 
     def tick(self, x: float, y: float) -> None:
-        """Before each tick: where it sees the handle (m), and what it then does."""
+        """Act on the handle for one tick, with the tip where it is seen (m)."""
         self._tip = (x, y)
         self.go_on(x, y)
         moment = Moment(self.phase, self._tick, self._phase_tick)
@@ -78,7 +78,6 @@ class EmulatedOperator:
         self.enter(APPROACH)
 
     def enter(self, phase: int) -> None:
-        """Begin a phase."""
         self.phase, self._phase_tick, self._there = phase, 0, 0
 
     def go_on(self, x: float, y: float) -> None:

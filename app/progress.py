@@ -64,13 +64,13 @@ class ProgressBar:
             self.shown = line
 
     def _write_lines(self) -> None:
-        """Say where it stands, also while nothing is called; until `close`."""
+        """Print a line every `LINE_S` until `close`."""
         while not self._ended.wait(self.LINE_S):
             with contextlib.suppress(OSError, ValueError):  # nobody reads on: the work goes on all the same
                 print(f"{self.doing}: {self.place}", file=sys.stderr, flush=True)
 
     def _left(self, share: float) -> str:
-        """The time that is left at the pace so far, from a minute on."""
+        """The time left at the pace so far, if it is a minute or more."""
         self.first = self.first or (time.perf_counter(), share)
         begun, at_first = self.first
         if share <= at_first:
@@ -79,7 +79,7 @@ class ProgressBar:
         return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
 
     def close(self) -> None:
-        """Take it off the terminal; no line comes after this."""
+        """Remove the bar from the terminal and stop the lines."""
         self._ended.set()
         if self._lines is not None:
             self._lines.join()
@@ -108,7 +108,7 @@ class CompileProgress:
 
 
 def watch_compiling() -> CompileProgress:
-    """From here on a bar shows each compilation of kernels."""
+    """Show a bar for each compilation of kernels from now on."""
     from core.kernels.cache import watchers
 
     compiling = CompileProgress()

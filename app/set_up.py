@@ -52,7 +52,7 @@ APT_GET = "apt-get install -y --no-install-recommends"
 
 
 def main() -> int:
-    """The exit code."""
+    """Set up, then run the command; the exit code."""
     arguments = sys.argv[1:]
     tests = arguments[:1] == ["test"]
     kind = "test" if tests else "run"
@@ -88,7 +88,7 @@ def keep_bytecode() -> None:
 
 
 def exec_python(python: str | Path, *arguments: str) -> int:
-    """Go on as another Python; on Windows it runs below this one. The exit code."""
+    """Continue as another Python (on Windows as its parent); the exit code."""
     command = [str(python), *arguments]
     if WINDOWS:
         return subprocess.call(command)
@@ -99,7 +99,7 @@ def exec_python(python: str | Path, *arguments: str) -> int:
 
 
 def is_ready(kind: str) -> bool:
-    """Whether the .venv is what the files ask for now; kind: "run" or "test"."""
+    """Whether the .venv is up to date; kind: "run" or "test"."""
     stamp = VENV / f"stamp-{kind}"
     return PYTHON.exists() and stamp.exists() and stamp.read_text(encoding="utf-8") == stamp_now()
 
@@ -111,7 +111,7 @@ def stamp_now() -> str:
 
 
 def place() -> str:
-    """Where the tree is, and the Python below its .venv; "" where that is gone."""
+    """Where the tree and the Python below its .venv are; "" if that is gone."""
     with contextlib.suppress(OSError):
         settings = dict(line.split(" = ", 1) for line in (VENV / "pyvenv.cfg").read_text(encoding="utf-8").splitlines())
         if Path(settings["home"]).exists():
@@ -120,7 +120,7 @@ def place() -> str:
 
 
 def set_up(kind: str) -> None:
-    """Make the .venv or bring it up to date, one process at a time; stamp last."""
+    """Make the .venv or update it, one process at a time."""
     try:
         _set_up(kind)
     except OSError as error:
@@ -155,7 +155,6 @@ def _set_up(kind: str) -> None:
 
 
 def make_venv() -> None:
-    """A new .venv in place of the one there is."""
     if importlib.util.find_spec("ensurepip") is None:
         install("venv for Python", [f"python3.{sys.version_info.minor}-venv"])
     if VENV.exists():
@@ -205,7 +204,7 @@ def one_at_a_time() -> Iterator[None]:
 
 
 def is_locked(lock: int) -> bool:
-    """Try to lock this open file; whether it is ours now."""
+    """Try to lock this open file; whether that succeeded."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -224,7 +223,7 @@ def is_locked(lock: int) -> bool:
 
 
 def install_qt_libraries() -> None:
-    """What a window needs of the system."""
+    """Install what a window needs of the system."""
     if missing := [package for library, package in QT_LIBRARIES.items() if not is_there(library)]:
         install("system libraries for the window", missing)
 
@@ -240,7 +239,6 @@ def install_test_programs() -> None:
 
 
 def opens_window(arguments: Sequence[str]) -> bool:
-    """Whether a command with these arguments shows a window."""
     if {"-h", "--help", "--version", "--print-plan"} & set(arguments):
         return False
     verb = arguments[0] if arguments else ""
@@ -250,7 +248,6 @@ def opens_window(arguments: Sequence[str]) -> bool:
 
 
 def is_there(library: str) -> bool:
-    """Whether a shared library can be loaded."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -281,12 +278,10 @@ def install(purpose: str, packages: Sequence[str]) -> None:
 
 
 def say(sentence: str) -> None:
-    """To stderr."""
     print("phd:", sentence, file=sys.stderr, flush=True)
 
 
 def stop(sentence: str, code: int = FAILED) -> NoReturn:
-    """End with a sentence."""
     say(sentence)
     sys.exit(code)
 

@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 
 class Input(NamedTuple):
-    """One kind of hand."""
-
     name: str  # on the command line, in sessions and recordings
     title: str
     does: str  # beside the choice

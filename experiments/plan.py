@@ -60,7 +60,6 @@ def participant_index(participant: str) -> int:
 
 
 def codes(count: int) -> tuple[str, ...]:
-    """The codes of a blind session: K1, K2, .."""
     return tuple(f"K{number}" for number in range(1, count + 1))
 
 
@@ -287,7 +286,6 @@ def _seen(protocol: Protocol) -> str:
 
 
 def _path_text(path: PathFile) -> str:
-    """A path in a few words."""
 
     def place(point: tuple[float, float]) -> str:
         return f"({point[0]:g}, {point[1]:g})"
@@ -303,7 +301,6 @@ def _path_text(path: PathFile) -> str:
 
 
 def _controller_text(preset: Preset) -> str:
-    """A controller in a few words."""
     about = [
         f"{parameter.word} {grouped(parameter.scale * value)} {parameter.unit}".rstrip()
         for parameter, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)

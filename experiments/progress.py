@@ -6,4 +6,4 @@ Progress = Callable[[float], None]
 
 
 def no_progress(share: float) -> None:
-    """Progress at which nobody looks."""
+    """For work whose progress is not shown."""

@@ -66,7 +66,7 @@ class TrialRules(TrialFile, frozen=True):
 
 
 class Protocol(Settings, frozen=True, kw_only=True):
-    """An experiment, checked: every device can follow every path."""
+    """An experiment that was checked: every device can follow every path."""
 
     text: str  # the file in full
     overrides: dict[str, Any]  # what was asked for in its place
@@ -79,12 +79,10 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def sentences(self) -> Language:
-        """The participant's language."""
         return read_language(self.language_text, f"language {self.language}")
 
     @property
     def pages(self) -> tuple[InstructionPage, ...]:
-        """The instructions."""
         return tuple(InstructionPage(page.text, self.pictures.get(page.picture, b"")) for page in self.instruction)
 
     @property
@@ -94,18 +92,18 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def assumed(self) -> bool:
-        """Whether any device or the paths have assumed numbers."""
+        """Whether a device or the paths have assumed numbers."""
         return self.paths_assumed or any(device.assumed for device in self.devices)
 
     @property
     def low_gain(self) -> float | None:
-        """The least gain of its proportional controllers, N s/m; None without any."""
+        """The least gain of the proportional controllers, N s/m; None: there are none."""
         number = self.low_gain_controller
         return None if number is None else self.controllers[number].value(GAIN)
 
     @property
     def low_gain_controller(self) -> int | None:
-        """The number of its proportional controller of least gain; None without any."""
+        """The number of the proportional controller of least gain, if there is one."""
         return _low_gain_controller(self.controllers)
 
     @property
@@ -114,7 +112,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return self.assumptions.low_gain == NO_VIBRATION and "low_gain_found" not in self.overrides
 
     def refuse_unknown_low_gain(self) -> None:
-        """InputError if the number of its low gain is not known."""
+        """InputError if the low gain is not known."""
         if self.low_gain_unknown:
             raise InputError(
                 f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd worlds find the number on simulated "
@@ -135,7 +133,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return ", ".join(parts)
 
     def controller_name(self, controller: int | str) -> str:
-        """A controller's name; a code stays as it is."""
+        """The name of a controller; a code stays as it is."""
         return controller if isinstance(controller, str) else self.controllers[controller].name
 
     def refuse_stranger(self, participant: str) -> None:
@@ -160,17 +158,15 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return {number: label(preset.name) for number, preset in self.controllers.items()}
 
     def device(self, name: str) -> Device:
-        """The device of a configuration."""
         return next(device for device in self.devices if device.name == name)
 
 
 def label(name: str) -> str:
-    """A controller's name in lines that fit under a box."""
+    """Break the name of a controller into lines that fit under a box."""
     return textwrap.fill(name, 13)
 
 
 def shipped_protocols() -> list[str]:
-    """Names of the protocols that come with the product."""
     return shipped_names(SHIPPED_FOLDER)
 
 

@@ -86,7 +86,6 @@ class MouseHand(Table, frozen=True):
     mass_kg: BodyMass = 0.0  # a pointer has no arm behind it
 
     def hand(self) -> Hand:
-        """The spring-damper for the simulator."""
         k, b = self.stiffness_N_m, self.damping_N_s_m
         return spring_hand((k, 0.0, k), (b, 0.0, b), self.force_max_N, self.mass_kg)
 
@@ -114,7 +113,7 @@ class Instruction(Table, frozen=True):
 
 
 class InstructionPage(NamedTuple):
-    """An instruction as it is shown."""
+    """A page of instructions with its picture."""
 
     text: str
     picture: bytes
@@ -171,7 +170,7 @@ _Parameters: Any = msgspec.defstruct(
 
 
 class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
-    """One controller as it stands in a file: an algorithm and its parameters."""
+    """A controller in a protocol file: an algorithm and its parameters."""
 
     name: Text
     kind: Annotated[str, choice(*ALGORITHMS)]
@@ -187,7 +186,7 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
 
 
 class ProtocolFile(Settings, frozen=True, kw_only=True):
-    """One protocol as it stands in its file."""
+    """The keys of a protocol file."""
 
     devices: Annotated[tuple[Text, ...], _SOME]  # of `device` below, shipped names, or paths from the file's folder
     device: tuple[dict[str, Any], ...] = ()  # device files that stand in this one
@@ -197,7 +196,7 @@ class ProtocolFile(Settings, frozen=True, kw_only=True):
 
 
 class Overrides(Table, frozen=True):
-    """What can be asked for in place of what a file holds."""
+    """Options in place of what a file holds."""
 
     rules: Rules | None = None
     assumptions: Assumptions | None = None

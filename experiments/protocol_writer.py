@@ -25,7 +25,7 @@ ABOUT = "# A protocol of phd. docs/examples/protocols/every-key.toml says what e
 
 
 def protocol_text(content: Mapping[str, Any]) -> str:
-    """The TOML text of a protocol that is given as `tomllib` reads it."""
+    """The TOML text of a protocol (content as `tomllib` reads it)."""
     return ABOUT + toml_text(content)
 
 

@@ -29,7 +29,7 @@ class SerialPort(NamedTuple):
 
 
 class BoardFound(NamedTuple):
-    """What answers at a port."""
+    """The answer at a port."""
 
     port: str
     board: str = ""  # its number; "" where none answers
@@ -50,7 +50,7 @@ class BoardFound(NamedTuple):
 
 
 class HidDevice(NamedTuple):
-    """A six-axis device that is known here."""
+    """A known six-axis device."""
 
     path: str
     ids: str  # "vendor:product"
@@ -59,7 +59,7 @@ class HidDevice(NamedTuple):
 
 
 def serial_ports() -> list[SerialPort]:
-    """The ports that the system lists; a pseudo-terminal is none."""
+    """The serial ports of the system, without pseudo-terminals."""
     return [
         SerialPort(
             port.device,
@@ -111,7 +111,7 @@ def _found(port: str) -> BoardFound:
 
 
 def described(port: str, hello: Hello) -> BoardFound:
-    """A board's Hello in words."""
+    """Describe a board by its Hello."""
     return BoardFound(
         port,
         hello.serial.decode(errors="replace") or "without a number",

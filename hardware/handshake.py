@@ -55,17 +55,16 @@ def limits_of(hello: Hello, device: Device) -> SetLimits:
 
 
 def currents_of(device: Device) -> Four:
-    """The brake files' largest currents, mA; 0 at joints without a brake."""
+    """The largest currents of the brake files, mA; 0: no brake."""
     return tuple(round(1000.0 * float(most)) for most in device.brakes.current_max)
 
 
 def wired_to(hello: Hello) -> str:
-    """The name of the device that a board is wired to."""
     return hello.device.decode(errors="replace")
 
 
 def shortened(device: Device) -> str:
-    """A device's name as a board has room for it."""
+    """The name of a device, cut to the length that a board stores."""
     return device.name.encode()[:24].decode(errors="replace")
 
 

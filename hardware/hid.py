@@ -33,7 +33,7 @@ MOST_REPORTS = 64  # drained at a time
 
 
 class Layout(Table, frozen=True):
-    """One way of reporting six axes."""
+    """A report format of six-axis devices."""
 
     name: str
     devices: tuple[str, ...]  # "vendor:product", hexadecimal
@@ -42,8 +42,6 @@ class Layout(Table, frozen=True):
 
 
 class Layouts(Table, frozen=True):
-    """The whole file."""
-
     usage_page: int
     usage: int
     full_scale_counts: int
@@ -51,7 +49,7 @@ class Layouts(Table, frozen=True):
 
 
 class Attached(NamedTuple):
-    """A device that is plugged in and known here."""
+    """A known device that is plugged in."""
 
     path: bytes  # where the system has it
     ids: str  # "046d:c626"
@@ -66,7 +64,7 @@ class Attached(NamedTuple):
 
 
 class HidReading(NamedTuple):
-    """What the hand does now, and how the device is."""
+    """The force of the hand and the state of the device."""
 
     fx_N: float  # to the person's right
     fy_N: float  # away from the person
@@ -77,7 +75,6 @@ class HidReading(NamedTuple):
 
 @cache
 def layouts() -> Layouts:
-    """The shipped layouts."""
     return parse_toml(read_text(_FILE), Layouts, _FILE.name)
 
 
@@ -116,12 +113,12 @@ def _library() -> Any:
 
 
 def list_hid() -> list[dict]:
-    """Everything on the HID bus; InputError where the library is missing."""
+    """Every device on the HID bus; InputError: the library is missing."""
     return _library().enumerate()
 
 
 def open_hid(path: bytes) -> Any:
-    """Open a device for reading; OSError if it is gone or not ours to read."""
+    """Open a device for reading; OSError if that fails."""
     device = _library().device()
     device.open_path(path)
     return device
@@ -169,7 +166,7 @@ class HidHand:
             return HidReading(fx, fy, connected, text, self._reports)
 
     def _deflection(self) -> list[int]:
-        """What the cap reads along x and y now, counts from its zero."""
+        """Deflection along x and y, counts from the zero."""
         return [self._counts[axis] - self._bias[axis] for axis in ("x", "y")]
 
     def take_bias(self) -> bool:
@@ -181,12 +178,11 @@ class HidHand:
             return True
 
     def close(self) -> None:
-        """End the thread and let the device go."""
         self._ended.set()
         self._thread.join()
 
     def _open_first(self) -> tuple[Attached, Any]:
-        """The first known device that can be opened; InputError says what is wrong."""
+        """Open the first known device that can be opened; InputError: none can."""
         devices = attached(self._listing())
         if not devices:
             raise InputError("no six-axis device is attached that is known here (a SpaceMouse, for instance)")

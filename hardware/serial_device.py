@@ -71,11 +71,9 @@ class Connection:
 
     @property
     def frames(self) -> FrameCounts:
-        """What came over the wire."""
         return self._decoder.counts
 
     def send(self, message: tuple) -> None:
-        """One message to the board."""
         self.wire.write(encode_frame(m.pack(message)))
 
     def read(self) -> list[tuple]:
@@ -107,13 +105,13 @@ class Connection:
         raise DeviceError(cause("no-board", name=self.wire.name))
 
     def hello(self) -> Hello:
-        """Who is there; ends what connection there was."""
+        """Ask who is there; ends an existing connection."""
         self._layout = None
         self.wire.write(b"\0")
         return self.ask(m.AskHello(m.VERSION), Hello, HELLO_S)
 
     def set_limits(self, hello: Hello, device: Device) -> Four:
-        """Let samples flow; the limits of the currents that are in force, mA."""
+        """Start the samples; the current limits in force, mA."""
         asked = limits_of(hello, device)
         limits = self.ask(asked, m.Limits)
         if limits.current_mA != asked.current_mA:
@@ -125,7 +123,7 @@ class Connection:
 
 
 def refusal(question: tuple, reason: int) -> str:
-    """That the board would not do what it was asked, in one sentence."""
+    """Why the board refused what it was asked."""
     asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
     return f"the board would not {asked}: {REFUSAL_WORDS.get(reason, f'its reason, {reason}, is not known here')}"
 
@@ -181,7 +179,7 @@ class Health:
 
 
 class Reached(NamedTuple):
-    """A board that has been reached."""
+    """A connected board."""
 
     connection: Connection
     sensing: BoardSensing
@@ -280,7 +278,7 @@ class SerialDevice:
         return None, cause("started-again", starts=hello.starts)
 
     def _begin(self, reached: Reached) -> None:
-        """A connection begins: everything that does not outlive one is new."""
+        """Reset everything that does not outlive a connection."""
         self._reached, self.sensing, hello = reached, reached.sensing, reached.sensing.hello
         self.encoders = "".join(JOINTS[i] for i in joints_of(hello.encoders))
         self.force_channels = hello.force_channels
@@ -291,7 +289,7 @@ class SerialDevice:
         self._problem = ""
 
     def _lose(self, reason: str) -> None:
-        """The link is lost: a thread brings it back."""
+        """Let a thread reconnect: the link is lost."""
         self._problem = reason
         self.health.lost_links += 1
         lost, self._reached = self._reached, None
@@ -311,7 +309,7 @@ class SerialDevice:
             self._closing.wait(AGAIN_S)
 
     def close(self) -> None:
-        """Zero currents and leave; within a second, whatever hangs."""
+        """Set the currents to zero and disconnect, within a second in any case."""
         self._closing.set()
         if self._bringing is not None:
             self._bringing.join(2.0)
@@ -365,7 +363,7 @@ class SerialDevice:
         connection.send(m.Command(self._sequence, now_us, int(any(milliamperes)), milliamperes))
 
     def _listen(self, reached: Reached, until: float) -> DeviceSample | None:
-        """Take in what comes until there is a sample, or the time is over."""
+        """Read messages until a sample arrives or the time is over."""
         newest = None
         while newest is None:
             messages = reached.connection.read()

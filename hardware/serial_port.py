@@ -52,7 +52,7 @@ class Identity(NamedTuple):
 
 
 def is_address(name: str) -> bool:
-    """Whether a port's name is the address of a TCP port."""
+    """Whether the name of a port is the address of a TCP port."""
     return (found := _ADDRESS.fullmatch(name)) is not None and 0 < int(found[1]) < 1 << 16
 
 
@@ -73,7 +73,7 @@ def limit_buffers(end: socket.socket) -> None:
 
 
 class Port:
-    """An open port. DeviceError where it has died."""
+    """An open port. DeviceError if it has died."""
 
     def __init__(self, name: str) -> None:
         self.name, self.not_taken = name, 0
@@ -123,7 +123,7 @@ class Port:
         return DeviceError(cause("port", name=self.name, what=what))
 
     def close(self) -> None:
-        """Close in a thread of its own, and do not wait for one that hangs."""
+        """Close on a thread; a close that hangs is not waited for."""
         closer = threading.Thread(target=self._close, name=f"close {self.name}", daemon=True)
         closer.start()
         closer.join(CLOSE_S)
@@ -142,7 +142,6 @@ def listed_ports() -> list[Any]:
 
 
 def usb_ports() -> dict[str, Identity]:
-    """The serial ports that are on USB, by name."""
     found = {}
     for port in listed_ports():
         if port.vid is not None:
@@ -186,7 +185,7 @@ def find_port(wanted: str, identity: Identity | None = None) -> str:
 
 
 def _reason(error: BaseException, parted: str = "the board was unplugged") -> str:
-    """Why a port has died. parted: what it means that the other end is gone."""
+    """Why a port has died. parted: what a vanished other end means."""
     words = str(error)
     number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)  # pyserial hides the system's
     if windows := _WINDOWS_REFUSED.match(words):

@@ -23,7 +23,7 @@ LOOK_S = 0.02
 
 
 class Client:
-    """A session server of one's own."""
+    """The session server of this window."""
 
     def __init__(self, setup: Setup) -> None:
         """Start it; returns at once. InputError if there is no memory for what the processes share."""
@@ -62,7 +62,6 @@ class Client:
         return self._refused
 
     def send(self, command: object) -> None:
-        """Ask for something."""
         self._server.send(command)
 
     def receive(self) -> list:
@@ -88,11 +87,11 @@ class Client:
 
     @property
     def taken(self) -> bool:
-        """Whether the pointer has hold of the handle."""
+        """Whether the pointer holds the handle."""
         return bool(self._ring.control.taken)
 
     def aim(self, x: float, y: float) -> None:
-        """The pointer is here, m."""
+        """Report the place of the pointer, m."""
         self._ring.aim(x, y)
 
     def let_go(self) -> None:

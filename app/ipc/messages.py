@@ -44,12 +44,10 @@ class Setup(NamedTuple):
     lsl: bool = False  # stream ticks and markers by the Lab Streaming Layer
 
     def to_json(self) -> str:
-        """As text, for a command line."""
         return json.dumps({**self._asdict(), "data_dir": str(self.data_dir)})
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The same again."""
         fields = json.loads(text)
         devices = fields["devices"]
         return cls(**{**fields, "data_dir": Path(fields["data_dir"]), "devices": devices and tuple(devices)})
@@ -59,7 +57,7 @@ class Setup(NamedTuple):
 
 
 class Open(NamedTuple):
-    """Take up a session: a new one, or (resume) one that is there."""
+    """Open a session: a new one, or (resume) one that was begun."""
 
     participant: str
     resume: bool = False
@@ -79,7 +77,7 @@ class Abort(NamedTuple):
 
 
 class Redo(NamedTuple):
-    """Run the cell of this run again, next; the original is kept and marked."""
+    """Repeat the cell of this run next; the original is kept and marked."""
 
     run: int
     reason: str
@@ -93,7 +91,7 @@ class Exclude(NamedTuple):
 
 
 class Skip(NamedTuple):
-    """Leave the coming trial out, for this reason."""
+    """Do not run the coming trial, for this reason."""
 
     reason: str
 
@@ -105,17 +103,17 @@ class Pause(NamedTuple):
 
 
 class Note(NamedTuple):
-    """Write this into the journal with the time."""
+    """Write this text into the journal."""
 
     text: str
 
 
 class AllowBrakes(NamedTuple):
-    """Currents may flow again after a brakes-off, whose cause is then past."""
+    """Allow currents again after a brakes-off."""
 
 
 class Confirm(NamedTuple):
-    """The step that the session waits for is done: the re-rig, the break."""
+    """The step before the next trial (the re-rig, the break) is done."""
 
 
 class PrepareDevice(NamedTuple):
@@ -125,13 +123,13 @@ class PrepareDevice(NamedTuple):
 
 
 class Unblind(NamedTuple):
-    """Open the key of a blind session; who asked for it is journalled."""
+    """Open the key of a blind session; the journal says who asked for it."""
 
     who: str
 
 
 class Leave(NamedTuple):
-    """Close the session, done or not: the next participant's may be opened."""
+    """Close the session, finished or not."""
 
 
 class Answers(NamedTuple):
@@ -141,7 +139,7 @@ class Answers(NamedTuple):
 
 
 class SandboxSettings(NamedTuple):
-    """What can be set on Try."""
+    """The settings of Try."""
 
     device: str
     path: int  # its number in the protocol
@@ -155,7 +153,7 @@ class SandboxSettings(NamedTuple):
     sensing: str  # what the controller sees of a simulated device: IDEAL, or ENCODERS with their filter and delay
 
     def with_parameters(self, **others: float) -> "SandboxSettings":
-        """The same with other values of these parameters."""
+        """These settings with other values of some parameters."""
         return self._replace(values={**self.values, **others})
 
     def same_conditions(self, other: "SandboxSettings") -> bool:
@@ -170,7 +168,7 @@ class SetSandbox(NamedTuple):
 
 
 class BringBack(NamedTuple):
-    """Bring the handle to the start; the running pass of Try is given up."""
+    """Bring the handle to the start and give the running pass of Try up."""
 
 
 class EndSandbox(NamedTuple):
@@ -192,7 +190,7 @@ class MoveTo(NamedTuple):
 
 
 class Quit(NamedTuple):
-    """Abort what runs, keep it, and end the session server."""
+    """End the session server; the running trial is aborted and kept."""
 
     reason: str
 
@@ -245,7 +243,7 @@ class StepCard(NamedTuple):
 
 
 class Refused(NamedTuple):
-    """The session server cannot serve, and ends; nothing was written."""
+    """The session server cannot start, and has written nothing."""
 
     why: str  # one sentence
 
@@ -274,7 +272,7 @@ class Pass(NamedTuple):
 
 
 class SandboxState(NamedTuple):
-    """Try, as it is now."""
+    """The state of Try."""
 
     settings: SandboxSettings
     initial: SandboxSettings  # as protocol and device have them
@@ -286,7 +284,7 @@ class SandboxState(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """Where the session is; sent whenever something in it changes."""
+    """The state of the session; sent whenever it changes."""
 
     stage: str  # PREPARING ..
     rows: "tuple[TrialRow, ...]" = ()  # of this session, redone ones included
@@ -311,7 +309,7 @@ class Snapshot(NamedTuple):
 
     @property
     def not_now(self) -> str:
-        """Why what does not fit the stage is refused."""
+        """Why a command that does not fit the stage is refused."""
         if self.card is None or self.stage in NOT_NOW:
             return NOT_NOW[self.stage]
         return f"{self.card.title}: this comes first."
@@ -351,7 +349,7 @@ class Snapshot(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """What of the running recording is in its file by now."""
+    """How much of the running recording is in its file."""
 
     name: str
     rows: int
@@ -392,14 +390,12 @@ REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: sc
 
 
 class CheckTiming(NamedTuple):
-    """Keep the deadlines of so many ticks with nothing to do."""
+    """Keep so many deadlines without work."""
 
     ticks: int
 
 
 class Run(NamedTuple):
-    """Run this trial now."""
-
     trial: "Trial"
 
 
@@ -410,13 +406,13 @@ class Connect(NamedTuple):
 
 
 class HomeAt(NamedTuple):
-    """The handle is held at `tip` (m) now: set the encoders."""
+    """Set the encoders: the handle is held at `tip` (m)."""
 
     tip: tuple[float, float]
 
 
 class TakeZero(NamedTuple):
-    """The handle is free: take what is read as zero."""
+    """Take the present readings as zero: the handle is free."""
 
 
 class Reset(NamedTuple):
@@ -429,25 +425,25 @@ class Reset(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """Trials can be run."""
+    """The loop can run trials."""
 
     scheduling: "Scheduling"  # that the loop got
 
 
 class TimingChecked(NamedTuple):
-    """How late each tick was."""
+    """The lateness of ticks without work."""
 
     lateness_us: "np.ndarray"  # (n,)
 
 
 class Done(NamedTuple):
-    """A trial has ended, or is handed back as it is."""
+    """A trial has ended, or is handed back before its end."""
 
     changed: "Changed"  # by running it; see `Trial.take_back`
 
 
 class DeviceStatus(NamedTuple):
-    """How a real device is; about ten times a second while no trial runs."""
+    """The state of a real device, about ten times a second while no trial runs."""
 
     device: str = ""  # the one that its board is wired to; "": none has been reached
     board: str = ""  # its number
@@ -473,18 +469,18 @@ class ConnectEnded(NamedTuple):
 
 
 class Homed(NamedTuple):
-    """The encoders stand at the place where the handle was held, m."""
+    """The encoders were set with the handle at `tip`, m."""
 
     tip: tuple[float, float]
 
 
 class Zeroed(NamedTuple):
-    """What was read with the handle free."""
+    """The zero that was taken."""
 
     record: "ZeroRecord"
 
 
 class NotDone(NamedTuple):
-    """A job could not be done; one sentence."""
+    """A job failed."""
 
     why: str

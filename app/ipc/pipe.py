@@ -38,17 +38,17 @@ class Pipe:
 
     @property
     def has_backlog(self) -> bool:
-        """Whether the other end has not yet made room for what was sent."""
+        """Whether messages wait for the other end to make room."""
         return self._written < self._waiting and self._writer.is_alive()
 
     def flush(self, wait_s: float) -> None:
-        """Wait until everything is sent, or the other end is gone, at most so long."""
+        """Wait, at most so long, until everything is sent or the other end is gone."""
         end = time.perf_counter() + wait_s
         while self.has_backlog and time.perf_counter() < end:
             time.sleep(_LOOK_S)
 
     def receive(self, wait_s: float = 0.0) -> list:
-        """The messages that have come; waits at most `wait_s` for the first."""
+        """Messages that have arrived; waits at most `wait_s` for the first."""
         messages: list = []
         try:
             message = self._inbox.get(timeout=wait_s) if wait_s > 0.0 else self._inbox.get_nowait()
@@ -99,11 +99,11 @@ class Child(Pipe):
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended and been waited for."""
+        """Whether the process has ended and was waited for."""
         return self._process.returncode is not None
 
     def kill(self) -> None:
-        """End it at once, whatever it does."""
+        """End the process at once."""
         self._process.kill()
         self.end(0.0)
 

@@ -80,7 +80,7 @@ _TICKS_AT = -(-CONTROL.itemsize // 64) * 64
 
 
 class Ring:
-    """One process's view of it."""
+    """One process's view of the shared memory."""
 
     def __init__(self, handle: str = "", ticks: int = TICKS, width: int = tick_log.WIDTH) -> None:
         """Map the ring that was inherited under this handle; "": make a new one, with room for `ticks` of `width`
@@ -123,7 +123,7 @@ class Ring:
     # the window
 
     def aim(self, x: float, y: float) -> None:
-        """The pointer is here, m."""
+        """Report the place of the pointer, m."""
         count = int(self.control.aim_count)
         self.control.aims[count % AIMS] = x, y
         self.control.aim_count = count + 1
@@ -139,11 +139,10 @@ class Ring:
 
     @property
     def presses(self) -> int:
-        """How often the brakes-off was pressed."""
         return int(self.control.presses)
 
     def switch_off(self, cause: str) -> None:
-        """No currents from the next tick on, for this cause (the first one stands)."""
+        """Allow no currents from the next tick on; the first cause stands."""
         if not self.control.brakes_off:
             code = cause.code if isinstance(cause, Cause) else ""
             for field, text, size in (("why_off", cause, TEXT), ("off_code", code, CODE)):
@@ -187,21 +186,21 @@ class Ring:
 
     @property
     def grasp(self) -> int:
-        """How the pointer has the handle now."""
+        """How the pointer holds the handle: UNTOUCHED, TAKEN or LET_GO."""
         return TAKEN if self.control.taken else LET_GO if self.control.astray else UNTOUCHED
 
     def push(self, fx: float, fy: float) -> None:
-        """The hand pushes with this force, N."""
+        """Report the force of the hand, N."""
         count = int(self.control.push_count)
         self.control.pushes[count % AIMS] = fx, fy
         self.control.push_count = count + 1
 
     def last(self, column: int) -> float:
-        """One column of the newest tick, 0 before the first."""
+        """A column of the newest tick; 0 before the first."""
         return float(self.rows[(int(self.control.head) - 1) % len(self.rows), column])
 
     def beat(self) -> None:
-        """The session server lives."""
+        """Show that the session server lives."""
         self.control.server_beat = time.perf_counter_ns()
 
     @property
@@ -214,11 +213,11 @@ class Ring:
         return self._copy(int(self.control.tail), int(self.control.head))
 
     def taken(self, n: int) -> None:
-        """The oldest n ticks are recorded: the loop may overwrite them."""
+        """Let the loop overwrite the oldest n ticks: they are recorded."""
         self.control.tail += n
 
     def allow(self) -> None:
-        """Currents may flow again."""
+        """Allow currents again."""
         self.control.brakes_off = 0
 
     def _copy(self, first: int, head: int) -> np.ndarray:

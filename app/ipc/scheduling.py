@@ -43,7 +43,7 @@ class _Attributes(ctypes.Structure):
 
 
 class Scheduling(NamedTuple):
-    """What the control loop got."""
+    """The scheduling of the control loop."""
 
     real_time: bool
     locked: bool  # its memory cannot be swapped out
@@ -53,7 +53,7 @@ class Scheduling(NamedTuple):
 
     @property
     def words(self) -> str:
-        """All of it."""
+        """The scheduling as shown to the user."""
         place = f", core {self.core}" if self.core >= 0 else ""
         timer = f", {self.timer}" if self.timer else ""
         return f"{self.means}{place}{timer}{', memory not locked' if self.real_time and not self.locked else ''}"

@@ -198,7 +198,7 @@ def _unblind(state: State, command: m.Unblind) -> None:
 
 
 class CommandRule(NamedTuple):
-    """A line of the table."""
+    """When a command can be done, and what does it."""
 
     action: Callable[[State, Any], None]  # InputError: it turns out that it cannot be done
     stages: tuple[str, ...] = ()  # at which it can be done; none: at any

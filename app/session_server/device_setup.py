@@ -39,7 +39,7 @@ FORCE_HANDS = {HID: HidHand}
 
 
 class SimulatedSetup:
-    """A simulated device; a re-rig is only confirmed."""
+    """A simulated device: the experimenter only confirms a re-rig."""
 
     real, status = False, None
 
@@ -49,7 +49,7 @@ class SimulatedSetup:
         self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
 
     def card(self, progress: "SessionProgress") -> StepCard | None:
-        """What is to be done before the coming trial; None: nothing."""
+        """The card of the step before the coming trial; None: no step."""
         coming = progress.coming
         if coming is None or coming.configuration == progress.rigged:
             return None
@@ -65,7 +65,7 @@ class SimulatedSetup:
         progress.rigged = progress.coming.configuration
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
-        """For the pre-flight row: device and hand."""
+        """Device and hand for the pre-flight row."""
         return check_device(True, why_off), check_hand(self.hand, self._pushes.read() if self._pushes else None)
 
     def allow(self, presses: int) -> None:
@@ -105,7 +105,7 @@ class SimulatedSetup:
 
 
 class RealSetup:
-    """The device on the bench; the loop has its board."""
+    """The device on the bench, whose board the loop talks to."""
 
     real, hand = True, SENSOR
 
@@ -117,7 +117,7 @@ class RealSetup:
         self.reconnect()
 
     def reconnect(self) -> None:
-        """The loop is a new one, which knows of no device."""
+        """Connect a new loop to the device."""
         self.status, self._busy = None, False  # busy: a step has been asked for and not been answered
         self._send(self._connect)
 
@@ -136,7 +136,7 @@ class RealSetup:
         return DONE if status.zeroed else ZERO
 
     def card(self, progress: "SessionProgress") -> StepCard | None:
-        """What is to be done before the coming trial; again after the board has lost its power. None: nothing."""
+        """The card of the step before the coming trial; None: no step."""
         if progress.coming is None or not (step := self.step(device := self._device(progress))):
             return None
         title = f"Make {device.name} ready"
@@ -156,7 +156,7 @@ class RealSetup:
         self.do(progress, self.step(self._device(progress)))
 
     def do(self, progress: "SessionProgress", step: str) -> None:
-        """Let the loop do a step, or do it again; while one is being done, nothing."""
+        """Let the loop do a step, again if need be; nothing while one is being done."""
         if not step or self._busy:
             return
         device = self._device(progress)
@@ -167,7 +167,7 @@ class RealSetup:
         self._send({CONNECT: self._connect, HOME: home, ZERO: m.TakeZero()}[step])
 
     def _device(self, progress: "SessionProgress") -> Device:
-        """That of the coming trial."""
+        """The device of the coming trial."""
         assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
 
@@ -186,7 +186,7 @@ class RealSetup:
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
-        """For the pre-flight row: device and hand."""
+        """Device and hand for the pre-flight row."""
         return check_real(self.status, why_off), check_sensor(self.status)
 
     def allow(self, presses: int) -> None:

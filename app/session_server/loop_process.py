@@ -31,7 +31,7 @@ class LoopProcess(Child):
         return (self._running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
     def send(self, job: object) -> None:
-        """Give it something to do. Does not wait for it."""
+        """Send a job; does not wait for it."""
         self._running = isinstance(job, Run)
         super().send(job)
 

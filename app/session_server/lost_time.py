@@ -21,14 +21,14 @@ def read(path: str) -> str:
 
 
 class LostTime(NamedTuple):
-    """Since the machine, or the loop, started; or between two looks."""
+    """Time lost since the machine or the loop started, or between two readings."""
 
     stolen_ms: float | None  # the host kept the loop's core (without one: all cores), in steps of 10 ms
     waited_ms: float | None  # the loop was ready to run and did not
     switches: int | None  # how often its core was taken from it
 
     def since(self, before: "LostTime") -> "LostTime":
-        """What has been added."""
+        """The time lost since an earlier reading."""
         pairs = zip(self, before, strict=True)
         return LostTime._make(None if now is None or then is None else now - then for now, then in pairs)
 

@@ -37,7 +37,7 @@ CODES = {
 
 
 class Outlets:
-    """Both streams, from now until the process ends."""
+    """Both streams, open until the process ends."""
 
     def __init__(self, ring: Ring, real: bool, data_dir: Path) -> None:
         """real: the ticks are those of a device on the bench. InputError: pylsl is not there."""
@@ -73,12 +73,12 @@ class Outlets:
         self.failure = ""  # why nothing more is sent
 
     def begin(self, run: int) -> Callable[[np.ndarray], None]:
-        """A trial begins; what takes its ticks."""
+        """Begin a trial; returns what takes its ticks."""
         self._run, self._phase, self._zero_s = run, np.nan, None
         return self._take
 
     def mark(self, event: Event, about: dict[str, Any]) -> None:
-        """A line of the journal."""
+        """Send a line of the journal as a marker."""
         age_s = 0.0
         if at := about.get("time"):  # it waited for the recorder's thread
             age_s = (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds()
@@ -90,7 +90,7 @@ class Outlets:
             self._send(self._markers.push_sample, [json.dumps(about)], stamp_s)
 
     def _take(self, rows: np.ndarray) -> None:
-        """The next ticks (n, width) of the trial, n > 0."""
+        """Send the next ticks (n, width) of the trial, n > 0."""
         stamps_s = self._due_s(rows) + self._offset_s()
         self._send(self._ticks.push_chunk, rows[:, self._places], stamps_s)
         phases = rows[:, tick_log.PHASE]
@@ -126,7 +126,7 @@ class Outlets:
         return min(looks)[1]
 
     def _send(self, push: Callable[..., None], what: Any, stamps_s: Any) -> None:
-        """The recording goes on whatever becomes of the streams."""
+        """Send; a failure ends the streams and never the recording."""
         if not self.failure:
             try:
                 push(what, stamps_s)

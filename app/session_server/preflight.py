@@ -34,7 +34,7 @@ LATE_US = 200.0
 
 
 def check_device(simulated: bool, why_off: str) -> Check:
-    """Whether currents may flow. why_off: the cause of a brakes-off, or ""."""
+    """Whether currents may flow. why_off: cause of a brakes-off, or ""."""
     if why_off:
         what = advice(why_off) or FAULTS["brakes-off"].advice
         return Check("Device", BAD, BRAKES_OFF, f"Brakes off: {why_off}. {what}")
@@ -42,7 +42,7 @@ def check_device(simulated: bool, why_off: str) -> Check:
 
 
 def check_real(status: DeviceStatus | None, why_off: str) -> Check:
-    """Whether the device on the bench is there and fit, and currents may flow."""
+    """Whether the device on the bench is ready and currents may flow."""
     if status is None:
         return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
     if status.problem:
@@ -56,7 +56,7 @@ def check_real(status: DeviceStatus | None, why_off: str) -> Check:
 
 
 def check_sensor(status: DeviceStatus | None) -> Check:
-    """Whether the hand force is measured."""
+    """Whether the force of the hand is measured."""
     if status is None or not status.device or status.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
     if status.force_channels == 0:
@@ -130,7 +130,7 @@ def measure_disk(folder: Path) -> tuple[Check, float]:
 
 
 def duration_words(seconds: float) -> str:
-    """A time as it is read: "3 ms", "0.4 s", "12 s"."""
+    """ "3 ms", "0.4 s", "12 s"."""
     if seconds < 1e-3:
         return "under 1 ms"
     return f"{1e3 * seconds:.0f} ms" if seconds < 0.1 else f"{seconds:.1f} s" if seconds < 10.0 else f"{seconds:.0f} s"
@@ -169,7 +169,7 @@ class DiskWatch:
             self._check, self.sync_s = Check("Disk", BAD, "the folder is gone", advice), 0.0
 
     def watch(self) -> None:
-        """Measure again, now and then; while nothing else needs the disk."""
+        """Measure every `DISK_S`, while nothing else needs the disk."""
         if self._thread is not None:
             if self._thread.is_alive():
                 return
@@ -189,7 +189,7 @@ class DiskWatch:
 
     @property
     def _overdue(self) -> bool:
-        """Whether the measurement takes longer than is usual here."""
+        """Whether the running measurement takes unusually long."""
         return self._waited_s > max(PATIENCE_S, 2 * LOOKS * self.sync_s)
 
     @property
@@ -199,7 +199,6 @@ class DiskWatch:
 
     @property
     def check(self) -> Check:
-        """For the pre-flight row."""
         if self._overdue:
             waited_s = self._waited_s
             advice = f"Waiting for the disk of {self._folder}: {LOOKS} short writes have taken {waited_s:.0f} s so far."

@@ -53,16 +53,16 @@ class Recorder:
 
     @property
     def longest_sync_s(self) -> float:
-        """The longest that the disk made us wait, so far."""
+        """The longest wait for the disk so far."""
         return self.writer.longest_sync_s if self.writer is not None else 0.0
 
     def close(self) -> None:
-        """Take what is left in the ring and end the thread."""
+        """Record what is left in the ring and end the thread."""
         self._end.set()
         self._thread.join()
 
     def proof(self) -> Proof | None:
-        """What is in the file by now; None: nothing is kept."""
+        """What is in the file now; None: the trial is not recorded."""
         writer, now = self.writer, time.perf_counter()
         if writer is None:
             return None
@@ -72,7 +72,7 @@ class Recorder:
 
     @property
     def lateness_us(self) -> np.ndarray:
-        """How late each tick so far was, (n,) us."""
+        """The lateness of each tick so far, (n,) us."""
         return np.concatenate([np.empty(0), *self._lateness])
 
     def timing(self, scheduling: str) -> Timing | None:
@@ -121,7 +121,7 @@ class Recorder:
 
 
 def timing_of(lateness_us: np.ndarray, scheduling: str) -> Timing:
-    """The figures of a loop's lateness (n,), us."""
+    """Percentiles and misses of the lateness (n,), us, of ticks."""
     p50, p99 = np.percentile(lateness_us, (50.0, 99.0))
     missed = int(np.count_nonzero(lateness_us >= tick_log.MISSED_US))
     return Timing(float(p50), float(p99), float(lateness_us.max()), missed, scheduling)

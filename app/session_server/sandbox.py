@@ -52,7 +52,7 @@ ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sen
 
 
 def append_ticks(pieces: list[np.ndarray], rows: np.ndarray) -> None:
-    """Put the next ticks (n, width) of a pass, n > 0, to those before."""
+    """Add the next ticks (n, width) of a pass, n > 0."""
     pieces.append(rows)
     if rows[-1, PHASE] == APPROACH:
         del pieces[:-PIECES_BEFORE]
@@ -64,7 +64,7 @@ def measures_of_pass(pieces: list[np.ndarray], trial: Trial) -> Metrics:
 
 
 class Sandbox:
-    """The settings, the running pass, and the table of those that have ended."""
+    """The settings of Try, its running pass and its table of passes."""
 
     def __init__(
         self, setup: m.Setup, protocol: Protocol, runner: TrialRunner,
@@ -169,14 +169,14 @@ class Sandbox:
         self._notify(f"Saved as {path}.{left_out}", False)
 
     def leave(self) -> None:
-        """Try is left: the running pass ends."""
+        """Leave Try and end the running pass."""
         self.on = self._start_requested = False
         if self._run is not None and self.real:
             self._run.stop("Try was left")
 
     @property
     def fixed(self) -> tuple[str, ...]:
-        """The settings that cannot be changed here."""
+        """The settings that cannot be changed with this device and hand."""
         if self.real:
             return ONLY_SIMULATED
         return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
@@ -188,7 +188,7 @@ class Sandbox:
 
     @property
     def state(self) -> SandboxState | None:
-        """What the window shows; None: Try is not open."""
+        """The state for the window; None: Try is not open."""
         if not self.on:
             return None
         initial = self._initial(self.settings.device, self.settings.path)
@@ -197,11 +197,11 @@ class Sandbox:
 
     @property
     def wants_pass(self) -> bool:
-        """Whether the next pass is to begin as soon as one may."""
+        """Whether a pass is to begin as soon as possible."""
         return self.on and self._run is None
 
     def _initial(self, device: str, path: int) -> SandboxSettings:
-        """As protocol and device have them, with the first controller that brakes."""
+        """The settings of protocol and device, with the first controller that brakes."""
         p = self._protocol
         number = min(p.controllers, key=lambda n: (p.controllers[n].kind == "none", n))
         values: dict[str, float] = {}  # each as the chosen controller has it, else the largest
@@ -227,17 +227,16 @@ class Sandbox:
             self._change()
 
     def _change(self) -> None:
-        """Let the loop hand the pass back if it is not as it is wanted to be."""
+        """Ask the loop for the running pass if its settings are out of date."""
         as_wanted = self.on and self.settings == self._now and not self._given_up
         if self._run is not None and not self.real and not as_wanted:
             self._run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:
-        """Whether a run is a pass of Try."""
         return run is self._run
 
     def lost(self) -> None:
-        """The loop died with the pass: the device is as it was before it."""
+        """Forget the pass with which the loop died; the device is as before it."""
         if self._run is not None:
             self._run.abandon_recording()
         self._run, self._given_up = None, False
@@ -278,7 +277,7 @@ class Sandbox:
         self._grasp = LET_GO if self._grasp == TAKEN else self._grasp
 
     def _begin(self) -> None:
-        """The next pass."""
+        """Begin the next pass."""
         p, s = self._protocol, self.settings
         if not self.real:
             self.simulation = self._ready_simulation()
@@ -307,7 +306,7 @@ class Sandbox:
         return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
 
     def _file(self, name: str) -> Device:
-        """A device of the protocol; a simulated one as it is assumed to be."""
+        """A device of the protocol; a simulated one under the assumptions."""
         device = self._protocol.device(name)
         return device if self.real else self._protocol.assumptions.applied_to(device)
 
@@ -350,7 +349,7 @@ class Sandbox:
             grip["stiffness"][0], grip["damping"][0] = (s.spring_N_m, 0.0, s.spring_N_m), (damping, 0.0, damping)
 
     def _own_backlash(self) -> bool:
-        """Whether each brake has the backlash of its file."""
+        """Whether each brake keeps the backlash of its file."""
         return self.settings.backlash_deg == self._initial(self.settings.device, self.settings.path).backlash_deg
 
     def _damping(self) -> float:

@@ -42,7 +42,7 @@ WINDOW_GONE = "the window was lost"
 
 
 class SessionServer:
-    """Serves its window until the end."""
+    """The session server of one window."""
 
     def __init__(
         self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe, lsl: "Outlets | None"
@@ -58,7 +58,7 @@ class SessionServer:
         self.end = ""  # why to end
 
     def serve(self) -> None:
-        """Until the end; every trial is then closed, the loop gone."""
+        """Serve until `end` is set; then close the trial and end the loop."""
         failed = False
         try:
             while not self.end:
@@ -82,7 +82,7 @@ class SessionServer:
             # not closed: that our end goes with the process tells the window that everything is done
 
     def _listen(self) -> None:
-        """Do what the window asks for."""
+        """Do the commands of the window."""
         from app.session_server.commands import do
 
         for command in self._window.receive(BEAT_S):
@@ -98,7 +98,7 @@ class SessionServer:
                     (self._state.setup.data_dir / FINISHING).touch()
 
     def _finish(self) -> None:
-        """The window is gone: end after the running trial."""
+        """End after the running trial: the window is gone."""
         run = self._state.runner.run
         if run is None:
             self.end = WINDOW_GONE
@@ -182,7 +182,7 @@ def _hold_lock(data_dir: Path) -> "BaseFileLock":
 
 
 def refusal_of(error: Exception, data_dir: Path) -> str:
-    """Why the session server cannot serve, one sentence."""
+    """Why the session server cannot serve."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return f"{data_dir}: is a file, or lies in one, and not a folder"
     if isinstance(error, OSError):
@@ -220,7 +220,7 @@ def read_protocol(setup: Setup) -> "Protocol":
 
 
 def _close_log(log: Path, early: BinaryIO) -> None:
-    """Keep the log only if there is anything in it."""
+    """Remove the log if it is empty."""
     early.seek(0)
     with contextlib.suppress(OSError):  # the window shows already that the disk fails
         if log.exists() and (content := early.read()):

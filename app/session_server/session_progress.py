@@ -34,7 +34,7 @@ class Asked(NamedTuple):
 
 
 class SessionProgress:
-    """An open session, and where it stands between two trials."""
+    """An open session and its state between two trials."""
 
     def __init__(self, session: Session) -> None:
         """What was done on an earlier day, by the journal, is not asked for again; a pause ended with the session."""
@@ -75,19 +75,19 @@ class SessionProgress:
             self.paused_s = self.last_end_s = None
 
     def update_next(self) -> None:
-        """A trial has been added, skipped or marked: what comes now."""
+        """Find the next trial after one was added, skipped or marked."""
         session = self.session
         self.coming, self._finished, self._break_due = session.next_planned(), session.finished_count, session.break_due
         self.asked = self._to_ask()
 
     @property
     def break_due(self) -> bool:
-        """Whether a break comes before the next trial, and has not been ended."""
+        """Whether a break is due and has not been ended."""
         rested_at = self.newest_line.get(BREAK_ENDED.name, {}).get("settled")  # trials that were settled when it ended
         return self._break_due and self._finished != rested_at
 
     def break_left_s(self) -> float:
-        """How long the break lasts at least, from now."""
+        """The least time that the break still lasts."""
         breaks = self.session.protocol.breaks
         return max(0.0, breaks.least_s - (time.perf_counter() - self._rest_from_s)) if breaks else 0.0
 
@@ -121,7 +121,7 @@ class SessionProgress:
         return statistics.median(self._lengths) * len(waiting) + breaks * rest_s
 
     def trial_ended(self, row: TrialRow) -> None:
-        """Count the time since the one before."""
+        """Note when a trial ended, and how long it took."""
         now = time.perf_counter()
         self.newest = row
         if self.last_end_s is not None:

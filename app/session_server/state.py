@@ -26,7 +26,7 @@ WAIT_S = 0.01
 
 
 class State:
-    """One data folder, one session at a time, one trial at a time."""
+    """The state of the session server: one session and one trial at a time."""
 
     def __init__(
         self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess, lsl: Outlets | None = None
@@ -52,7 +52,6 @@ class State:
 
     @property
     def stage(self) -> str:
-        """Where the session is."""
         if self.broken:
             return m.FAILED
         if self.runner.run is not None:
@@ -77,7 +76,7 @@ class State:
         )
 
     def snapshot(self) -> m.Snapshot:
-        """Everything that a window shows."""
+        """Everything that the window shows."""
         stage, progress, run = self.stage, self.storage.progress, self.runner.run
         session = progress.session if progress else None
         coming = progress.coming if progress else None
@@ -115,7 +114,6 @@ class State:
         )
 
     def pulse(self) -> m.Pulse:
-        """Proof of recording, and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         rows = self.storage.progress.session.rows if self.storage.progress else []
         verified = sum(bool(row.recording) for row in rows)
@@ -124,7 +122,7 @@ class State:
     # ------------------------------------------------------------------------------------- what happens
 
     def notify(self, sentence: str, bad: bool = False) -> None:
-        """Tell the experimenter."""
+        """Show the experimenter a sentence."""
         self._notice, self._notice_bad = sentence, bad
 
     def announce_wait(self, what: str) -> None:
@@ -137,12 +135,12 @@ class State:
             self._waits_for = ""
 
     def clear_refusal(self) -> None:
-        """A new command is done: what was refused before it is past."""
+        """Remove the notice of an earlier refusal: a new command is done."""
         if self._notice_bad:
             self.notify("")
 
     def look_at_brakes(self) -> None:
-        """Whether currents may flow; what has changed is journalled."""
+        """Journal a change of the brakes-off."""
         self.presses = self.ring.presses
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
@@ -152,18 +150,18 @@ class State:
                 self.storage.write(BRAKES_ALLOWED)
 
     def _look_at_device(self) -> None:
-        """Once the device is well again, a notice of what to do about it is past."""
+        """Remove the notice about a device that is ready again."""
         before, self._device_bad = self._device_bad, self.device.checks(self.why_off)[0].state == BAD
         if before and not self._device_bad:
             self.notify("")
 
     def window_lost(self) -> None:
-        """The window is gone, whatever runs."""
+        """Leave Try and journal that the window is gone."""
         self.sandbox.leave()
         self.storage.write(WINDOW_LOST)
 
     def watch(self) -> None:
-        """Take in what has happened since the last time."""
+        """Handle everything that has happened since the last call."""
         if self.sandbox.failure is not None:
             raise self.sandbox.failure
         if self.lsl is not None and self.lsl.failure:
@@ -192,7 +190,7 @@ class State:
             self.storage.retry()
 
     def _lost(self, run: TrialRun | None, why: str) -> None:
-        """The loop died or hung, perhaps with a trial."""
+        """Handle a loop that died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
         if isinstance(self.device, RealSetup) and not self.broken:
             self.device.reconnect()
@@ -203,7 +201,7 @@ class State:
             self.notify(with_advice("", why), bad=True)
 
     def end(self, reason: str) -> None:
-        """Abort what runs, keep it, let the session go, end the loop."""
+        """Abort and store the running trial, close the session, end the loop."""
         self.sandbox.leave()
         if self.runner.run is not None:
             self.runner.run.stop(reason)

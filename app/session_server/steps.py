@@ -23,8 +23,6 @@ Write = Callable[..., None]  # an event and its fields, into the journal
 
 
 class SessionStep(NamedTuple):
-    """One kind of step."""
-
     name: str  # the stage of the session while it is due
     due: "Callable[[SessionProgress, DeviceSetup], StepCard | None]"  # what is to be done; None: it is not due
     ended_by: type  # the command that ends it
@@ -81,7 +79,7 @@ def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[Sessio
 
 
 def stage_of(progress: "SessionProgress", device: "DeviceSetup") -> str:
-    """What the session waits for."""
+    """The stage of an open session between two trials."""
     if (due := due_step(progress, device)) is not None:
         return due[0].name
     return m.READY if progress.coming is not None else m.FINISHED

@@ -315,7 +315,7 @@ class Storage:
 
 
 def _ticks_of(writer: RecordingWriter) -> str:
-    """Where the ticks of a recording are that its file does not have."""
+    """Where the ticks are that the file of a recording lacks."""
     if not writer.lost:
         return f"All its {counted(writer.rows, 'tick')} are in memory"
     kept = f"{grouped(writer.rows - writer.lost)} are {'in memory' if writer.in_memory else 'in its file'}"

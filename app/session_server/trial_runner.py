@@ -32,7 +32,7 @@ MOST_STARTS = 3  # loops in a row that die before they are ready
 
 
 class TrialRun:
-    """A trial that the loop runs now."""
+    """A trial that the loop runs."""
 
     def __init__(
         self, ring: Ring, loop: LoopProcess, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
@@ -68,7 +68,7 @@ class TrialRun:
 
     @property
     def is_handed_back(self) -> bool:
-        """Whether the loop has been asked for it."""
+        """Whether the loop was asked to hand the trial back."""
         return int(self._ring.control.stop) == HAND_BACK
 
     def returned(self, answer: Done, scheduling: str) -> None:
@@ -96,7 +96,7 @@ class TrialRun:
         return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
 
     def abandon_recording(self) -> None:
-        """The recording gets no more: its stream stays as it is."""
+        """Record no more; the stream stays as it is."""
         self.recorder.close()
         if self.recorder.writer is not None:
             with contextlib.suppress(OSError, ValueError):  # the experimenter knows already that the disk is full
@@ -117,7 +117,7 @@ class TrialRun:
         return writer if writer is not None and writer.in_memory and not writer.is_stored() else None
 
     def _end_reason(self) -> str:
-        """Why the loop ended it early; "": it did not."""
+        """Why the loop ended the trial early; "": it did not."""
         off = self._ring.why_off
         reasons = {
             STOPPED: self._reason,
@@ -129,7 +129,7 @@ class TrialRun:
 
 
 class TrialRunner:
-    """One trial at a time, on the loop that lives."""
+    """Runs one trial at a time on the control loop."""
 
     def __init__(self, ring: Ring, loop: LoopProcess, real_time: bool, port: str = "") -> None:
         """loop: the first one, already started. real_time: try scheduling that needs a privilege. port: of a board."""
@@ -145,7 +145,6 @@ class TrialRunner:
 
     @property
     def _scheduling_words(self) -> str:
-        """What scheduling the loop got."""
         return self.scheduling.words if self.scheduling else ""
 
     @property
@@ -166,18 +165,17 @@ class TrialRunner:
         return self.run
 
     def go_on(self, run: TrialRun) -> None:
-        """Run a trial on that was handed back."""
+        """Continue a trial that was handed back."""
         self.run = run
         if run.is_handed_back:  # else it is to end
             self._ring.control.stop = 0
         self._loop.send(Run(run.trial))
 
     def send(self, job: object) -> None:
-        """A job for the loop of a board."""
         self._loop.send(job)
 
     def device_answers(self) -> list[object]:
-        """What the loop has answered of its device since the last call."""
+        """Answers of the loop about its device since the last call."""
         answers, self._device_answers = self._device_answers, []
         return answers
 
@@ -225,7 +223,6 @@ class TrialRunner:
 
     @property
     def check(self) -> Check:
-        """For the pre-flight row."""
         return check_loop(self._idle_timing, self._loop.closed, self.scheduling, self._last_timing)
 
     def close(self) -> None:

@@ -55,7 +55,6 @@ def bench(args: argparse.Namespace) -> None:
 
 
 def bench_growth(args: argparse.Namespace) -> None:
-    """How the cost of a study grows with its trials."""
     if args.out is not None or args.quick:
         raise InputError("--scale: takes neither --out nor --quick")
     from app.verbs.growth import measure_all, table
@@ -65,7 +64,6 @@ def bench_growth(args: argparse.Namespace) -> None:
 
 
 def bench_loop(args: argparse.Namespace) -> None:
-    """How late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError("--loop: takes neither --out nor --quick")
     from app.verbs.loop_lateness import measure_all, table

@@ -66,7 +66,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
 
 
 def bundle(folder: Path, progress: Callable[[float], None]) -> None:
-    """Copy it all into a folder."""
+    """Copy program, Python and libraries into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:
         source = ROOT / name
@@ -86,7 +86,7 @@ def bundle(folder: Path, progress: Callable[[float], None]) -> None:
 
 
 def copy_tree(source: Path, target: Path) -> None:
-    """Copy a folder without what is left out."""
+    """Copy a folder without `LEFT_OUT`."""
     shutil.copytree(source, target, ignore=lambda _, names: LEFT_OUT.intersection(names), dirs_exist_ok=True)
 
 
@@ -128,7 +128,7 @@ def libraries() -> list[str]:
 
 
 def copy_library(name: str, folder: Path) -> None:
-    """Copy an installed distribution, but for programs outside of its folder."""
+    """Copy an installed distribution without what lies outside its folder."""
     distribution = importlib.metadata.distribution(name)
     for file in distribution.files or ():
         if ".." in file.parts or LEFT_OUT.intersection(file.parts) or file.suffix in (".pyc", ".pyi"):

@@ -88,7 +88,6 @@ def number_between(above: float, below: float, wanted: str) -> Callable[[str], f
 
 
 def low_gain(text: str) -> float | str:
-    """The type of --low-gain."""
     from experiments.assumptions import NO_VIBRATION
 
     wanted = f"a number greater than 0, in N s/m, or {NO_VIBRATION!r}"
@@ -145,7 +144,7 @@ def _shown(key: str, value: object) -> object:
 
 
 def label_of_key(key: str) -> str:
-    """The key of a summary to be read: low_gain_N_s_m is "low gain (N s/m)"."""
+    """low_gain_N_s_m becomes "low gain (N s/m)"."""
     if key.startswith("done_controller_"):
         return f"share reached, controller {key.removeprefix('done_controller_')}"
     unit = next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")

@@ -148,7 +148,6 @@ def replay_verb(args: argparse.Namespace) -> int | None:
 
 
 def play(recording: Path) -> int:
-    """Play it on the screen."""
     from experiments.recording.reader import read_recording
 
     if not read_recording(recording).rows:
@@ -160,7 +159,7 @@ def play(recording: Path) -> int:
 
 
 def table(summary: dict) -> str:
-    """The summary to be read."""
+    """The summary as a table."""
     before, after = summary["before"], summary["after"]
     assumed = ", the device's parameters assumed" if summary["assumed"] and "assumed" not in summary["note"] else ""
     lines = [
@@ -192,12 +191,11 @@ def table(summary: dict) -> str:
 
 
 def number(value: float | None) -> str:
-    """A value of the table."""
     return "-" if value is None else f"{value:.4g}"
 
 
 def share(metric: dict[str, float | None]) -> str:
-    """How a metric changed, as a share of what it was where it was not 0."""
+    """The change of a metric in percent; its difference where it was 0."""
     before, change = metric["before"], metric["change"]
     if change is None or before is None:
         return "-"
@@ -205,5 +203,5 @@ def share(metric: dict[str, float | None]) -> str:
 
 
 def _warn_if_empty(summary: dict) -> list[str]:
-    """An empty folder is no fault; that it is the right one may be in doubt."""
+    """An empty folder is no fault, but perhaps the wrong folder."""
     return [] if summary["sessions"] else [f"{summary['dir']}: holds no session yet"]

@@ -32,7 +32,7 @@ COMMANDS = {
 
 
 class Cost(NamedTuple):
-    """Of one command on one study."""
+    """The cost of one command on one study."""
 
     command: str
     trials: int
@@ -61,7 +61,7 @@ def measure_all(progress: Progress = no_progress) -> list[dict]:
 
 
 def cost_of(name: str, trials: int, arguments: tuple[str, ...], out: Path) -> Cost:
-    """Run `phd` with these arguments; what it writes into `out` is counted."""
+    """Run `phd` with these arguments and count what it writes into `out`."""
     before, start = size_of(out), time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

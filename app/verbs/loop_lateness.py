@@ -109,7 +109,7 @@ def endless_trials() -> Iterator[Trial]:
 
 
 def table(found: list[dict]) -> str:
-    """What was measured, to be read; "?" where the system does not count it."""
+    """The measurements as a table; "?": the system does not count it."""
     columns = {
         "ticks": "ticks", "p50 µs": "p50_us", "p99 µs": "p99_us", "max µs": "max_us", "missed": "missed",
         "host ms": "stolen_ms", "wait ms": "waited_ms", "switches": "switches", "tick µs": "tick_us", "busy": "busy",
@@ -123,7 +123,7 @@ def table(found: list[dict]) -> str:
 
 @contextlib.contextmanager
 def cpu_load(n: int) -> Iterator[None]:
-    """Processes that only compute; they end with us."""
+    """Run n processes that only compute."""
     processes = [start_python("app.verbs.loop_lateness", str(os.getpid())) for _ in range(n)]
     try:
         yield

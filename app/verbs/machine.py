@@ -89,7 +89,7 @@ def devices_verb(args: argparse.Namespace) -> int:
 
 
 def refused(allowed: bool) -> str:
-    """What stands behind a device that this user may not open."""
+    """The note behind a device that this user may not open."""
     return "" if allowed else "  (not allowed: see phd doctor)"
 
 
@@ -166,5 +166,4 @@ def low_latency() -> str:
 
 
 def log(line: str) -> None:
-    """To stderr at once."""
     print(line, file=sys.stderr, flush=True)

@@ -54,7 +54,6 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def label(text: str) -> str:
-    """The type of --participant."""
     if not (text.isascii() and text.isalnum()):
         raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
     return text
@@ -136,7 +135,7 @@ def reached(port: str, force: str) -> str:
 
 
 def protocol_of(args: argparse.Namespace) -> "Protocol":
-    """The protocol with what the command line gives in place of its own."""
+    """The protocol with the options of the command line."""
     from experiments.protocol import load_protocol
 
     asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
@@ -146,7 +145,6 @@ def protocol_of(args: argparse.Namespace) -> "Protocol":
 
 
 def print_plan(args: argparse.Namespace) -> None:
-    """Print every trial of the participant."""
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
@@ -158,6 +156,6 @@ def print_plan(args: argparse.Namespace) -> None:
 
 
 def whole(name_or_path: str) -> str:
-    """A file by its whole path, for another process; a shipped name as it is."""
+    """The absolute path of a file; a shipped name as it is."""
     path = Path(name_or_path)
     return str(path.absolute()) if path.is_file() else name_or_path

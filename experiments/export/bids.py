@@ -119,7 +119,7 @@ class BidsDataset:
         return f"{begun:%Y-%m-%dT%H:%M:%S.%f}Z"
 
     def finish(self, exported: Exported) -> None:
-        """Write the tables and what holds for the whole data set."""
+        """Write the tables and what describes the whole data set."""
         for (subject, session), lines in self._scans.items():
             place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
             write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
@@ -187,7 +187,7 @@ def _asked(kind: Sequence[str] | str) -> dict[str, Any]:
 
 
 def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarray]]:
-    """The channels of a recording, and the column of each, in order."""
+    """The channels of a recording and their columns, in order."""
     recording = trial.recording
     channels: list[_Channel] = []
     columns: dict[str, np.ndarray] = {}
@@ -219,7 +219,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
 
 
 def _about(trial: ExportedTrial, channels: list[_Channel]) -> dict[str, Any]:
-    """_motion.json."""
+    """The content of _motion.json."""
     recording = trial.recording
     t = recording.column("t_s")
     kinds = [channel.type for channel in channels]

@@ -154,7 +154,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
 
 @contextlib.contextmanager
 def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
-    """Form -> a folder to be filled, see `new_folders`."""
+    """Folders to be filled, by form; see `new_folders`."""
     places = {form: Path(out).resolve() for form, out in outs.items()}
     for a, b in permutations(places.values(), 2):
         if a == b or b in a.parents:
@@ -185,7 +185,7 @@ class CsvTables:
         self._columns: dict[str, Column] = {}
 
     def add(self, trial: ExportedTrial) -> None:
-        """Write one recording and what is known of it."""
+        """Write one recording and its metadata."""
         place = PurePosixPath(trial.subject, trial.session, f"run-{trial.row.run:03d}{self._suffix}")
         path = self.folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -202,7 +202,6 @@ class CsvTables:
         self._rows.append(replace(trial.row, recording=str(place)))
 
     def finish(self, exported: Exported) -> None:
-        """Write the table, the dictionary and the README."""
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
         tables: dict[str, Mapping[str, Column]] = {

@@ -130,7 +130,7 @@ class ExportedTrial(NamedTuple):
 
 
 class Exported(NamedTuple):
-    """What an export holds once."""
+    """What describes an export as a whole."""
 
     name: str  # of the data folder
     left_out: list[str]  # recordings, and why
@@ -180,13 +180,12 @@ def write_rows(path: Path, lines: Iterable[Sequence[str]], delimiter: str = "\t"
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write one JSON object, in the order given."""
     text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
 class Note(NamedTuple):
-    """What the experimenter wrote down."""
+    """A note of the experimenter."""
 
     time: str  # ISO, UTC
     participant: str
@@ -257,6 +256,6 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
 
 
 def _scales(answers: Iterable[Answers]) -> list[str]:
-    """Every scale that was answered: ours in their order, then any other."""
+    """All scales that were answered: ours in their order, then others."""
     answered = dict.fromkeys(scale for a in answers for scale in a.values)
     return [*(scale for scale in SCALES if scale in answered), *(scale for scale in answered if scale not in SCALES)]

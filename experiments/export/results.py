@@ -25,7 +25,7 @@ from experiments.session.journal import journal_summary
 
 
 class Results(NamedTuple):
-    """What a data folder holds."""
+    """The results of a data folder."""
 
     folder: Path
     sessions: tuple[Path, ...] = ()
@@ -42,7 +42,7 @@ class Results(NamedTuple):
 
 
 class Conclusions(NamedTuple):
-    """What the trials at hand say."""
+    """What these trials show."""
 
     refusal: str  # why the paper's statements are not tested; "": they are
     found: tuple[Finding, ...]
@@ -132,7 +132,6 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
 
 
 def _labels(rows: Sequence[TrialRow]) -> dict[Controller, str]:
-    """Labels of controllers that are known by their number alone."""
     numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
     return {number: f"controller\n{number}" for number in numbers}
 
@@ -142,14 +141,14 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
 
 
 def _answers(sessions: Sequence[Path]) -> list[Answers]:
-    """All answers; a controller stands as its code until the session is opened."""
+    """All answers; a controller stands as its code until the session is unblinded."""
     keys = {session.parent.name.removeprefix("sub-"): journal_summary(session).key or {} for session in sessions}
     answers, _ = answers_and_notes(sessions)
     return [a._replace(controller=keys[a.participant].get(str(a.controller), a.controller)) for a in answers]
 
 
 class Job(NamedTuple):
-    """What is seen, and where it is to be written."""
+    """What is shown, and where it is to be written."""
 
     page: str  # of `charts`
     rows: tuple[TrialRow, ...]  # their recordings are named from the data folder

@@ -59,7 +59,6 @@ def rename(path: Path, target: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file, if there is one."""
     with contextlib.suppress(FileNotFoundError):
         retry_while_locked(os.unlink, path)
 
@@ -89,7 +88,7 @@ def reading_stored(path: Path) -> Iterator[None]:
 
 
 def refuse_existing_files(files: Iterable[Path]) -> None:
-    """InputError if one of them is there."""
+    """InputError if one of these files exists."""
     for file in files:
         if os.path.lexists(file):
             raise InputError(f"{file}: exists already and is never overwritten")
@@ -104,7 +103,7 @@ def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -
 
 
 def partial_name(target: Path) -> Path:
-    """What a file or folder is called until it is whole."""
+    """The name of a file or folder until it is whole."""
     return target.with_name(f".{target.name}.partial")
 
 
@@ -135,7 +134,7 @@ def new_folders(places: Sequence[Path], needs: str) -> Iterator[list[Path]]:
 
 
 def first_free(folder: Path, name: str) -> Path:
-    """NAME-1, -2, .. in a folder: the first that is not there."""
+    """The first of NAME-1, NAME-2, .. that does not exist in a folder."""
     return next(place for number in itertools.count(1) if not (place := folder / f"{name}-{number}").exists())
 
 

@@ -47,7 +47,7 @@ def read_recording(path: str | Path) -> Recording:
 
 
 def read_parquet(path: Path) -> Recording:
-    """A Parquet recording; damage leaves it without rows or marked."""
+    """Read a Parquet recording; a damaged one has no rows, or is marked."""
     data = path.read_bytes()
     try:
         file = pq.ParquetFile(pa.BufferReader(data))
@@ -65,7 +65,7 @@ def read_parquet(path: Path) -> Recording:
 
 
 def _read_stream(path: Path) -> Recording:
-    """Every whole batch of a stream, and what is wrong with the rest."""
+    """Read every whole batch of a stream, and what is wrong with the rest."""
     data = path.read_bytes()
     header = _whole_header(data)
     if not header:
@@ -131,7 +131,7 @@ def _are_texts(value: object) -> bool:
 
 
 def _span(first: int, end: int) -> str:
-    """The numbers from `first` to before `end`."""
+    """ "3", or "3 to 5": the numbers from `first` to before `end`."""
     return str(first) if end == first + 1 else f"{first} to {end - 1}"
 
 
@@ -163,7 +163,7 @@ def _next_whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
 
 
 def _whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
-    """The batch whose message begins at byte `at`; None unless it is whole."""
+    """The batch whose message begins at byte `at`; None: it is not whole."""
     source = pa.BufferReader(memoryview(data)[at:])
     try:
         pa.ipc.read_message(source)

@@ -85,12 +85,11 @@ class Recording:
 
     @property
     def rows(self) -> int:
-        """Number of ticks that were read."""
         return len(self.columns["t_s"]) if self.columns else 0
 
     @property
     def whole(self) -> bool:
-        """Whether every tick that was recorded is here, unchanged."""
+        """Whether every recorded tick was read unchanged."""
         return self.complete and not self.damaged
 
     def column(self, name: str) -> np.ndarray:

@@ -128,7 +128,7 @@ class RecordingWriter:
         self._raise_once()
 
     def flush(self) -> None:
-        """Bring every row to the file and, unless `sync` is off, to the disk."""
+        """Write every row to the file and, unless `sync` is off, to the disk."""
         self._need_open()
         self._write_batches(everything=True)
         self._bring_to_disk()
@@ -165,7 +165,6 @@ class RecordingWriter:
 
     @property
     def lost(self) -> int:
-        """Rows that are neither in the file nor in memory."""
         kept = self._in_stream + sum(map(len, self._waiting))
         if self.trouble is not None and self._memory is None:
             kept = self.rows_written
@@ -173,7 +172,7 @@ class RecordingWriter:
 
     @property
     def in_memory(self) -> bool:
-        """Whether all of the stream is in memory."""
+        """Whether the whole stream is in memory."""
         return self._memory is not None
 
     def is_stored(self) -> bool:
@@ -213,7 +212,7 @@ class RecordingWriter:
             raise ValueError("the recording is closed")
 
     def _raise_once(self) -> None:
-        """OSError, once, if the file gets no more."""
+        """OSError, once, if the file takes no more."""
         if self.trouble is not None and not self._raised:
             self._raised = True
             raise self.trouble
@@ -228,7 +227,7 @@ class RecordingWriter:
                 self.trouble = error
 
     def _drain_sink(self) -> bytes:
-        """What Arrow has written since the last call."""
+        """The bytes that Arrow has written since the last call."""
         taken = self._sink.getvalue()
         self._sink.seek(0)
         self._sink.truncate()
@@ -249,7 +248,7 @@ class RecordingWriter:
         return pa.RecordBatch.from_arrays(arrays, schema=self._schema)
 
     def _write_batches(self, everything: bool) -> None:
-        """Write the rows that wait: all of them, or as many as fill whole batches."""
+        """Write the waiting rows: all, or as many as fill whole batches."""
         waiting = sum(map(len, self._waiting))
         if not waiting or not (everything or waiting >= BATCH_ROWS):
             return

@@ -29,7 +29,7 @@ Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 
 
 def new_key(controllers: Iterable[int]) -> dict[str, int]:
-    """Code -> controller, by chance."""
+    """Draw which code stands for which controller."""
     shuffled = list(controllers)
     secrets.SystemRandom().shuffle(shuffled)
     return dict(zip(codes(len(shuffled)), shuffled, strict=True))
@@ -66,5 +66,5 @@ def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
 
 
 def blinded(row: TrialRow) -> TrialRow:
-    """A coded row without what reveals the controller by itself."""
+    """A coded row without what reveals its controller."""
     return replace(row, controller_name=row.controller, **HIDDEN) if isinstance(row.controller, str) else row

@@ -74,7 +74,7 @@ def _of_meaning(plain: Mapping[str, Any]) -> str:
 
 
 class Lines(NamedTuple):
-    """What is read of a journal; lines are counted from 1."""
+    """What is read of a journal; lines count from 1."""
 
     believed: dict[int, dict[str, Any]]  # line -> what it says
     faults: list[str]  # which lines cannot be believed, or are missing
@@ -84,7 +84,7 @@ class Lines(NamedTuple):
 
 
 def next_line(about: Mapping[str, Any], journal: bytes) -> bytes:
-    """The line, with its end, that is to follow all that the journal holds."""
+    """The next line of a journal, with its checksums."""
     texts = journal.splitlines()
     start = next((i for i in reversed(range(len(texts))) if _is_whole(texts[i])), 0)
     line = json.dumps({**about, AFTER: _digits(b"\n".join(texts[start:])), CHECKSUM: "00000000"}).encode()
@@ -126,7 +126,7 @@ def _is_whole(text: bytes) -> bool:
 
 
 def _link(text: bytes) -> str:
-    """What a whole line says of those before it."""
+    """What a whole line says of the lines before it."""
     found = _WHOLE_END.search(text)
     return found[1].decode() if found else ""
 
@@ -186,7 +186,7 @@ def _lines(places: Sequence[int]) -> str:
 
 
 class NotedEnd(NamedTuple):
-    """How far a journal went when its session was last left in order."""
+    """How long a journal was when its session was last closed."""
 
     lines: int
     last: str  # checksum of the last whole line

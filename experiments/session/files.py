@@ -49,12 +49,10 @@ CRASHED, DAMAGED = "crashed", "damaged"  # how files are marked that `phd recove
 
 
 def session_folder(data_dir: Path, participant: str) -> Path:
-    """Where a participant's session is kept."""
     return data_dir / f"sub-{participant}" / "ses-01"
 
 
 def run_path(session: Path, run: int, suffix: str, folder: str = TRIALS) -> Path:
-    """The file of a trial, or of a practice trial."""
     return session / folder / f"run-{run:03d}{suffix}"
 
 
@@ -73,7 +71,7 @@ def recordings_in(session: Path) -> list[Path]:
 
 
 def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
-    """Every run number that a file has or ever had."""
+    """Every run number that a file has or had."""
     names = (re.match(r"\.?run-(\d+)\.", path.name) for path in session.glob(f"{folder}/*run-*"))
     return {int(match[1]) for match in names if match}
 
@@ -91,7 +89,6 @@ def remove_empty(session: Path) -> None:
 
 
 def refuse_existing(data_dir: Path, participant: str) -> None:
-    """InputError if this participant has a session already."""
     folder = session_folder(data_dir, participant)
     if folder.exists() and not is_half_created(folder):
         raise InputError(f"{folder}: exists already, a session is never overwritten; name another participant")
@@ -125,12 +122,12 @@ def sessions_in(folder: Path) -> list[Path]:
 
 
 def relative_to(folder: Path, sentence: str) -> str:
-    """The sentence with its paths relative to the folder."""
+    """A sentence with its paths relative to the folder."""
     return sentence.replace(f"{folder}{os.sep}", "")
 
 
 class _HeldLock(filelock.FileLock):
-    """A lock that `with` releases; it is held already."""
+    """A lock that is held already; `with` releases it."""
 
     def __enter__(self) -> Self:
         return self
@@ -150,7 +147,7 @@ def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
 
 
 def is_in_use(folder: Path) -> bool:
-    """Whether a live process holds the folder's lock; nothing is written."""
+    """Whether a live process holds the lock of a folder; writes nothing."""
     try:
         if (folder / LOCK).exists():
             hold_lock(folder).release()
@@ -172,7 +169,7 @@ class StoredSession:
 
     @property
     def has_checksum(self) -> bool:
-        """Whether it has a checksum; not if an earlier version stored it."""
+        """False: an earlier version stored it."""
         return CHECKSUM in self.about
 
 
@@ -256,7 +253,7 @@ def rows_of(session: Path) -> list[TrialRow]:
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
-    """The cell of the plan that a trial fills, by whatever run number."""
+    """The cell of the plan that a trial fills, whatever its run number."""
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
@@ -291,7 +288,7 @@ def pooled_rows(data_dir: Path) -> list[TrialRow]:
 
 
 def write_pooled_table(data_dir: Path) -> list[TrialRow]:
-    """Rewrite DATA/trials.csv from the sessions' tables; its rows."""
+    """Rewrite DATA/trials.csv from the sessions' tables; returns its rows."""
     rows = pooled_rows(data_dir)
     write_table(data_dir / TABLE, rows, replacing=True)
     return rows
@@ -302,7 +299,7 @@ def write_pooled_table(data_dir: Path) -> list[TrialRow]:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What decides a study."""
+    """What defines a study."""
 
     operators: int
     protocol: Protocol
@@ -317,7 +314,7 @@ def refuse_study(folder: Path) -> None:
 
 
 def write_study(folder: Path, study: StudyPlan) -> None:
-    """Store it in a folder that has none yet. OSError if it cannot be written."""
+    """Store a new study. OSError if it cannot be written."""
     about = {
         "operators": study.operators,
         "population": {"name": study.population.name, "text": study.population.text},

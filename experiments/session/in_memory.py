@@ -22,7 +22,7 @@ from experiments.session.checksums import END
 
 
 class InMemory:
-    """Its small files, the lines of its journal, the runs that it has begun."""
+    """Small files, lines of the journal and runs of a session, in memory."""
 
     def __init__(self, session: Path, rows: Sequence[TrialRow]) -> None:
         """session: its folder, which is in order. rows: of its table. InputError if it cannot be read."""
@@ -115,7 +115,7 @@ def _with_recordings(number: int) -> str:
 
 
 def discard(session: Path) -> None:
-    """Remove a folder that was begun for a session and did not take it."""
+    """Remove the folder of a session that could not be moved there."""
     shutil.rmtree(session, ignore_errors=True)
     files.remove_empty(session)
 

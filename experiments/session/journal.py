@@ -34,7 +34,7 @@ NAME = "journal.jsonl"
 
 
 class Event(NamedTuple):
-    """A kind of event: its name, and the fields of its line besides the time."""
+    """A kind of event: its name and the fields of its line."""
 
     name: str
     fields: dict[str, Any]  # name -> type, as `msgspec.convert` takes it
@@ -95,7 +95,7 @@ class Entry(NamedTuple):
 
 
 def now() -> str:
-    """The time of an event that happens now."""
+    """The present time, ISO, UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -119,7 +119,7 @@ def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", *
 
 
 class Journal(NamedTuple):
-    """What a journal says, as far as it can be read and believed."""
+    """What can be read of a journal, and what is wrong with it."""
 
     entries: list[Entry]  # in order
     faults: list[str]  # each a sentence: which lines are left out or missing, and why
@@ -177,7 +177,6 @@ def _entry(event: Event, about: Mapping[str, Any]) -> Entry:
 
 
 def _shown(value: object) -> str:
-    """A value in a sentence."""
     try:
         text = repr(value)
     except (RecursionError, ValueError):
@@ -186,7 +185,6 @@ def _shown(value: object) -> str:
 
 
 def read_events(folder: Path) -> list[Entry]:
-    """The events of `read_journal`."""
     return read_journal(folder).entries
 
 
@@ -203,7 +201,7 @@ def close_journal(folder: Path, sync: bool = True) -> None:
 
 @dataclass
 class JournalSummary:
-    """What the journal of a session holds of its trials."""
+    """What the journal of a session says about its trials."""
 
     session: Path
     begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
@@ -219,7 +217,7 @@ class JournalSummary:
 
     @cached_property
     def names(self) -> dict[int, str]:
-        """Controller -> its name; looked up where a row has none of its own."""
+        """The names of the controllers, for rows that have none."""
         return controller_names(self.session)
 
     def row(self, row: TrialRow) -> TrialRow:
@@ -230,12 +228,11 @@ class JournalSummary:
         return replace(row, status=self.marked.get(row.run, row.status))
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
-        """The stored plan, opened if the session is unblinded."""
+        """The stored plan, with controllers if the session is unblinded."""
         return tuple(unblinded(trial, self.key) for trial in plan) if self.key is not None else plan
 
 
 def journal_summary(session: Path) -> JournalSummary:
-    """The summary of a session's journal, as far as it can be read."""
     journal = read_journal(session)
     found = JournalSummary(session, faults=journal.faults, notes=journal.notes)
     for event, _, about in journal.entries:

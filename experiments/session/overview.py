@@ -25,7 +25,7 @@ class SessionOverview(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether no trial of its plan is left."""
+        """Whether the plan is finished."""
         return not self.problem and self.done >= self.planned
 
 
@@ -44,13 +44,13 @@ class DataOverview(NamedTuple):
 
     @property
     def planned(self) -> int:
-        """Trials of all plans; of a study those of the operators to come, too."""
+        """Trials of all plans; of a study those of coming operators too."""
         plans = [session.planned for session in self.sessions]
         return sum(plans) + max(self.operators - len(plans), 0) * max(plans, default=0)
 
 
 def scan_folder(folder: Path) -> DataOverview:
-    """The overview of a folder; one that is not there yet is empty."""
+    """The overview of a folder; a folder that does not exist is empty."""
     if not folder.exists():
         return DataOverview(folder)
     try:
@@ -65,7 +65,7 @@ def scan_folder(folder: Path) -> DataOverview:
 
 
 def _stamp(path: Path) -> int:
-    """Changes when the file does; 0: there is none."""
+    """A number that changes when the file does; 0: no file."""
     try:
         return path.stat().st_mtime_ns
     except OSError:

@@ -25,7 +25,7 @@ from experiments.session.journal import EXCLUDED, exclusion_of
 
 @dataclass(frozen=True)
 class Playback:
-    """One trial."""
+    """One recorded trial."""
 
     path: Path  # of its recording
     ticks: np.ndarray  # (n, tick_log.WIDTH), n > 0
@@ -114,7 +114,6 @@ def device_of(recording: Recording, stored: StoredSession | None) -> Device:
 
 
 def way_of(recording: Recording) -> PathFile:
-    """The path of the trial."""
     about = recording.metadata
     if "path" in about:
         return path_from(about["path"], f"{recording.path}: path")

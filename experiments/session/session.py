@@ -155,7 +155,7 @@ class Session:
     def _init_common(
         self, data_dir: Path, who: Participant, protocol: Protocol, sync: bool, on_event: OnEvent | None
     ) -> None:
-        """What a new session and a resumed one begin with."""
+        """Set what a new session and a resumed one have in common."""
         self.data_dir, self.protocol, self.participant = data_dir, protocol, who.label
         self.hand, self.person, self.operators = who.hand, who.operator, who.population
         self.folder = files.session_folder(data_dir, who.label)
@@ -167,13 +167,13 @@ class Session:
         self._simulations: dict[str, SimulatedDevice] = {}
 
     def close(self) -> None:
-        """Note where its journal ends, and let other processes have the session."""
+        """Note where the journal ends, and release the lock."""
         with contextlib.suppress(InputError):  # it cannot be read, which whoever reads it next is told
             events.close_journal(self.folder, self._sync)
         self._lock.release()
 
     def journal(self, event: events.Event, **about: Any) -> None:
-        """Append one line: what happened, and when (`time`: if not now)."""
+        """Append a line (`time`: if not now)."""
         events.write_event(self.folder, event, self._sync, **about)
         self._publish(event, about)
 
@@ -184,7 +184,7 @@ class Session:
             self._on_event(event, about)
 
     def note(self, text: str) -> None:
-        """Keep a remark of the experimenter, with the time."""
+        """Journal a note of the experimenter."""
         self.journal(events.NOTE, text=text)
 
     # ----------------------------------------------------------------------------------------------- what comes next
@@ -228,7 +228,7 @@ class Session:
         return planned._replace(run=run, controller=planned.controller if self.blind else self._number(planned))
 
     def _used(self, folder: str) -> set[int]:
-        """Every run number that a file has or had, whatever has become of it."""
+        """Every run number that a file has or had."""
         return files.runs_used(self.folder, folder) | (self._known.runs[folder] if self._known else set())
 
     @property
@@ -247,7 +247,7 @@ class Session:
         return self._key[controller] if isinstance(controller, str) else controller
 
     def preset(self, planned: PlannedTrial) -> Preset:
-        """The controller of a trial, in a blind session too: not to be shown then."""
+        """The controller of a trial, also while the session is blind."""
         return self.protocol.controllers[self._number(planned)]
 
     def simulation(self, configuration: str) -> SimulatedDevice:
@@ -444,7 +444,7 @@ class Session:
     # ------------------------------------------------------------------------------- what session and recordings store
 
     def _common(self) -> dict[str, Any]:
-        """What session.json and every recording store alike."""
+        """What session.json and the recordings both store."""
         return {
             "participant": self.participant,
             "operators": self.operators._asdict() if self.operators else None,
@@ -506,7 +506,6 @@ def operators_from_json(about: dict[str, Any]) -> Operators | None:
 
 
 def version_of(package: str) -> str:
-    """The version of an installed package."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -83,10 +83,9 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
 
 
 class _SessionCheck:
-    """What is found in one session."""
+    """The findings in one session."""
 
     def __init__(self, session: Path) -> None:
-        """Check it."""
         self.session = session
         self.live = files.is_in_use(session)  # a process is writing in it
         self.whole = self.recovered = self.in_progress = 0  # recordings
@@ -133,7 +132,6 @@ class _SessionCheck:
         self.faults.append((name, files.relative_to(self.session, str(what))))
 
     def _check_journal(self) -> None:
-        """Every line of the journal."""
         try:
             self.journal = journal_summary(self.session)
         except InputError as error:
@@ -225,13 +223,12 @@ class _SessionCheck:
         return right
 
     def _check_each_once(self, rows: Sequence[TrialRow]) -> None:
-        """Whether every run has one row."""
         for run, count in Counter(row.run for row in rows).items():
             if count > 1:
                 self._fault(files.TABLE, f"has {count} rows for run {run}")
 
     def _check_row(self, right: TrialRow) -> None:
-        """The row of a recording against what the recording gives."""
+        """Compare the row of a recording with what the recording gives."""
         if (row := self.rows.get(right.run)) is not None:
             self._compare(row, right, "its recording")
         elif not self.live:
@@ -252,7 +249,7 @@ class _SessionCheck:
                 self._fault(row.recording, f"missing: {files.TABLE} names it as the recording of run {run}")
 
     def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
-        """Where a row differs from the right one."""
+        """Report where a row differs from the right one."""
         for column in COLUMNS:
             stored, right_value = getattr(row, column), getattr(right, column)
             if column == "controller_name" and None in (stored, right_value):
@@ -272,7 +269,6 @@ class _SessionCheck:
 
 
 def _shown(value: object) -> str:
-    """A cell in a sentence."""
     text = str(value)
     return "empty" if value in (None, "") else text if len(text) <= 60 else f"{text[:60]}.."
 

@@ -51,7 +51,7 @@ class Watch:
         self._saturated = 0  # ticks on end
 
     def conditions(self, readings: Readings, limits: m.Limits) -> Iterator[tuple[Fault, int]]:
-        """(fault, index of joint or channel) of all that is wrong at this tick."""
+        """(fault, index of joint or channel) of every condition at this tick."""
         self._past.append(readings.counts)
         for i in self._brakes:
             most = limits.current_mA[i] + limits.current_mA[i] // 10 + OVER_CURRENT_mA
@@ -80,7 +80,7 @@ WRAP = 1 << 32
 
 
 class Age(Enum):
-    """What a command is, by its sequence number and its host time."""
+    """Whether a command is fresh, by sequence number and host time."""
 
     FRESH = 0
     OLD = 1  # it came before, or after a newer one
@@ -109,7 +109,7 @@ class Freshness:
         return Age.LATE if took - quickest > LATE_US else Age.FRESH
 
     def take(self, sequence: int) -> None:
-        """This command was taken in."""
+        """Note a command that was taken in."""
         self.last, self._any = sequence, True
 
 
@@ -172,7 +172,7 @@ START_US = 100_000  # us from power to Idle: self-test
 
 @dataclass
 class BoardCounts:
-    """What came over the wire and was not obeyed, since power-up."""
+    """Messages that were not obeyed since power-up."""
 
     not_understood: int = 0  # a good frame with no message of ours in it
     old: int = 0  # commands that came twice, or after a newer one
@@ -206,7 +206,7 @@ class Board:
         self._power_up(0)
 
     def _power_up(self, now_us: int) -> None:
-        """Everything that does not outlive the supply."""
+        """Reset everything that does not outlive the supply."""
         self.decoder = FrameDecoder()
         self.counts = BoardCounts()
         self.homed = 0
@@ -286,7 +286,7 @@ class Board:
         self.seen[self.state, event] = self.seen.get((self.state, event), 0) + 1
 
     def _change(self, event: BoardEvent) -> bool:
-        """The table's next state; False where the event is refused in this state."""
+        """Go to the next state; False: the event is refused in this state."""
         self._see(event)
         refused = (self.state, event) in REFUSED
         self.state = NEXT.get((self.state, event), self.state)
@@ -301,7 +301,7 @@ class Board:
         self.faults |= fault
 
     def _fail(self, event: BoardEvent, fault: Fault, detail: int = m.NO_DETAIL) -> None:
-        """Latch a fault: the currents are zero when this returns."""
+        """Latch a fault; the currents are then zero."""
         self._change(event)
         self._latch(fault, detail)
 

@@ -51,7 +51,7 @@ def hello_of(device: Device, serial: str = "") -> Hello:
 
 
 class EmulatedHand(Protocol):
-    """Who holds the handle."""
+    """The hand at the handle."""
 
     hand: Hand  # what the simulated device feels
 
@@ -115,7 +115,6 @@ class EmulatedDevice:
 
     @property
     def tip(self) -> tuple[float, float]:
-        """Where the handle is, m."""
         return float(self.motion[0]), float(self.motion[1])
 
     def sense(self, currents: Four, faults: Iterable[LineFault]) -> Readings:
@@ -125,7 +124,7 @@ class EmulatedDevice:
         return self.sensors.read(self.tip, self.hand_force, self.acceleration, currents, faults)
 
     def advance(self, currents: Four) -> None:
-        """The device moves for a tick with these currents (mA)."""
+        """Move the device for a tick with these currents (mA)."""
         self._simulated.move(1e-3 * np.array(currents), self._ticks * TICK_S, TICK_S)
         self._ticks += 1
 
@@ -147,7 +146,7 @@ class Wiring(NamedTuple):
 
 
 class EmulatedSensors:
-    """Reads the simulated device at each tick."""
+    """The sensors of the simulated device."""
 
     def __init__(self, device: Device, hello: Hello, tip: tuple[float, float], seed: int) -> None:
         self._force = sensing_of(device)[1]

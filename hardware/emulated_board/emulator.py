@@ -37,7 +37,7 @@ class EmulatorSettings(NamedTuple):
 
 
 class Emulator:
-    """One emulated board. Times in s since it was made, as its time goes."""
+    """One emulated board. Times in s of its own clock, from its start."""
 
     def __init__(
         self, devices: Sequence[Device], hand: EmulatedHand, tip: tuple[float, float], faults: list[LineFault],
@@ -97,7 +97,7 @@ class Emulator:
             self.log_event(f"wired to {name}")
 
     def run(self) -> None:
-        """Until `stop`."""
+        """Run until `stop`."""
         self._zero = time.perf_counter() - self.ticks * TICK_S
         while not self._stopping:
             now, due = self.now(), self.ticks * TICK_S
@@ -117,23 +117,21 @@ class Emulator:
         self._stopping = True
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Close the port and remove the folder."""
         if self._plug:
             self._plug.close()
         self._orders.close()
         self._folder.cleanup()
 
     def now(self) -> float:
-        """The time, s."""
         return time.perf_counter() - self._zero
 
     def log_event(self, text: str) -> None:
-        """Note an event."""
         self.events.append((self.ticks * TICK_S, text))
         self._log(f"{self.ticks * TICK_S:9.3f} s  {text}")
 
     def _wait(self, seconds: float) -> None:
-        """Until something comes, or the time is over."""
+        """Wait until something arrives, or for so long."""
         ends = [self._orders, *(self._plug.waits_for() if self._plug else ())]
         if self._orders in select.select(ends, [], [], max(0.0, seconds))[0]:
             self._take_order()

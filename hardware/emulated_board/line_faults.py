@@ -39,7 +39,7 @@ _WRITTEN = re.compile(r"^(?P<kind>[a-z-]+)(=(?P<value>[^@+]+))?(@(?P<start>[0-9.
 
 
 class LineFault(NamedTuple):
-    """One fault asked for."""
+    """A requested fault."""
 
     kind: str
     value: float = 0.0  # a share, a time (s), or the index of a joint
@@ -47,7 +47,6 @@ class LineFault(NamedTuple):
     end_s: float = math.inf
 
     def acts(self, now_s: float) -> bool:
-        """Whether it acts now."""
         return self.start_s <= now_s < self.end_s
 
 
@@ -94,7 +93,7 @@ class Line:
         self.counts = dict.fromkeys((*SHARES, *TIMES, "stall"), 0)
 
     def put(self, frame: bytes, now_s: float) -> None:
-        """A frame (or whatever piece came in) goes onto the wire."""
+        """Put a frame (or whatever piece came in) onto the wire."""
         acting = [fault for fault in self._faults if fault.acts(now_s)]
         arrives, copies = now_s, 1
         for fault in acting:
@@ -120,16 +119,16 @@ class Line:
         self._queue.extend([(arrives, frame)] * copies)
 
     def take(self, now_s: float) -> bytes:
-        """Everything that has arrived by now."""
+        """Everything that has arrived."""
         out = b""
         while self._queue and self._queue[0][0] <= now_s:
             out += self._queue.popleft()[1]
         return out
 
     def next_s(self) -> float:
-        """When the next thing arrives; infinite: nothing is on the way."""
+        """When the next bytes arrive; infinite: nothing is on the way."""
         return self._queue[0][0] if self._queue else math.inf
 
     def clear(self) -> None:
-        """What was on the way is lost (unplugged, powered down)."""
+        """Lose what is on the way (unplugged, powered down)."""
         self._queue.clear()

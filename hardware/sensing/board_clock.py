@@ -37,7 +37,7 @@ class ClockFit(NamedTuple):
 
 
 class ClockModel:
-    """Fed with every sample; fits anew after each block."""
+    """Fitted to the quickest samples, anew after each block."""
 
     def __init__(self) -> None:
         self.went_back = 0  # how often the board's clock did, which no board's may: the model then begins anew
@@ -45,14 +45,14 @@ class ClockModel:
         self.begin()
 
     def begin(self) -> None:
-        """Forget everything: one of the clocks has not just run on."""
+        """Forget everything: one of the clocks was interrupted."""
         self.fit = ClockFit(0.0, 0.0, 0.0, 0)
         self._quickest: deque[tuple[float, float]] = deque(maxlen=BLOCKS)  # board s, host s less board s
         self._block: tuple[float, float] | None = None  # the quickest of the running block
         self._block_end = 0.0
 
     def add(self, board_us: int, host_s: float) -> None:
-        """A sample that was true at `board_us` came at `host_s`."""
+        """Add a sample taken at `board_us` that arrived at `host_s`."""
         if board_us < self._newest_us:
             self.went_back += 1
             self.begin()
@@ -90,12 +90,12 @@ class ClockModel:
             self._quickest.extend(newest)
 
     def host_s(self, board_us: int) -> float:
-        """When, by the host's clock, the board's clock stood at `board_us`."""
+        """The host time at which the board time was `board_us`."""
         return self.fit.offset_s + (1.0 + self.fit.drift) * 1e-6 * board_us
 
 
 def fit_line(points: np.ndarray) -> ClockFit:
-    """The line through points (n, 2): board time, host time less board time, s."""
+    """Fit points (n, 2): board time, host time less board time, s."""
     board, behind = points[:, 0], points[:, 1]
     drift = 0.0
     if len(points) >= 3:

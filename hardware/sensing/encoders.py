@@ -25,7 +25,7 @@ Circle = tuple[float, float, float]  # centre x, y, radius, m
 
 
 class Pose(NamedTuple):
-    """Where the linkage is."""
+    """The pose of the linkage."""
 
     tip: tuple[float, float]  # m
     theta: tuple[float, float, float, float]  # rad
@@ -58,7 +58,6 @@ class PoseSensing:
         return tuple(round(turns[i] * self._per_rev[i]) if i in self.joints else 0 for i in range(4))
 
     def pose(self, counts: tuple[int, ...]) -> Pose:
-        """The pose at these counts."""
         angle = {i: TURN * n / self._per_rev[i] for i, n in zip(self.joints, counts, strict=True)}
         apart = 0.0
         if len(angle) == 4:

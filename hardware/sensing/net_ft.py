@@ -24,7 +24,7 @@ UNITS_N_M = {
 
 
 class NetFT:
-    """The newest record of one sensor."""
+    """A force sensor on the network."""
 
     def __init__(self, where: str) -> None:
         """where: HOST, or HOST:UDP-PORT:HTTP-PORT. InputError: it does not answer."""
@@ -57,7 +57,7 @@ class NetFT:
         return self._counts
 
     def trouble(self) -> str:
-        """Why what was read is not what the hand does now, in words; "": it is."""
+        """Why the newest record is out of date; "": it is not."""
         health = self._client.health()
         age = math.inf if health.last_record_age is None else health.last_record_age
         if health.state == "streaming" and age <= SILENT_S:
@@ -65,7 +65,7 @@ class NetFT:
         return f"the force sensor at {self.host} sends nothing: {health.last_error or 'is it plugged in?'}"
 
     def report(self) -> dict:
-        """What it is and what it has counted, as JSON holds it."""
+        """Identity and counters of the sensor, as JSON holds them."""
         health = self._client.health()
         known = health.sensor_configuration
         return {
@@ -75,7 +75,6 @@ class NetFT:
         }  # fmt: skip
 
     def close(self) -> None:
-        """Stop the stream and let the sensor go."""
         self._client.stop()
 
 

@@ -65,7 +65,7 @@ class BoardSensing:
         self.motion = MotionFilter()
 
     def take(self, sample: Sample, came_s: float) -> DeviceSample:
-        """A sample that came at host time `came_s` (s)."""
+        """Convert a sample that arrived at host time `came_s` (s)."""
         self.state = sample.state
         self.clock.add(sample.board_us, came_s)
         pose = self.pose.pose(sample.counts)
@@ -94,7 +94,7 @@ class BoardSensing:
 
 
 def fault_words(number: int) -> str:
-    """The fault that a board has latched, by its number; "" for none."""
+    """The latched fault of a board by its number; "": none."""
     if not number:
         return ""
     code = (Fault(number).name or "").lower().replace("_", "-")

@@ -17,7 +17,7 @@ MAX_ENCODED = MAX_PAYLOAD + CRC_BYTES + 1
 
 @dataclass
 class FrameCounts:
-    """What a decoder met since it was made."""
+    """Frames since the decoder was made."""
 
     good: int = 0
     bad_cobs: int = 0  # the bytes between two zeros are no COBS, or too few for a type and a CRC
@@ -28,7 +28,7 @@ class FrameCounts:
 
     @property
     def bad(self) -> int:
-        """Frames that were thrown away."""
+        """Discarded frames."""
         return self.bad_cobs + self.bad_crc + self.too_long
 
 
@@ -45,7 +45,7 @@ def encode_frame(payload: bytes) -> bytes:
 
 
 class FrameDecoder:
-    """Bytes in, in pieces of any size; whole and proven payloads out."""
+    """Decodes bytes in pieces of any size into checked payloads."""
 
     def __init__(self) -> None:
         self.counts = FrameCounts()
@@ -72,7 +72,7 @@ class FrameDecoder:
         return payloads
 
     def _finish(self, encoded: bytes) -> bytes | None:
-        """What stands between two zero bytes: a payload, or None."""
+        """The payload between two zero bytes; None: it is damaged."""
         if self._skipping:
             self._skipping = False
             return None

@@ -15,8 +15,6 @@ SAMPLE_HZ = 1000
 
 
 class State(IntEnum):
-    """States of the board."""
-
     BOOT = 0
     IDLE = 1
     READY = 2
@@ -83,18 +81,18 @@ class Command(NamedTuple):
 
 
 class Home(NamedTuple):
-    """The encoders of these joints stand at these counts now."""
+    """Set the encoders of these joints to these counts."""
 
     joints: int  # bits 1 A, 2 E, 4 B, 8 C
     counts: Four
 
 
 class ResetFault(NamedTuple):
-    """Forget the faults whose conditions are past."""
+    """Reset the faults whose conditions are over."""
 
 
 class Heartbeat(NamedTuple):
-    """Are you there? Does not feed the watchdog."""
+    """Asks for a reply; does not feed the watchdog."""
 
     token: int
 
@@ -111,7 +109,7 @@ class Bye(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """Who the board is and what it can do."""
+    """A board's identity and abilities."""
 
     version: int
     state: int
@@ -171,8 +169,6 @@ class FaultReport(NamedTuple):
 
 
 class HeartbeatReply(NamedTuple):
-    """Here I am."""
-
     token: int
     board_us: int
 
@@ -245,7 +241,7 @@ def unpack(payload: bytes) -> tuple | None:
 
 
 def layout_of(hello: Hello) -> Layout:
-    """How the samples of the board that sent this Hello look."""
+    """The sample layout of the board that sent this Hello."""
     encoders, brakes = hello.encoders.bit_count(), hello.brakes.bit_count()
     return Layout(SAMPLE_TYPE, Sample, f"I I Q B B H H {encoders}i {hello.force_channels}i {brakes}h")
 

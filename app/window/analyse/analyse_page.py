@@ -313,7 +313,7 @@ class AnalysePage(Page):
     # one trial
 
     def open_trial(self, row: TrialRow) -> None:
-        """Replayed the charts, and ringed in all of them."""
+        """Beside the charts, and ringed in all of them."""
         self.chosen = row
         self.side.show_row(row)
         if row.recording and self.results is not None:
