@@ -13,9 +13,8 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
-from app.ipc.scheduling import ADVICE, program_cores
+from app.ipc.scheduling import ADVICE, program_cores, stolen_share
 from app.progress import SCREENS_CODE
-from app.session_server.lost_time import stolen_share
 from app.session_server.preflight import check_disk
 from core.files import InputError
 from core.kernels.cache import cache_place, is_compiled, remove_unsound, why_no_room

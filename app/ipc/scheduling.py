@@ -1,15 +1,21 @@
-"""The best scheduling that the control loop can get, and what it got.
+"""The best scheduling that the control loop can get, what it got, and how much time the system then kept from it.
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
 scheduler. Both: no timer slack. Windows: the multimedia class "Pro Audio" where its service runs, otherwise the highest
 priority of a thread. Both systems: a processor core that the other processes of the program leave. Any other: nothing.
+
+Time is lost to the host of a virtual machine, which takes the core away ("steal"), and to other programs, which get the
+core while the loop is ready to run. Linux counts both; what a system does not count is None, not 0.
 """
 
+import contextlib
 import ctypes
 import gc
 import os
 import platform
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 PRIORITY = 50  # below the kernel's own threads for interrupts
@@ -147,6 +153,62 @@ def _short_slice(libc: ctypes.CDLL) -> bool:
         and got.policy == 0
         and got.runtime == SLICE_NS
     )
+
+
+# ----------------------------------------------------------------------------------------------------------- lost time
+
+STEAL = 7  # place in a line of /proc/stat
+
+
+def read_proc(path: str) -> str:
+    """A file of Linux. OSError: it has none, or this is another system (under Wine one sees the files of Linux)."""
+    if sys.platform != "linux":
+        raise FileNotFoundError(path)
+    return Path(path).read_text(encoding="utf-8")
+
+
+class LostTime(NamedTuple):
+    """Time lost since the machine or the loop started, or between two readings."""
+
+    stolen_ms: float | None  # the host kept the loop's core (without one: all cores), in steps of 10 ms
+    waited_ms: float | None  # the loop was ready to run and did not
+    switches: int | None  # how often its core was taken from it
+
+    def since(self, before: "LostTime") -> "LostTime":
+        """The time lost since an earlier reading."""
+        pairs = zip(self, before, strict=True)
+        return LostTime._make(None if now is None or then is None else now - then for now, then in pairs)
+
+
+def lost_time(pid: int, core: int, read: Callable[[str], str] = read_proc) -> LostTime:
+    """Of the loop's process (0: not known) and its core (-1: it has none of its own)."""
+    waited = switches = None
+    if pid:
+        with contextlib.suppress(OSError, ValueError, IndexError):  # not Linux, or the process has ended
+            waited = 1e-6 * int(read(f"/proc/{pid}/schedstat").split()[1])
+        with contextlib.suppress(OSError, ValueError, KeyError):
+            lines = dict(line.split(":", 1) for line in read(f"/proc/{pid}/status").splitlines())
+            switches = int(lines["nonvoluntary_ctxt_switches"])
+    stolen = _jiffies(core, read)
+    stolen_ms = None if stolen is None else 1e3 * stolen[STEAL] / os.sysconf("SC_CLK_TCK")
+    return LostTime(stolen_ms, waited, switches)
+
+
+def stolen_share(read: Callable[[str], str] = read_proc) -> float | None:
+    """The share of all cores' time that the host has kept since the machine started."""
+    counted = _jiffies(-1, read)
+    return None if counted is None else counted[STEAL] / max(1, sum(counted[: STEAL + 1]))
+
+
+def _jiffies(core: int, read: Callable[[str], str]) -> list[int] | None:
+    """The line of a core (-1: of all) in /proc/stat."""
+    name = f"cpu{core}" if core >= 0 else "cpu"
+    with contextlib.suppress(OSError, ValueError):
+        for line in read("/proc/stat").splitlines():
+            first, *counts = line.split()
+            if first == name and len(counts) > STEAL:
+                return [int(count) for count in counts]
+    return None
 
 
 # ----------------------------------------------------------------------------------------------------------- Windows

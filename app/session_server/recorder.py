@@ -14,7 +14,7 @@ import numpy as np
 
 from app.ipc.messages import Proof, Timing
 from app.ipc.ring import Ring
-from app.session_server.lost_time import LostTime, lost_time
+from app.ipc.scheduling import LostTime, lost_time
 from core import tick_log
 from core.faults import cause
 from experiments.recording.writer import RecordingWriter

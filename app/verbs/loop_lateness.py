@@ -13,9 +13,8 @@ import numpy as np
 
 from app.ipc.pipe import start_python
 from app.ipc.ring import Ring
-from app.ipc.scheduling import leave_core, program_cores
+from app.ipc.scheduling import leave_core, lost_time, program_cores
 from app.session_server.loop_process import LoopProcess
-from app.session_server.lost_time import lost_time
 from app.session_server.recorder import timing_of
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from experiments.plan import make_plan

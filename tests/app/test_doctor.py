@@ -12,8 +12,8 @@ from packaging.requirements import Requirement
 from app import doctor
 from app.cli import main
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
+from app.ipc.scheduling import stolen_share
 from app.session_server import preflight
-from app.session_server.lost_time import stolen_share
 from core.kernels.cache import Place, keep
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.ipc.ring import Ring
-from app.session_server.lost_time import LostTime, lost_time
+from app.ipc.scheduling import LostTime, lost_time
 from app.session_server.recorder import Recorder
 from core import tick_log
 
