@@ -1,9 +1,9 @@
-"""What the launchers `phd` and `phd.cmd` run: sets the tree up on first use, then becomes the command `phd`.
+"""What the launchers `phd` and `phd.cmd` run: sets the tree up on first use, then runs the command `phd`.
 
-The .venv's Python becomes the command, where all is installed as asked; the system's Python, which needs nothing but
-itself, sets up and then starts the other. A stamp inside .venv, written last, says what was installed where. No
-stamp: a set-up was killed or never ran, it is redone from the start. Another stamp: pyproject.toml or constraints.txt
-changed, pip updates the .venv. Messages go to stderr.
+The system's Python, which needs no library, sets up and then starts the Python of the .venv, which runs the command. A
+stamp in the .venv, written last, says what was installed where. No stamp: a set-up was killed or never ran, and starts
+again from nothing. Another stamp: pyproject.toml or constraints.txt has changed, and pip updates the .venv. Messages go
+to stderr.
 """
 
 import contextlib
@@ -126,7 +126,7 @@ def set_up(kind: str) -> None:
     except OSError as error:
         where, why = error.filename or ROOT, (error.strerror or str(error)).lower()
         stop(
-            f"{where}: {why}, and this tree is not set up yet: run it once as somebody who may write to {ROOT}, "
+            f"{where}: {why}, and this tree is not set up yet: run it once as a user who may write to {ROOT}, "
             "or copy the tree to a folder of your own.",
             TO_INSTALL,
         )

@@ -1,4 +1,4 @@
-"""The plan of a participant's session: every trial laid out before the first one, seeded, with a hash; and as text.
+"""The plan of a participant's session: all its trials, drawn from a seed before the first one, and printed as text.
 
 Every controller x path cell stands once (or `repetitions` times) in each block; the configuration (a re-rig on
 hardware) is outermost and its order alternates by participant; the same controller never comes twice running, unless

@@ -1,7 +1,7 @@
-"""A six-axis HID device as the hand: its deflection stands for a hand force. It is not a force sensor, and says so.
+"""A six-axis HID device as the hand: its deflection is taken as a force, and marked as no force sensor.
 
-The device is read on a thread of its own and always drained to its newest report: a reader slower than the device
-falls seconds behind. Unplugged, it gives no force and is looked for until it is back.
+A thread of its own drains the device to its newest report: a reader slower than the device would fall seconds behind.
+An unplugged device gives no force and is searched for until it is back.
 """
 
 import contextlib
@@ -59,7 +59,7 @@ class Attached(NamedTuple):
 
     @property
     def who(self) -> tuple[str, str]:
-        """What stays the same when it is plugged in again; two without a number, of one kind, are not told apart."""
+        """What stays the same when it is plugged in again; two of one kind without a number look the same."""
         return self.ids, self.serial
 
 
@@ -185,7 +185,7 @@ class HidHand:
         """Open the first known device that can be opened; InputError: none can."""
         devices = attached(self._listing())
         if not devices:
-            raise InputError("no six-axis device is attached that is known here (a SpaceMouse, for instance)")
+            raise InputError("no known six-axis device is attached (such as a SpaceMouse)")
         refusals = []
         for found in devices:
             try:

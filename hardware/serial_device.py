@@ -1,7 +1,7 @@
 """The real device at the other end of a serial port (`core.device_interface.RealDevice`).
 
-`exchange` sends currents and takes in samples; a port that dies or falls silent is noticed there, and a thread of its
-own brings it back. Nothing waits longer than a few ms while the loop runs.
+`exchange` sends currents and reads samples. If it finds that the port has died or is silent, a thread reconnects. No
+call waits longer than a few ms while the loop runs.
 
 The force channels may be those of an ATI Net F/T on the network, in place of the board's. Mounting and mass beyond the
 sensor are the device file's, its calibration is the sensor's own, and its zero is taken with the board's. A sensor that

@@ -1,7 +1,7 @@
 """A serial port that can die at any moment, and finding it again.
 
-pyserial's errors when a peer dies are of three kinds, and its close can hang: here they are one error, and closing has
-a thread of its own. A port may also be an address, "socket://HOST:NUMBER": a TCP port that passes bytes on as a serial
+pyserial raises three kinds of errors when a peer dies, and its close can hang: here they are one error, and a thread
+closes the port. A port may also be an address, "socket://HOST:NUMBER": a TCP port that passes bytes on as a serial
 port does, such as that of an emulated board.
 """
 

@@ -1,7 +1,7 @@
-"""The window's end: start the session server, send it commands, receive what it shows; no Qt.
+"""The window's connection to the session server: start it, send commands, receive its state; no Qt.
 
-Nothing here waits for the other processes but `refused` and `stop`. The pointer and the brakes-off go straight into
-the memory that the control loop reads.
+Only `refused` and `stop` wait for another process. The pointer and the brakes-off go straight into the memory that the
+control loop reads.
 """
 
 import time
@@ -51,7 +51,7 @@ class Client:
         return not (self._refused or self._server.closed)
 
     def refused(self, meanwhile: Callable[[], object] = lambda: None) -> str:
-        """Wait until the session server serves: ""; or say why it does not. meanwhile: called again and again."""
+        """Wait until the session server is ready; why it is not, "": it is. meanwhile: called repeatedly."""
         deadline = time.perf_counter() + START_S
         while not self._answered and self.alive and time.perf_counter() < deadline:
             self._received += self._take(LOOK_S)
@@ -112,7 +112,7 @@ class Client:
         self._server.end(deadline - time.perf_counter())
 
     def leave(self) -> None:
-        """As a window that dies: the session server ends by itself after the running trial."""
+        """Disconnect: the session server ends by itself after the running trial."""
         self._server.close()
         if self._left_core:
             leave_core(-1)

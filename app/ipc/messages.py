@@ -1,7 +1,7 @@
 """The messages between the processes.
 
-A window sends commands; the session server answers with what is. A window holds no state of the experiment: `Opened`
-and the newest `Snapshot` say everything. The session server gives jobs to the control loop, which answers each.
+The window sends commands; the session server sends its state. The window holds no state of the experiment: `Opened` and
+the newest `Snapshot` are all of it. The session server gives jobs to the control loop, which answers each.
 """
 
 import json

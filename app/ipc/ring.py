@@ -1,4 +1,4 @@
-"""What loop, session server and window share: a ring of ticks and a block of flags, in memory that each inherits.
+"""The memory that loop, session server and window share: a ring of ticks and a block of flags.
 
 One writer for each part: the loop writes ticks, `head` and its beat; the session server `tail`, `stop` and its
 beat; the window the pointer's place and `brakes_off`. A reader needs no lock: a count is raised only after what it

@@ -1,4 +1,4 @@
-"""What the window asks for: one table, a line for each command."""
+"""The commands of the window: one table, a line for each command."""
 
 import time
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from experiments.trial.population import load_population
 
 
 def do(state: State, command: object) -> None:
-    """Do it, or tell the experimenter why not; a command that is refused has changed nothing."""
+    """Do a command, or show the experimenter why not; a refused command changes nothing."""
     declared = COMMANDS[type(command)]
     try:
         if why := refused(state, declared):
@@ -83,7 +83,7 @@ def _open(state: State, command: m.Open) -> None:
 
 
 def _wrong_hand(state: State, session: Session) -> str:
-    """Why no trials of the session can be run with this hand; "": they can. Everything else can be done."""
+    """Why this hand cannot run the session's trials; "": it can. Every other command works."""
     if session.hand == state.device.hand:
         return ""
     begun = INPUTS.get(session.hand)  # None: session.json was edited
@@ -113,7 +113,7 @@ def _start(state: State, _: m.Start) -> None:
 
 def _try(state: State, command: m.SetSandbox) -> None:
     if state.storage.progress is not None:
-        raise InputError("A session is open: leave it before you try something out.")
+        raise InputError("A session is open. Leave it before you use Try.")
     state.sandbox.apply(command.settings)
 
 
@@ -171,7 +171,7 @@ def _note(state: State, command: m.Note) -> None:
 
 def _allow(state: State, _: m.AllowBrakes) -> None:
     if state.runner.run is not None:
-        raise InputError("The trial is still ending; after it the brakes can be allowed again.")
+        raise InputError("The trial is still ending. Allow the brakes again after it.")
     if state.why_off:
         state.device.allow(state.presses)
         state.look_at_brakes()
@@ -200,11 +200,11 @@ def _unblind(state: State, command: m.Unblind) -> None:
 class CommandRule(NamedTuple):
     """When a command can be done, and what does it."""
 
-    action: Callable[[State, Any], None]  # InputError: it turns out that it cannot be done
+    action: Callable[[State, Any], None]  # InputError: it cannot be done
     stages: tuple[str, ...] = ()  # at which it can be done; none: at any
     session: bool = True  # a session must be open
     stored: bool = False  # and the disk must have all of it
-    waits: str = ""  # what a slow disk is waited for
+    waits: str = ""  # what the experimenter reads while a slow disk is waited for
 
 
 #: no trial runs, and one could

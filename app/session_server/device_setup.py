@@ -202,27 +202,27 @@ class RealSetup:
         return round(x, 3), round(y, 3)
 
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
-        """Open a trial of the session. InputError: a step is being done on the device."""
+        """Open a trial of the session. InputError: the device is busy with a step."""
         self._refuse_while_busy()
         assert self.status is not None
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
     def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
-        """The device of a pass of Try. InputError: it is not ready, or a step is being done."""
+        """The device of a pass of Try. InputError: it is not ready, or busy with a step."""
         self._refuse_while_busy()
         device = next(
             (device for device in protocol.devices if self.status and device.name == self.status.device), None
         )
         if device is None or self.step(device) != DONE:
             raise InputError(
-                "The device on the bench is not ready. Open a session: it leads through homing and zero; "
-                "from then on Try needs none."
+                "The device on the bench is not ready. Open a session: it guides you through homing and zeroing; "
+                "after that Try works without a session."
             )
         return device
 
     def _refuse_while_busy(self) -> None:
         if self._busy:
-            raise InputError("A step on the device is being done: a moment.")
+            raise InputError("The device is busy with a step. Try again in a moment.")
 
     def close(self) -> None:
         """The loop lets the board go."""

@@ -1,4 +1,4 @@
-"""The pre-flight row: what has to be right before a trial may start. One `Check` each, as in `phd doctor`."""
+"""The pre-flight checks: what must be right before a trial may start. One `Check` each, as in `phd doctor`."""
 
 import os
 import shutil
@@ -51,7 +51,7 @@ def check_real(status: DeviceStatus | None, why_off: str) -> Check:
     if why_off or status.fault:
         return check_device(False, why_off or after("the board: ", status.fault))
     if not status.homed:
-        return Check("Device", BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
+        return Check("Device", BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
     return Check("Device", GOOD, f"{status.device}, board {status.board}")
 
 
@@ -60,10 +60,10 @@ def check_sensor(status: DeviceStatus | None) -> Check:
     if status is None or not status.device or status.problem:
         return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
     if status.force_channels == 0:
-        advice = "The controllers cannot feel the hand: they see motion alone, and nothing releases a trapped hand."
+        advice = "Without it the controllers see motion alone, and a trapped hand is not released."
         return Check("Hand", CAUTION, "no force sensor", advice)
     if not status.zeroed:
-        return Check("Hand", BAD, "force not zeroed", "The force sensor has no zero yet.")
+        return Check("Hand", BAD, "force not zeroed", "Zero the force sensor: the session guides you.")
     return Check("Hand", GOOD, "force sensor")
 
 
@@ -216,13 +216,13 @@ def check_recording(broken: str, not_written: str, last: str, streams: int) -> C
     if not_written:
         return Check("Recording", BAD, "incomplete", f"{not_written}.")
     if streams:
-        advice = "What was recorded is whole, as a stream; it becomes a Parquet file when the disk takes it."
+        advice = "Nothing is missing: they are streams, and become Parquet files when the disk has room."
         return Check("Recording", CAUTION, f"{streams} not converted", advice)
     return Check("Recording", GOOD, f"{last} verified" if last else "ready")
 
 
 def with_advice(name: str, reason: str) -> str:
-    """What the experimenter reads of a trial (or, without a name, of the device) and a reason ("": there is none)."""
+    """A notice about a trial (or, without a name, the device): the reason and what to do; "" without a reason."""
     if not reason:
         return ""
     what = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
@@ -230,7 +230,7 @@ def with_advice(name: str, reason: str) -> str:
 
 
 def ignored_features(setup: Setup, protocol: "Protocol") -> str:
-    """What the protocol asks for and a simulated operator's sessions have not, as a sentence; "": nothing is amiss."""
+    """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
     asked = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
         "no questionnaire": protocol.questionnaire.on,

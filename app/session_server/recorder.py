@@ -1,7 +1,7 @@
-"""Brings the ticks of a trial from the ring to its recording, on a thread that alone waits for the disk.
+"""Writes the ticks of a trial from the ring to its recording, on a thread that alone waits for the disk.
 
-Our choice: a trial whose disk fails, or whose folder goes, runs on to its end with its ticks in memory. To end it would
-lose the movement for certain; memory loses it only if this program ends before the disk takes it.
+Our choice: if the disk fails or the folder goes, the trial runs on to its end with its ticks in memory. To end it would
+lose the movement for certain; memory loses it only if this program ends before the disk is back.
 """
 
 import queue
@@ -21,7 +21,7 @@ from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
 Take = Callable[[np.ndarray], None]
-LIVE = 500  # looks into the ring, 10 s: the percentiles of a trial that runs are of these
+LIVE = 500  # readings of the ring, 10 s: the percentiles of a running trial are of these
 
 
 class Recorder:
@@ -30,8 +30,8 @@ class Recorder:
     def __init__(self, ring: Ring, writer: RecordingWriter | None, take: Take | None = None) -> None:
         """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
         self.writer, self._take = writer, take
-        self.error = ""  # why the recording takes no more ticks: the trial is to be ended
-        self.trouble: OSError | None = None  # why the disk does not take them, or a line of the journal
+        self.error = ""  # why no more ticks can be recorded: the trial must be ended
+        self.trouble: OSError | None = None  # why they, or a line of the journal, could not be written
         self._ring = ring
         self._lateness: list[np.ndarray] = []
         self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0
@@ -42,9 +42,9 @@ class Recorder:
         self._thread.start()
 
     def write_between(self, write: Callable[[], None]) -> None:
-        """Do something else that waits for the disk (the journal) between two looks into the ring.
+        """Write something else (a line of the journal) on the recorder's thread.
 
-        After the last look it is done here and now: OSError.
+        After the trial it is written here and now: OSError.
         """
         if self._thread.is_alive() and not self._end.is_set():
             self._writes.put(write)

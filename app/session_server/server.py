@@ -1,8 +1,8 @@
 """The session server: a process that owns the session, its recordings, journal and tables.
 
 It is not real time and draws nothing. The window that started it is at the other end of its standard input and output.
-A window that hangs changes nothing in the running trial, one that dies only ends what its own pointer led: the server
-keeps the trial, and ends. What cannot be served is refused before anything is written.
+If the window hangs, the running trial goes on. If the window dies, a trial that its pointer moves is stopped and kept,
+any other goes on to its end; then the server ends. Wrong input is refused before anything is written.
 """
 
 import contextlib

@@ -37,7 +37,7 @@ class SessionProgress:
     """An open session and its state between two trials."""
 
     def __init__(self, session: Session) -> None:
-        """What was done on an earlier day, by the journal, is not asked for again; a pause ended with the session."""
+        """By the journal: what was done on an earlier day is not asked for again. A pause ended with the session."""
         self.session = session
         self.coming: PlannedTrial | None = None
         self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away

@@ -1,6 +1,6 @@
-"""The whole state of the experiment: the open session, the device, the running trial.
+"""The state of the session server: the open session, the device, the running trial.
 
-`commands` changes it as a window asks; `snapshot` shows it; `storage` brings it to the disk.
+`commands` change it, `snapshot` shows it, `storage` writes it to the disk.
 """
 
 import time
@@ -215,5 +215,5 @@ class State:
         if self.runner.run is not None:
             self._lost(self.runner.run, reason)
         if lost := self.storage.close_session():
-            self.broken = f"{lost} could not be written before the session server ended: lost"
+            self.broken = f"{lost} is lost: it could not be written before the session server ended"
             self.notify(f"{self.broken[0].upper()}{self.broken[1:]}.", bad=True)

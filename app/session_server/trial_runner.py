@@ -1,4 +1,4 @@
-"""Gives trials to the control loop and follows each until its row is in the table; starts a new loop when one dies."""
+"""Gives trials to the control loop and follows each to its end; starts a new loop when one dies."""
 
 import contextlib
 
@@ -72,8 +72,8 @@ class TrialRun:
         return int(self._ring.control.stop) == HAND_BACK
 
     def returned(self, answer: Done, scheduling: str) -> None:
-        """The trial is as the loop left it. After its last tick every tick is with the writer; one that was handed
-        back before it is as it was.
+        """Take the trial back from the loop. After its last tick the recorder is closed; a trial that was handed back
+        before goes on later.
         """
         self.trial.take_back(answer.changed)
         if not self.trial.finished:

@@ -1,4 +1,4 @@
-"""What the verbs share. A verb is its arguments, one call that does the work, and one answer that is printed."""
+"""What the verbs share. A verb is its arguments, one call that does the work, and one result that is printed."""
 
 import argparse
 import contextlib
@@ -117,14 +117,14 @@ def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compile
 
 
 def print_result(args: argparse.Namespace, found: Any, text: str, warnings: Iterable[str] = ()) -> None:
-    """Print what was found, as JSON or as text, on stdout; each warning is a line on stderr."""
+    """Print a result as JSON or as text on stdout, and each warning as a line on stderr."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
     print(json.dumps(found) if args.json else text)
 
 
 def summary_text(summary: dict) -> str:
-    """A summary to be read: a line for each key, then each entry of its lists; warnings last, where they are seen."""
+    """A summary as text: a line for each key, then each entry of its lists; warnings last, where they are seen."""
     shown = {key: value for key, value in summary.items() if key != "warnings"}
     width = max((len(label_of_key(key)) for key in shown), default=0)
     lines, entries = [], []

@@ -151,9 +151,9 @@ def emulate(args: argparse.Namespace) -> None:
 
 
 def low_latency() -> str:
-    """Ask the system not to let other programs hold this one up, as none holds up a board, on cores that a control
-    loop here leaves free; the scheduling that it got. Called last: garbage collection never looks at what was made
-    before, and is off after it.
+    """Take the best scheduling, as no program delays a real board, on cores that a control loop leaves free; in words.
+
+    Called last: it ends garbage collection.
     """
     from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 

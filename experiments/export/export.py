@@ -134,7 +134,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
     if not recording.whole:
         return "; ".join(recording.damaged) or "cut off before its end"
     if session.has_table and path.stem not in session.recorded:
-        return f"has no row in {TABLE}: the trial is not over, or phd recover has to look at it"
+        return f"has no row in {TABLE}: the trial is running, or phd recover is needed"
     try:
         check_named(recording)
         row = session.recorded[path.stem] if session.has_table else row_of(recording, home)

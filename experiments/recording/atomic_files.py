@@ -1,7 +1,7 @@
-"""Files and folders that appear whole or not at all: written beside their place, then named in one step.
+"""Writes files and folders whole or not at all: under another name first, then renamed in one step.
 
-On Windows a file that another program (a virus scanner, OneDrive) has open for a moment can be neither renamed nor
-removed: `retry_while_locked` tries again.
+On Windows a file that another program (a virus scanner, OneDrive) has open can be neither renamed nor removed:
+`retry_while_locked` tries again.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ TRIES, TRY_S = 40, 0.05  # 2 s. Our choice: such programs keep a new file for so
 
 
 def is_wrong_path(error: OSError) -> bool:
-    """Whether the path that was asked for is at fault, rather than a disk that is full or broken."""
+    """Whether the path is at fault, rather than a full or broken disk."""
     return isinstance(
         error, FileNotFoundError | FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError
     ) or error.errno in (errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL, errno.ELOOP)
@@ -35,9 +35,9 @@ def reason_of(error: OSError) -> str:
 
 
 def retry_while_locked(do: Callable[..., Any], *arguments: Any) -> Any:
-    """Rename, link or remove files; again while another program has one open, `TRIES` times at most.
+    """Rename, link or remove files; try again, up to `TRIES` times, while another program has one open.
 
-    PermissionError, with that reason, if it is still open then.
+    PermissionError with that reason if it is still open then.
     """
     for left in reversed(range(TRIES)):
         try:

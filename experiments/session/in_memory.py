@@ -1,7 +1,6 @@
-"""What a session in progress knows of its folder without looking there: a folder that goes does not take it along.
+"""The content of an open session's folder in memory, for a folder that is deleted, unmounted or unplugged.
 
-A folder can be deleted, unmounted or unplugged while its session is open. What was written there is then compared with
-what is known here, and the session can go on in another folder (`Session.move_to`).
+With it the session finds out what is missing, and can go on in another folder (`Session.move_to`).
 """
 
 import contextlib
@@ -39,9 +38,9 @@ class InMemory:
         self._lines.append(events.Entry(event, fields.pop("time", "") or events.now(), fields))
 
     def missing_files(self, session: Path, rows: Sequence[TrialRow]) -> str:
-        """What of the files is not there any more, one sentence without its full stop; "": nothing.
+        """What is missing from a folder, one sentence without its full stop; "": nothing. Reads the disk.
 
-        rows: those that the session knows of. Looks at the disk.
+        rows: those of the session.
         """
         if not session.is_dir():
             return f"{next(path for path in (*reversed(session.parents), session) if not path.is_dir())} is gone"

@@ -1,8 +1,8 @@
-"""journal.jsonl of a session: what happened and when, one line an event, never rewritten; and what follows from it.
+"""journal.jsonl of a session: one line for each event, never rewritten; and what the table takes from it.
 
-A recording says how its trial ended and never changes. That a trial was redone afterwards, that one was skipped, and
-whether the key of a blind session was opened for its table, stands in the journal, which is written first. So a table
-that a crash or a bad disk has spoilt can be made again, and `phd analyze` gives the same one.
+A recording says how its trial ended, and never changes. The journal says what was decided later: trials redone, skipped
+or excluded, a key opened. It is written before the table, so that a damaged table can be made again from journal and
+recordings, and `phd analyze` gives the same one.
 """
 
 import os

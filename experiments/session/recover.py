@@ -1,4 +1,4 @@
-"""`phd recover`: what a crash left of a session is put in order, and nothing that was recorded is thrown away.
+"""`phd recover`: repairs a session after a crash; nothing that was recorded is thrown away.
 
 A stream without its end: every whole batch becomes run-007.parquet with the outcome "recovered", read back and
 compared; the stream itself stays beside it as run-007.arrows.crashed. A stream that was closed: becomes the Parquet
@@ -50,7 +50,7 @@ class Rescue:
 
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
-    """Put every session of a data folder in order; what was done, by file names relative to it, and what is left.
+    """Recover every session of a data folder; what was done, by file names relative to it, and what is left.
 
     `faults`: what `verify` still finds. InputError, and nothing is touched, if a live process has the study or one
     of its sessions.
@@ -93,7 +93,7 @@ def _recover_pooled_table(folder: Path, done: Rescue) -> None:
 
 
 def recover_session(session: Path, sync: bool = True) -> Rescue:
-    """Put one session in order; the caller holds its lock. A session that is in order is not touched."""
+    """Recover one session, whose lock the caller holds. A session without damage is not touched."""
     done = Rescue()
     places = (session, session / files.TRIALS, session / files.PRACTICE)
     for partial in sorted(path for place in places for path in place.glob(PARTIAL_FILES)):

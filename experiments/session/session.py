@@ -325,9 +325,9 @@ class Session:
         return row
 
     def recover_interrupted(self) -> list[str]:
-        """Do what a disk that was full has left undone, and take up what a crash of another process left.
+        """Write what a full disk or a crash left unwritten, while no trial runs.
 
-        Nothing may be running. Returns what cannot be helped; OSError: the disk still takes no more.
+        Returns what cannot be rescued. OSError: the disk is still full.
         """
         done = recover_session(self.folder, self._sync)
         self.rows[:] = files.rows_of(self.folder)
@@ -336,11 +336,11 @@ class Session:
     # ---------------------------------------------------------------------------------------- a folder that is gone
 
     def missing_files(self) -> str:
-        """What of its folder is not there any more, one sentence without its full stop; "": nothing. Looks there."""
+        """What is missing from its folder, one sentence without its full stop; "": nothing. Reads the disk."""
         return self._known.missing_files(self.folder, self.rows) if self._known else ""
 
     def refuse_other_folder(self) -> None:
-        """FileNotFoundError if its folder is gone, or another session's by now: nothing of ours belongs there."""
+        """FileNotFoundError if its folder is gone, or is another session's now: we must not write there."""
         if self._known is not None and not self._known.is_ours(self.folder):
             raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
 

@@ -1,7 +1,7 @@
 """The emulated board: the board's state machine with the simulated device behind it, plugged in at 1 kHz.
 
-A host cannot tell it from a board on the bench but by its serial number. It keeps its own time: where the machine held
-it up for long, its time stood still meanwhile (a board would not have been held up) and the log says so.
+For a host it differs from a board on the bench by its serial number alone. It keeps its own time: if the machine delays
+it for long, its time stands still meanwhile (a real board is not delayed), and the log says so.
 """
 
 import json

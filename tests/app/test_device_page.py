@@ -60,7 +60,7 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) ->
 
 
 def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:
-    bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the place of the handle is unknown.")
+    bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
     page.show_session(opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
     assert "not homed. Home the encoders: until then" in texts(page) and "All is well." not in texts(page)
 
