@@ -199,5 +199,5 @@ def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_
         session.skip("short of time")
         session.close()
         again = Session.resume(tmp_path / name, "01", sync=False)
-        assert again.settled == 1 and again.next_planned() == (session.plan[1] if trials > 1 else None)
+        assert again.finished_count == 1 and again.next_planned() == (session.plan[1] if trials > 1 else None)
         again.close()

@@ -81,7 +81,7 @@ class Interrupting:
 def test_an_interrupted_study_says_how_it_goes_on_and_goes_on(tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt) as interrupted:
-        run_study(out, 1, short(paths=1), PEOPLE, Interrupting(2))
+        run_study(out, 1, short(paths=1), PEOPLE, progress=Interrupting(2))
     monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(interrupted.value))
     assert main(["study", "--out", str(out)]) == 130
     assert capsys.readouterr().err == f"phd: {out}: interrupted; go on with the same command and --resume\n"

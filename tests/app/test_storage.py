@@ -56,7 +56,7 @@ class Ended:
             self.trial.abort("the lamp fell down")
             run(self.trial, self.writer)
 
-    def let_go(self) -> None:
+    def abandon_recording(self) -> None:
         with contextlib.suppress(OSError):
             self.writer.abandon()
 

@@ -72,7 +72,7 @@ def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_n
     session.close()
     assert verify(tmp_path)["faults"] == []
     second = Session.resume(tmp_path, "01", sync=False)
-    assert second.next_planned() == plan[4] and second.settled == 4
+    assert second.next_planned() == plan[4] and second.finished_count == 4
     second.close()
 
 
