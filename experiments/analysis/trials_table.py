@@ -85,7 +85,7 @@ class TrialRow(_Measured):
         Name, "controller by its name in the protocol, or by its code while the session is blind"
     ] = None  # fmt: skip
 
-    def relative_to(self, folder: str) -> "TrialRow":
+    def in_folder(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
         return replace(self, recording=str(PurePosixPath(folder) / self.recording)) if self.recording else self
 

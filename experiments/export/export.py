@@ -50,8 +50,9 @@ _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
 def export(
-    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False, progress: Progress = no_progress
-) -> dict:
+    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False,
+    progress: Progress = no_progress,
+) -> dict:  # fmt: skip
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
     One recording at a time is in memory. compress: the recordings of the CSV by gzip. shift_dates: of the BIDS.

@@ -93,7 +93,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
     for session in sessions:
         place = Path(os.path.relpath(session, folder)).as_posix()
         try:
-            rows += [row.relative_to(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
+            rows += [row.in_folder(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
         except InputError as error:
             problems.append(str(error))
         with contextlib.suppress(InputError), reading_stored(session / STORED):  # `phd verify` names what is wrong

@@ -66,7 +66,7 @@ def write_results(job: Job, progress: Progress = no_progress) -> int:
             else:
                 shown = charts(job.page, job.rows, job.view, job.answers)
                 draw_charts(shown, job.rows, folder, job.note, job.view, progress)
-                write_table(folder / TABLE, [row.relative_to(here) for row in job.rows])
+                write_table(folder / TABLE, [row.in_folder(here) for row in job.rows])
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
     except OSError as error:

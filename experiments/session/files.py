@@ -283,7 +283,7 @@ def pooled_rows(data_dir: Path) -> list[TrialRow]:
     rows = []
     for table in sorted(data_dir.glob(f"sub-*/ses-*/{TABLE}")):
         place = table.parent.relative_to(data_dir).as_posix()
-        rows += [row.relative_to(place) for row in sorted(rows_of(table.parent), key=lambda row: row.run)]
+        rows += [row.in_folder(place) for row in sorted(rows_of(table.parent), key=lambda row: row.run)]
     return rows
 
 

@@ -157,7 +157,7 @@ class Trial:
         if status in (tick.RUNNING, tick.ABORTED):
             status = tick.ABORTED
             if code not in (tick.NO_REASON, tick.BY_EXPERIMENTER) or not reason:
-                reason = self._scheduling_words(code)
+                reason = self._words(code)
         elif reason:
             reason = after("after its end: ", reason)
         about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}

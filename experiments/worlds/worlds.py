@@ -19,7 +19,7 @@ from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import replace_file
 from experiments.study.jobs import Done, Work, device_texts, first_done, run_work, table_lines
-from experiments.study.unrecorded import with_low_gain_found, study_trials
+from experiments.study.unrecorded import study_trials, with_low_gain_found
 from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files

@@ -121,8 +121,8 @@ def test_an_existing_table_is_replaced_only_when_asked_and_a_recording_is_seen_f
     assert read_table(path) == [ROW]
     with pytest.raises(InputError, match="cannot be written"):
         write_table(tmp_path / "no folder" / "trials.csv", [ROW])
-    assert ROW.relative_to("sub-01/ses-01").recording == "sub-01/ses-01/trials/run-007.parquet"
-    assert TrialRow("01", 1, 1, "x", 1, 1, 1, "aborted").relative_to("sub-01").recording == ""
+    assert ROW.in_folder("sub-01/ses-01").recording == "sub-01/ses-01/trials/run-007.parquet"
+    assert TrialRow("01", 1, 1, "x", 1, 1, 1, "aborted").in_folder("sub-01").recording == ""
 
 
 def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_are_read_with_empty_cells(tmp_path):
