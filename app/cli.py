@@ -21,7 +21,7 @@ from core.kernels.cache import tellers
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
 VERBS = ("run", "study", "models", "folders", "bench", "machine", "bundle")
-#: What the file system refuses because of what was asked for, not because something broke.
+#: Errors of the file system that mean a wrong path, not a broken disk.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 
 
@@ -67,9 +67,9 @@ def _run(argv: Sequence[str]) -> int:
 
 
 def open_closed_streams() -> None:
-    """Where this process was begun without a standard stream (phd .. >&-), nothing is read and what is said is lost.
+    """Open the null device for each standard stream that is closed (phd .. >&-).
 
-    Else the first file that is opened would take its place, and what is printed would go into it.
+    Else the first file that is opened would take its number, and print would write into it.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -83,7 +83,7 @@ def open_closed_streams() -> None:
 
 
 def tell_strange_input() -> None:
-    """From here on each number in a file that is hardly meant so is a line on stderr, once."""
+    """Print a warning on stderr, once, for each doubtful number in a file."""
     show, said = warnings.showwarning, set[str]()
 
     def tell(message: Warning | str, category: type[Warning], *about: Any, **more: Any) -> None:

@@ -23,15 +23,15 @@ from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, s
 #: Text is laid out for these; a smaller screen would clip it.
 LEAST_SCREEN = (1280, 720)
 UDEV_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="046d|256f", MODE="0660", TAG+="uaccess"'
-#: checks of what makes ticks late, the worst first: what the host keeps no priority brings back, and a loop that may
-#: take its core at any time suffers least from other programs
+#: checks of what makes ticks late, the worst first: no priority helps against the host, and a real-time loop suffers
+#: little from other programs
 LATENESS_CHECKS = ("host", "cores", "scheduling", "load")
 MUCH_STOLEN = 0.01  # of all cores' time. Our choice: ticks are then late by milliseconds several times a minute
 REINSTALL = "Remove the folder .venv and run ./phd again."
 
 
 def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
-    """Everything, in the order of the report; boards are asked only at the ports named."""
+    """All checks, in the order of the report; boards are searched only at the ports named."""
     boards = [board_check(ask_board(port)) for port in boards_at]
     checks = [
         libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(),
@@ -41,7 +41,7 @@ def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
 
 
 def first_change(checks: Sequence[Check]) -> Check:
-    """The one change that helps most: against what stands in the way, else against what makes ticks late most."""
+    """The change that helps most: of a check that blocks trials, else of what makes ticks late most."""
     bad = [check for check in checks if check.state == BAD]
     late = [check for name in LATENESS_CHECKS for check in checks if check.name == name and check.advice]
     for most in (*bad, *late):
@@ -132,7 +132,7 @@ def cores() -> Check:
 
 
 def host(stolen: float | None) -> Check:
-    """The share of this machine's time that the host of a virtual machine keeps; None: not known."""
+    """stolen: the share of this machine's time that its host keeps; None: not known."""
     if stolen is None:
         return check("host", "not known: this system does not count what a host keeps from it")
     advice = "Give this virtual machine cores of its own, or run trials on a machine that is not virtual."
@@ -149,23 +149,21 @@ def load() -> Check:
 
 
 def kernels() -> Check:
-    """Whether the kernels of a trial are compiled, and can be kept. Files that are not as they were kept go."""
+    """Whether the kernels of a trial are compiled and can be stored. Damaged files are removed."""
     place = cache_place()
     if place.wrong:
         advice = "Give yourself that folder, or remove it: until then each command compiles for itself, half a minute."
-        return check("kernels", f"what is compiled cannot be kept: {place.wrong}", advice)
+        return check("kernels", f"compiled kernels cannot be stored: {place.wrong}", advice)
     assert place.folder is not None
     if wrong := remove_unsound(place.folder):
         file, why = next(iter(wrong.items()))
-        found = (
-            f"{len(wrong)} of the files in {place.folder} were not as they were kept, and are removed ({file}: {why})"
-        )
-        return check("kernels", found, "Nothing to do: they are compiled again. If it comes again, look at the disk.")
+        found = f"{len(wrong)} of the files in {place.folder} were damaged and are removed ({file}: {why})"
+        return check("kernels", found, "Nothing to do: they are compiled again. If this happens again, check the disk.")
     if no_room := why_no_room(place.folder):
         return check(
             "kernels",
-            f"no more kernels can be kept: {no_room}",
-            "Make room on that disk: what is compiled until then is compiled again later.",
+            f"no more kernels can be stored: {no_room}",
+            "Make room on that disk: until then each command compiles again.",
         )
     if is_compiled("run_ticks"):
         return check("kernels", f"compiled, in {place.folder}")
@@ -175,7 +173,9 @@ def kernels() -> Check:
 
 def board_check(board: BoardFound) -> Check:
     if board.problem:
-        advice = "Is this the board's port, has the board power, and does no other program (phd itself) use the port?"
+        advice = (
+            "Check that this is the board's port, that the board has power, and that no other program uses the port."
+        )
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
     advice = "Allow the brakes again in the window (Ctrl+B) when it is safe." if board.fault else ""
     return check("board", f"{board.port}: {about(board)}", advice)

@@ -66,7 +66,7 @@ class ProgressBar:
     def _write_lines(self) -> None:
         """Print a line every `LINE_S` until `close`."""
         while not self._ended.wait(self.LINE_S):
-            with contextlib.suppress(OSError, ValueError):  # nobody reads on: the work goes on all the same
+            with contextlib.suppress(OSError, ValueError):  # no reader is left: the work goes on
                 print(f"{self.doing}: {self.place}", file=sys.stderr, flush=True)
 
     def _left(self, share: float) -> str:

@@ -25,7 +25,7 @@ from core.path import Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
 
 PRACTICE_BLOCK = 0
-#: A random order is drawn anew until it fits: with the paper's cells 3 in 10 do. After so many draws it is built.
+#: A random order is drawn until one fits (3 in 10 of the paper's do); after this many draws it is built.
 _MOST_DRAWS = 2000
 _PRACTICE = 0x9AC71CE  # sets the draws of practice apart from those of the plan
 
@@ -171,7 +171,7 @@ def plan_hash(plan: Sequence[PlannedTrial]) -> str:
 def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial, done: int, left: int) -> list[str]:
     """The lines between a trial and the next one: a re-rig, a break.
 
-    Of the first one's configuration so many trials are then done and left.
+    done, left: trials of the first one's configuration.
     """
     if after.configuration != before.configuration:
         return [f"re-rig to {after.configuration}"]

@@ -51,7 +51,7 @@ PAPER = "paper"
 MOST_TRIALS = 10_000  # of a participant. Our choice: 40 hours and more; what is typed in error is more
 MOST_PICTURE_BYTES = 10_000_000  # of an instruction, stored with every session. Our choice
 PICTURE_STARTS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # PNG, JPEG
-REACH_SPACING_M = 0.002  # between the places of a path at which a device's stops are looked at
+REACH_SPACING_M = 0.002  # between the points of a path at which a device's stops are checked
 
 T = TypeVar("T")
 

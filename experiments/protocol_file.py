@@ -48,7 +48,7 @@ class TrialFile(Table, frozen=True):
 
 
 class Release(Table, frozen=True):
-    """Release of a trapped hand, on a real device alone: a full lock pushed so hard for so long lets go (assumed)."""
+    """On a real device: a full lock opens when a hand pushes harder and longer than this (assumed)."""
 
     on: bool = True
     force_N: Push = 30.0
@@ -67,7 +67,7 @@ class Cues(Table, frozen=True):
 
 
 class Breaks(Table, frozen=True):
-    """A break comes after so many trials of a configuration, and lasts at least so long."""
+    """When breaks come within a configuration, and how long they last at least."""
 
     after_trials: Count
     least_s: NotNegative

@@ -82,7 +82,7 @@ def hid_devices() -> list[HidDevice]:
 
 
 def ask_board(port: str) -> BoardFound:
-    """Who answers at a port; a connection that it has is not disturbed, the port is then busy. InputError: no port."""
+    """Ask what answers at a port; a port in use is busy and not disturbed. InputError: there is no such port."""
     if is_missing(port):
         raise InputError(f"serial port {port}: no such file or directory")
     try:
@@ -95,8 +95,8 @@ def ask_board(port: str) -> BoardFound:
 def scan_ports(before: Sequence[BoardFound] = (), besides: str = "") -> tuple[BoardFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
-    before: an earlier look; no port is asked twice, for some devices start anew when their port is opened.
-    besides: a port that is in use here, left alone.
+    before: an earlier result; no port is asked twice, for some devices restart when their port is opened.
+    besides: a port that this program uses, left alone.
     """
     known = {found.port: found for found in before}
     ports = [*usb_ports(), *emulated_ports()]

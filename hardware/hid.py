@@ -20,10 +20,10 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 WORD = "deflection, not a force sensor"
 #: N at full deflection. Assumed: what a person pushes with ease.
 FORCE_FULL_N = 20.0
-#: s. Old units miss zero: what the cap reads while nobody touches it, right after the start, is taken off. Plugged in
-#: again in the middle of a trial, with a hand on it, a device keeps what it had.
+#: s. Old units miss zero: what an untouched cap reads right after the start is subtracted. A device that is plugged in
+#: again, perhaps with a hand on it, keeps its earlier zero.
 BIAS_S = 0.5
-#: Share of full scale. A larger bias means that somebody holds the cap: then none is taken.
+#: Share of full scale. A larger bias means that a hand holds the cap: then none is taken.
 BIAS_MOST = 0.2
 #: s. A deflected device reports every 8 to 16 ms; if it is silent for longer, its hand counts as gone.
 SILENT_S = 0.25
@@ -143,7 +143,7 @@ class HidHand:
         self._lock = threading.Lock()
         self._newest, self._reports, self._beyond, self._problem = -math.inf, 0, 0, ""
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
-        self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of every device seen: none is taken anew on replug
+        self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of each device, also when it is plugged in again
         self._found, self._device = self._open_first()
         self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
         self._thread.start()
@@ -170,7 +170,7 @@ class HidHand:
         return [self._counts[axis] - self._bias[axis] for axis in ("x", "y")]
 
     def take_bias(self) -> bool:
-        """Call what the cap reads now its zero; False, and nothing changes, if somebody seems to hold it."""
+        """Take the present reading as zero; False, and nothing changes, if a hand seems to hold the cap."""
         with self._lock:
             if max(map(abs, self._counts.values())) > BIAS_MOST * layouts().full_scale_counts:
                 return False

@@ -93,7 +93,7 @@ class Connection:
         again, late = -math.inf, False
         while not late:
             now = self._clock()
-            late = now >= end  # a host that was held up for so long still reads what has come
+            late = now >= end  # a delayed host still reads what has arrived
             if now >= again:
                 self.send(question)
                 again = now + AGAIN_S
@@ -150,7 +150,7 @@ class Health:
     clamped: int = 0  # exchanges whose currents had to be put right: beyond a limit, below zero, not finite
     not_closed: int = 0  # samples whose encoder counts match no position
     lost_links: int = 0
-    begun_anew: int = 0  # of these: connections given up because the board took, or would take, all commands for late
+    begun_anew: int = 0  # of these: because the board took, or would take, all commands for late
     round_trip_s: float = math.inf  # the least, of heartbeats
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
@@ -206,7 +206,7 @@ class SerialDevice:
         self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
         self.clock, self._sleep, self._open_port = clock, sleep, open_port
         self._reached: Reached | None = None
-        self._back: Reached | None = None  # made by the thread that brings it back
+        self._back: Reached | None = None  # by the thread that reconnects
         self._bringing: threading.Thread | None = None
         self._closing = threading.Event()
         self._sequence = self._token = 0
@@ -385,7 +385,7 @@ class SerialDevice:
         return newest
 
     def _sample(self, sensing: BoardSensing, sample: m.Sample, now: float) -> DeviceSample | None:
-        """A sample in SI units; None for one that came before. DeviceError: the connection must begin anew."""
+        """A sample in SI units; None for one that came before. DeviceError: the board must be reconnected."""
         if self._last is not None:
             ahead = (sample.sequence - self._last) % WRAP
             if not 0 < ahead < WRAP // 2:

@@ -258,7 +258,7 @@ class Opened(NamedTuple):
     folder: str
     real_device: bool  # currents flow in real brakes
     hand: str  # what moves the handle, of `INPUTS`
-    blind: bool = False  # a new session is blind whether that is asked for or not
+    blind: bool = False  # every new session is blind
 
 
 class Pass(NamedTuple):
@@ -390,7 +390,7 @@ REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: sc
 
 
 class CheckTiming(NamedTuple):
-    """Keep so many deadlines without work."""
+    """Keep this many deadlines without work, to measure lateness."""
 
     ticks: int
 

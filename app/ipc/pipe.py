@@ -42,7 +42,7 @@ class Pipe:
         return self._written < self._waiting and self._writer.is_alive()
 
     def flush(self, wait_s: float) -> None:
-        """Wait, at most so long, until everything is sent or the other end is gone."""
+        """Wait until everything is sent or the other end is gone, at most `wait_s`."""
         end = time.perf_counter() + wait_s
         while self.has_backlog and time.perf_counter() < end:
             time.sleep(_LOOK_S)
@@ -108,7 +108,7 @@ class Child(Pipe):
         self.end(0.0)
 
     def end(self, wait_s: float) -> None:
-        """Nothing more will be sent: it ends by itself; kill it if it does not within so long."""
+        """Close the pipe, so that the process ends by itself; kill it after `wait_s`."""
         self.close()
         try:
             self._process.wait(max(0.0, wait_s))

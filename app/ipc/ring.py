@@ -38,7 +38,7 @@ UNTOUCHED, TAKEN, LET_GO = range(3)
 GRASP_RADIUS_M = 0.012
 
 #: Ticks run at once after a stall. Our choice: after a longer one (a machine that slept) the trial's time waits, so
-#: that the handle does not race through seconds on a target that nobody aimed at; the lateness of the tick says so.
+#: that the handle does not race after an old target; the lateness of the tick shows it.
 MOST_BEHIND_NS = 100_000_000
 
 CONTROL = np.dtype(
@@ -55,7 +55,7 @@ CONTROL = np.dtype(
         ("pushes", "f8", (AIMS, 2)),  # N, likewise
         ("home", "f8", (2,)),  # m, to which the hand brings a handle that the pointer has let go ..
         ("comes_home", "i8"),  # .. if this is 1: outside the movement
-        ("stale", "i8"),  # so many places of the pointer are from before it had to let go: they take hold of nothing
+        ("stale", "i8"),  # places of the pointer from before it had to let go: they do not take the handle
         ("server_beat", "i8"),  # ns
         ("stop", "i8"),  # END_TRIAL, HAND_BACK; 0: go on
         ("tail", "i8"),  # ticks that the recorder has taken

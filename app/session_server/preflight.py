@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
 LOOKS = 3  # writes that are timed; the median counts
-#: s for a write to reach the disk: worth a word; a session cannot be run. Assumed: of the second, 60 trials wait for
-#: half an hour and more
+#: s for a write to reach the disk: worth a caution; too slow for a session. Assumed: with the second, 60 trials wait
+#: for half an hour and more
 SLOW_SYNC_S, TOO_SLOW_SYNC_S = 0.1, 2.0
 #: writes that are waited for from Start to the first tick, and from the last tick to the next start. Counted
 SYNCS_TO_START, SYNCS_TO_END = 3, 8
@@ -145,7 +145,7 @@ def _time_to_write(file: IO[bytes]) -> float:
 
 
 class DiskWatch:
-    """The disk of a session server, measured on a thread of its own: one that does not answer holds nothing else up."""
+    """The disk of a session server, measured on a thread of its own: a disk that hangs delays nothing else."""
 
     def __init__(self, folder: Path) -> None:
         """folder: that the session server has taken. It is measured at once."""
@@ -179,12 +179,12 @@ class DiskWatch:
 
     @property
     def known(self) -> bool:
-        """Whether it has been measured, or has kept us waiting so long that this is to be said."""
+        """Whether it was measured, or has kept us waiting long enough to say so."""
         return self._check is not None or self._overdue
 
     @property
     def slow(self) -> bool:
-        """Whether a write is waited for so long, as far as is known, that this is to be said before."""
+        """Whether a write is so slow that the experimenter is told before."""
         return self.sync_s > SLOW_SYNC_S or self._overdue
 
     @property

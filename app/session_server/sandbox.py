@@ -47,7 +47,7 @@ from experiments.trial.trial import Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
 PIECES_BEFORE = 100  # looks into the ring, 2 s: of the approach no more is kept, longer than the measures' filter
-SPACING_M = 0.005  # between places of the path where the drag is looked at
+SPACING_M = 0.005  # between points of the path at which the drag is computed
 ONLY_SIMULATED = ("device", "spring_N_m", "brake_strength", "backlash_deg", "sensing")
 
 
@@ -80,7 +80,7 @@ class Sandbox:
         self._now = self.settings  # those that the running pass has
         self._changed = self._start_requested = False  # asked: a Start
         self._grasp = UNTOUCHED  # how the pointer has the handle between two passes
-        self._given_up = False  # the running pass is to end without a result, and the handle to come home
+        self._given_up = False  # the running pass ends without a result and the handle returns to the start
         self._begun, self._number, self._least_gain = 0, 0, 0.0  # passes that were begun, and that have ended
         self._passes: list[Pass] = []
         self._saved = ""
@@ -101,12 +101,12 @@ class Sandbox:
         except BaseException as error:
             self.failure = error  # raised again in `State.watch`, where it ends the server
 
-    # ------------------------------------------------------------------------------------------- what is asked for
+    # ---------------------------------------------------------------------------------------------- user actions
 
     def apply(self, settings: SandboxSettings | None) -> None:
-        """These from now on; None: as protocol and device have them.
+        """Use these settings from now on; None: those of protocol and device.
 
-        InputError, and nothing has changed: they cannot be.
+        InputError for settings that cannot be; nothing has then changed.
         """
         p, before = self._protocol, self.settings
         settings = settings or self._initial(before.device, before.path)
@@ -136,16 +136,16 @@ class Sandbox:
         self._change()
 
     def start_pass(self, blocker: str) -> None:
-        """A Start: the next pass on a real device. InputError: it is not ready, or something else hinders it."""
+        """Start the next pass on a real device. InputError: it is not ready, or `blocker` says why not."""
         self._device.sandbox_device(self._protocol, self.simulation)
         if blocker:
             raise InputError(blocker)
         self._start_requested = True
 
     def bring_back(self) -> None:
-        """The hand lets the handle go and brings it to the start; the running pass is given up.
+        """Let the hand bring the handle to the start; the running pass is given up.
 
-        InputError: nobody's hand is here to bring it.
+        InputError: no pointer moves the handle.
         """
         if not self.comes_home:
             raise InputError("Only the hand of the pointer can bring the handle of a simulated device back.")
@@ -183,7 +183,7 @@ class Sandbox:
 
     @property
     def comes_home(self) -> bool:
-        """Whether a handle that is let go can be brought to the start: the spring of the pointer is the hand."""
+        """Whether the hand can return the handle to the start: the pointer's spring is the hand."""
         return not self.real and INPUTS[self._setup.hand].by_pointer
 
     @property
@@ -216,7 +216,7 @@ class Sandbox:
     # ------------------------------------------------------------------------------------------- the passes
 
     def watch(self, blocker: str) -> None:
-        """Begin, change or end the pass as is wanted; take in what has been measured. blocker: why none may begin."""
+        """Begin, change or end the pass, and add finished measures to the table. blocker: why no pass may begin."""
         while self._measured and self._measured[0][1].done():
             self._add_pass(*self._measured.pop(0))
         if self._run is None:
@@ -242,7 +242,7 @@ class Sandbox:
         self._run, self._given_up = None, False
 
     def returned(self, run: TrialRun, grasp: int) -> None:
-        """The loop has given the pass back, at its end or to be changed. grasp: how the pointer has the handle."""
+        """Take the pass back from the loop, at its end or to change it. grasp: how the pointer holds the handle."""
         same = not self._given_up and (self.settings.device, self.settings.path) == (self._now.device, self._now.path)
         self._changed |= run.trial.phase == "move" and not run.trial.finished and self.on and same
         if not run.trial.finished and self.on and same:
@@ -273,7 +273,7 @@ class Sandbox:
         self._notify("", False)
 
     def _lose_hold(self) -> None:
-        """The pointer cannot have kept the handle: it comes to the start of the next pass."""
+        """The pointer no longer holds the handle, which returns to the start of the next pass."""
         self._grasp = LET_GO if self._grasp == TAKEN else self._grasp
 
     def _begin(self) -> None:

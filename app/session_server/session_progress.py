@@ -40,11 +40,11 @@ class SessionProgress:
         """By the journal: what was done on an earlier day is not asked for again. A pause ended with the session."""
         self.session = session
         self.coming: PlannedTrial | None = None
-        self.last_end_s: float | None = None  # of a trial; None: what comes next is not one trial's length away
+        self.last_end_s: float | None = None  # end of the last trial; None: a pause or a step has come since
         self.newest_line: dict[str, dict[str, Any]] = {}  # event -> its newest line of the journal: what a step reads
         self.notes: list[str] = []
         self._rest_from_s = time.perf_counter()  # when the last trial ended
-        self.newest: TrialRow | None = None  # of the trials that ended since it was taken up
+        self.newest: TrialRow | None = None  # row of the newest trial since the session was opened
         self._answered: set[Asked] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event, at, about in read_events(session.folder):

@@ -140,7 +140,7 @@ class TrialRunner:
         self._last_timing: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
         self._let_go: Simulation | None = None  # the device whose handle was let go, and not touched since
-        self.broken = ""  # why no loop can be had
+        self.broken = ""  # why no loop can be started
         self._device_answers: list[object] = []  # what the loop has answered besides
 
     @property
@@ -157,7 +157,7 @@ class TrialRunner:
     ) -> TrialRun:
         """Run a trial; the writer is the runner's until the run has ended or is lost.
 
-        grasp: how the pointer has the handle; None: it must touch it, and one that was let go still comes home.
+        grasp: how the pointer holds the handle; None: it must touch it first (one that was let go still returns).
         """
         if grasp is None:
             grasp = LET_GO if trial.simulation is self._let_go else UNTOUCHED

@@ -23,7 +23,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd bench --out bench-1", prints="the result",
     ).add_argument  # fmt: skip
     option("--quick", action="store_true", help="one device, two steps, fewer repeats")
-    loop = "the control loop's lateness instead, for so long in each case (default: 15)"
+    loop = "the control loop's lateness instead, measured for this long in each case (default: 15)"
     option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
     scale = "how the cost of a study and of what reads it grows with its trials instead"
     option("--scale", action="store_true", help=scale)

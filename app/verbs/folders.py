@@ -18,7 +18,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         verbs, "replay", replay_verb,
         "play a recorded trial on the screen, or its hand through another controller or device\n"
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
-        "each metric is printed as it was and as it is. A person would react to what they feel; the recorded hand\n"
+        "each metric is printed before and after. A person would react to what they feel; the recorded hand\n"
         "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again, to the\n"
         "last bit; a warning names where it is not (another version or machine recorded it).",
         "phd replay study-1/sub-01/ses-01/trials/run-001.parquet --controller 3 --out replayed.csv",
@@ -71,7 +71,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
     shift = "dates of the BIDS data set to before 1925, by the same random number of days for all of one participant"
     option("--shift-dates", action="store_true", help=shift)
     option = add_verb(
-        verbs, "verify", verify_verb, "check that everything in a folder is as it was written, every recording whole\n"
+        verbs, "verify", verify_verb,
+        "check that nothing in a folder was changed or lost, and that every recording is whole\n"
         "Writes nothing. Exit 0: it is so, or a recording is marked as recovered (an unfinished plan is no fault).\n"
         "Exit 1: each damaged batch, missing recording, trial that was cut off, changed or lost line of a journal,\n"
         "changed record, and table that disagrees is named. Checksums find accidents, not malice.",

@@ -90,7 +90,7 @@ def table(rows: list[dict]) -> str:
     """For each command seconds against trials, the straight line through them, memory and what is written."""
     sizes = sorted({row["trials"] for row in rows})
     lines = [
-        f"{'':24} {'seconds for so many trials':^{8 * len(sizes)}}  start  ms a  growth   memory (MB)   written",
+        f"{'':24} {'seconds, by trials':^{8 * len(sizes)}}  start  ms a  growth   memory (MB)   written",
         f"{'command':24} "
         + "".join(f"{size:8d}" for size in sizes)
         + "      s  trial  power  least   most  MB a trial",

@@ -42,7 +42,7 @@ def measure_all(seconds: float, progress: Progress = no_progress) -> list[dict]:
 
 
 def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = no_progress) -> dict:
-    """Run the loop for so long: its lateness (us), missed ticks, and the scheduling that it got.
+    """Run the loop for this time: its lateness (us), missed ticks, and its scheduling.
 
     busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
     OSError if the loop dies or does not answer.

@@ -20,7 +20,7 @@ MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices\n"
-        "Only ports that are named with --port are asked for a board; a port that is in use is not disturbed.\n"
+        "Boards are searched only at ports named with --port; a port in use is not disturbed.\n"
         "Exit 0: done, also where nothing is attached. Exit 1: at a named port no board answers.",
         "phd devices --port /dev/ttyACM0", prints="what was found",
     ).add_argument  # fmt: skip

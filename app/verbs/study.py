@@ -45,7 +45,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
     option("--figures", **FIGURES)
-    option("--resume", action="store_true", help="go on with the interrupted study in DIR, as it was begun")
+    option("--resume", action="store_true", help="go on with the interrupted study in DIR, with its own settings")
     option(
         "--sweep", type=Path, metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "

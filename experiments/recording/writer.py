@@ -183,7 +183,7 @@ class RecordingWriter:
         """Bring a recording that is closed or abandoned from memory to its place, whole, over the part that is there.
 
         path: its place from now on; None: where it was begun. A file of other content is set aside. InputError or
-        OSError: the disk does not take it, and all is as it was.
+        OSError: it cannot be written, and nothing has changed.
         """
         path = path or self.path
         if self._memory is None:

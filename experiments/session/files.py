@@ -181,7 +181,7 @@ _NEEDED = {
 
 
 def read_stored(session: Path) -> StoredSession:
-    """The session as it was stored. InputError if it cannot be read, lacks something or was changed."""
+    """Read session.json. InputError if it cannot be read, lacks something or was changed."""
     path = session / STORED
     about = read_sealed(path)
     if missing := [key for key in _NEEDED if key not in about]:

@@ -27,10 +27,10 @@ class InMemory:
         """session: its folder, which is in order. rows: of its table. InputError if it cannot be read."""
         self._files = {name: (session / name).read_bytes() for name in (files.STORED, KEY) if (session / name).exists()}
         self._lines = list(events.read_events(session))
-        #: folder -> run numbers that are used up, whatever becomes of the files
+        #: folder -> run numbers that are used
         self.runs = {files.TRIALS: {line.about["run"] for line in self._lines if line.event is events.BEGUN}}
         self.runs[files.PRACTICE] = {line.about["run"] for line in self._lines if line.event is events.PRACTICE_BEGUN}
-        self._missed = self._not_there(session, rows)  # recordings that were not there when it was taken up
+        self._missed = self._not_there(session, rows)  # recordings that were missing when the session was opened
 
     def add_event(self, event: events.Event, about: dict[str, Any]) -> None:
         """A line of the journal. about: its fields, and `time` if it is of another time than now."""

@@ -1,4 +1,4 @@
-"""A recorded trial as it is looked at: its ticks, its device and path, its row, and its distance from the path."""
+"""A recorded trial to be shown: its ticks, device, path and row, and its distance from the path."""
 
 import json
 from dataclasses import dataclass

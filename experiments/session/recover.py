@@ -5,8 +5,8 @@ compared; the stream itself stays beside it as run-007.arrows.crashed. A stream 
 file that the crash prevented. A recording without a row: gets its row, and so does a trial that was skipped; a row
 that lags behind the journal (redone, excluded, unblinded) follows it. A table with two rows for one run: is made again.
 Half-written files: removed (each was a copy in the making). A line of the journal that cannot be believed stays, is
-named, and what the others say holds. Every step can be cut short by another crash and is then taken up where it was
-left.
+named, and what the others say holds. After another crash every step continues where it was
+cut short.
 """
 
 from collections.abc import Callable, Iterator
@@ -142,7 +142,7 @@ def _recover_table(session: Path, done: Rescue) -> None:
     table = session / files.TABLE
     try:
         rows, is_spoilt = read_table(table) if table.exists() else [], False
-    except InputError:  # every row can be had again
+    except InputError:  # every row can be made again
         rows, is_spoilt = [], True
     summary = journal.journal_summary(session)
     done.not_rescued += [f"{journal.NAME}: {fault}" for fault in summary.faults]

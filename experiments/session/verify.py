@@ -1,4 +1,4 @@
-"""`phd verify`: is everything in a folder as it was written, every recording whole or marked as recovered, and do the
+"""`phd verify`: was nothing in a folder changed or lost, is every recording whole or marked as recovered, and do the
 tables agree with them?
 
 Nothing is written. No faults: an unfinished plan, an empty folder, one that was hardly begun, and, in a session that a

@@ -130,7 +130,7 @@ class BoardEvent(Enum):
     SILENCE = "silence"  # no good frame for SILENCE_US
     WATCHDOG = "watchdog"  # no fresh command for WATCHDOG_US
     BAD = "condition"  # over-current, over-speed, encoder, force saturated
-    BROWN_OUT = "brown-out"  # the supply falls: the board stops and starts anew
+    BROWN_OUT = "brown-out"  # the supply falls: the board restarts
 
 
 BOOT, IDLE, READY, ACTIVE, FAULT = State
@@ -271,7 +271,7 @@ class Board:
         return out
 
     def lose_power(self, now_us: int, noticed: bool = True) -> None:
-        """Brown-out: the supply fell; currents are zero, and the board starts anew with the fault latched.
+        """Brown-out: the supply fell; currents are zero, and the board restarts with the fault latched.
 
         Not noticed: neither latched nor counted, by a board that counts its starts in a memory that forgets.
         """

@@ -24,7 +24,7 @@ from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, Tc
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
 
-MOST_AT_ONCE = 20  # ticks made up for after the machine held us up; beyond, the board's time waits
+MOST_AT_ONCE = 20  # ticks made up for after a delay by this machine; after a longer one the board's time waits
 ORDER_BYTES = 4096
 
 
@@ -103,7 +103,7 @@ class Emulator:
             now, due = self.now(), self.ticks * TICK_S
             if now >= due + MOST_AT_ONCE * TICK_S:
                 self._zero += now - due
-                self.log_event(f"held up by this machine: the board's time stood still for {1e3 * (now - due):.0f} ms")
+                self.log_event(f"delayed by this machine: the board's time stood still for {1e3 * (now - due):.0f} ms")
                 continue
             if now < due:
                 self._wait(min(due, self.to_host.next_s(), self.to_board.next_s()) - now)
@@ -131,7 +131,7 @@ class Emulator:
         self._log(f"{self.ticks * TICK_S:9.3f} s  {text}")
 
     def _wait(self, seconds: float) -> None:
-        """Wait until something arrives, or for so long."""
+        """Wait until something arrives, at most this long."""
         ends = [self._orders, *(self._plug.waits_for() if self._plug else ())]
         if self._orders in select.select(ends, [], [], max(0.0, seconds))[0]:
             self._take_order()

@@ -24,7 +24,7 @@ STEP_S, STEP_BLOCKS = 0.005, 3
 STOOD_STILL_S = 0.04
 LEARN_S = 1.0  # of board time, after which the quickest sample's way is known
 DRIFT = 2e-4  # most that the two clocks run apart: four crystals of 50 ppm. Assumed
-LATE_S = 0.2  # all commands late for so long
+LATE_S = 0.2  # all commands are late for this long
 
 
 class ClockFit(NamedTuple):
@@ -40,7 +40,7 @@ class ClockModel:
     """Fitted to the quickest samples, anew after each block."""
 
     def __init__(self) -> None:
-        self.went_back = 0  # how often the board's clock did, which no board's may: the model then begins anew
+        self.went_back = 0  # how often the board's clock went back, which it must not: the model then starts again
         self._newest_us = 0
         self.begin()
 
@@ -120,14 +120,14 @@ class FreshnessWatch:
         self._late: tuple[float, int] | None = None  # since when (host s) commands are late, and the echo since then
 
     def doubt(self, sample: Sample, came_s: float) -> str:
-        """Why the connection must begin anew, one sentence; "": the board can tell what is fresh. came_s: host time."""
+        """Why the board must be reconnected, one sentence; "": it need not be. came_s: host time."""
         stood = self._stood_still(1e-6 * sample.board_us, came_s)
         if stood > STOOD_STILL_S:
-            return f"this computer's clock stood still for {1e3 * stood:.0f} ms, the board is being connected anew"
+            return f"this computer's clock stood still for {1e3 * stood:.0f} ms; the board is being reconnected"
         if self._late is None or self._late[1] != sample.echo:  # one was taken in
             self._late = (came_s, sample.echo) if sample.flags & Flag.LATE else None
         elif came_s - self._late[0] > LATE_S:
-            return "the board takes every command for late, it is being connected anew"
+            return "the board takes every command for late; it is being reconnected"
         return ""
 
     def _stood_still(self, board_s: float, came_s: float) -> float:

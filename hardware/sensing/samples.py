@@ -21,7 +21,7 @@ USUAL_ENCODERS = Encoders(A=96000, B=96000)
 USUAL = Sensing(encoders=USUAL_ENCODERS, force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
 TICK_S = 1e-3
-GAP_S = 0.05  # after a longer gap between positions the motion filter begins anew
+GAP_S = 0.05  # after a longer gap between positions the motion filter restarts
 ZERO_SAMPLES = 500
 STILL_M = 1e-3  # a handle that moved further was touched
 NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
@@ -60,7 +60,7 @@ class BoardSensing:
             self.force.zero = np.array(zero.force_counts)
 
     def moved(self) -> None:
-        """The encoders were set anew: earlier samples no longer show where the tip is."""
+        """Forget earlier samples: the encoders were set."""
         self.pose.forget()
         self.motion = MotionFilter()
 
