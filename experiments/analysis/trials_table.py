@@ -99,7 +99,7 @@ def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRo
     return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
 
 
-class Column(NamedTuple):
+class DictionaryEntry(NamedTuple):
     """What a column of a table means."""
 
     meaning: str
@@ -116,7 +116,7 @@ _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first v
 _ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
 _TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
-DICTIONARY: Mapping[str, Column] = {name: Column(*_TYPES[name][1:]) for name in COLUMNS}
+DICTIONARY: Mapping[str, DictionaryEntry] = {name: DictionaryEntry(*_TYPES[name][1:]) for name in COLUMNS}
 
 
 def named(row: TrialRow, names: Mapping[int, str]) -> TrialRow:

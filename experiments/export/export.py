@@ -16,7 +16,15 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from core.files import InputError
-from experiments.analysis.trials_table import DICTIONARY, STATUSES, Column, TrialRow, check_named, row_of, write_table
+from experiments.analysis.trials_table import (
+    DICTIONARY,
+    STATUSES,
+    DictionaryEntry,
+    TrialRow,
+    check_named,
+    row_of,
+    write_table,
+)
 from experiments.export.bids import BidsDataset
 from experiments.export.files import (
     DECISION_READING,
@@ -183,7 +191,7 @@ class CsvTables:
     def __init__(self, folder: Path, compress: bool = False) -> None:
         self.folder, self._suffix = folder, ".csv.gz" if compress else ".csv"
         self._rows: list[TrialRow] = []
-        self._columns: dict[str, Column] = {}
+        self._columns: dict[str, DictionaryEntry] = {}
 
     def add(self, trial: ExportedTrial) -> None:
         """Write one recording and its metadata."""
@@ -205,7 +213,7 @@ class CsvTables:
     def finish(self, exported: Exported) -> None:
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
-        tables: dict[str, Mapping[str, Column]] = {
+        tables: dict[str, Mapping[str, DictionaryEntry]] = {
             "trials.csv": DICTIONARY,
             f"sub-*/ses-*/run-*{self._suffix}": self._columns,
         }
@@ -217,7 +225,7 @@ class CsvTables:
         (self.folder / "README.md").write_bytes(exported.readme("csv"))
 
 
-def _described(columns: Mapping[str, Column]) -> dict[str, dict]:
+def _described(columns: Mapping[str, DictionaryEntry]) -> dict[str, dict]:
     entries: dict[str, dict[str, Any]] = {}
     for name, (meaning, unit) in columns.items():
         more = f" ({DECISION_READING})" if name == "decision" else ""

@@ -15,35 +15,35 @@ from core import tick_log
 from core.control.controllers import DECISIONS, Preset
 from core.files import InputError
 from experiments.analysis.charts import Answers
-from experiments.analysis.trials_table import DICTIONARY, Column, TrialRow, by_controller, csv_bytes
+from experiments.analysis.trials_table import DICTIONARY, DictionaryEntry, TrialRow, by_controller, csv_bytes
 from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
 from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
 #: What the ticks of a recording hold.
 RECORDING = {
-    part.name: Column(part.meaning, part.unit) for column in tick_log.COLUMNS for part in column.spread()
+    part.name: DictionaryEntry(part.meaning, part.unit) for column in tick_log.COLUMNS for part in column.spread()
 }  # fmt: skip
 #: The scales of the questionnaire after a block, 0 to 100.
 SCALES = {
-    "mental_demand": Column("NASA-TLX mental demand, 0 very little to 100 very much"),
-    "physical_demand": Column("NASA-TLX physical demand, 0 very little to 100 very much"),
-    "temporal_demand": Column("NASA-TLX temporal demand, 0 not at all hurried to 100 very hurried"),
-    "performance": Column("NASA-TLX performance, 0 followed the lines perfectly to 100 not at all"),
-    "effort": Column("NASA-TLX effort, 0 very little to 100 very hard"),
-    "frustration": Column("NASA-TLX frustration, 0 not at all to 100 very irritated or discouraged"),
-    "smoothness": Column("how the movement felt, 0 smooth to 100 jerky"),
+    "mental_demand": DictionaryEntry("NASA-TLX mental demand, 0 very little to 100 very much"),
+    "physical_demand": DictionaryEntry("NASA-TLX physical demand, 0 very little to 100 very much"),
+    "temporal_demand": DictionaryEntry("NASA-TLX temporal demand, 0 not at all hurried to 100 very hurried"),
+    "performance": DictionaryEntry("NASA-TLX performance, 0 followed the lines perfectly to 100 not at all"),
+    "effort": DictionaryEntry("NASA-TLX effort, 0 very little to 100 very hard"),
+    "frustration": DictionaryEntry("NASA-TLX frustration, 0 not at all to 100 very irritated or discouraged"),
+    "smoothness": DictionaryEntry("how the movement felt, 0 smooth to 100 jerky"),
 }
 #: What questionnaire.csv holds besides the scales, one row for each block that was asked about.
 QUESTIONNAIRE = {
     **{name: DICTIONARY[name] for name in ("participant", "configuration", "block", "controller")},
-    "time": Column("when it was answered, UTC, ISO 8601"),
+    "time": DictionaryEntry("when it was answered, UTC, ISO 8601"),
 }
 #: What notes.csv holds, one row a note.
 NOTES = {
-    "time": Column("when it was written, UTC, ISO 8601"),
-    "participant": Column("in whose session"),
-    "text": Column("what the experimenter wrote"),
+    "time": DictionaryEntry("when it was written, UTC, ISO 8601"),
+    "participant": DictionaryEntry("in whose session"),
+    "text": DictionaryEntry("what the experimenter wrote"),
 }
 GZIP_LEVEL = 4  # a tenth larger than 9, in a quarter of the time
 QUESTIONNAIRE_CSV, NOTES_CSV = "questionnaire.csv", "notes.csv"
@@ -69,7 +69,7 @@ DECISION_READING = (
 _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
 
 
-def recording_column(name: str, command_unit: str = "A") -> Column:
+def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
     """What a column of a recording means. InputError if it is not described: another version wrote it.
 
     command_unit: of what was commanded to the brakes, where it was no current.
@@ -105,9 +105,9 @@ def controller_levels(rows: Iterable[TrialRow], sessions: Iterable[Path]) -> dic
     return {column: {cell: " / ".join(each) for cell, each in cells.items()} for column, cells in found.items()}
 
 
-def scale_column(name: str) -> Column:
+def scale_column(name: str) -> DictionaryEntry:
     """What a scale of the questionnaire means; one of another version is only named."""
-    return SCALES.get(name) or Column(f"answer on the scale {name}, 0 to 100")
+    return SCALES.get(name) or DictionaryEntry(f"answer on the scale {name}, 0 to 100")
 
 
 class ExportedTrial(NamedTuple):
@@ -210,7 +210,7 @@ def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Not
 
 def write_answers_and_notes(
     folder: Path, answers: Sequence[Answers], notes: Sequence[Note]
-) -> dict[str, dict[str, Column]]:
+) -> dict[str, dict[str, DictionaryEntry]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
     if answers:
