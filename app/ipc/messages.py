@@ -308,17 +308,17 @@ class Snapshot(NamedTuple):
     in_memory: str = ""  # what the disk has not taken, and no file has: "run 5, 5,481 ticks"; "": nothing
 
     @property
-    def not_now(self) -> str:
+    def stage_refusal(self) -> str:
         """Why a command that does not fit the stage is refused."""
         if self.card is None or self.stage in NOT_NOW:
             return NOT_NOW[self.stage]
         return f"{self.card.title}: this comes first."
 
     @property
-    def why_not(self) -> str:
+    def trial_blocker(self) -> str:
         """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
         if self.stage not in (READY, NO_SESSION):
-            return self.not_now
+            return self.stage_refusal
         if self.paused:
             return "The session is paused: resume it first (Ctrl+P)."
         if self.brakes_off:
@@ -340,12 +340,12 @@ class Snapshot(NamedTuple):
         device = next((check for check in self.checks if check.name == "Device"), None)
         return device is None or device.state not in (BAD, WAITING) or device.text == BRAKES_OFF
 
-    def why_no_session(self, real_device: bool) -> str:
+    def session_blocker(self, real_device: bool) -> str:
         """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
         if not real_device:
-            return self.why_not
+            return self.trial_blocker
         others = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
-        return self._replace(checks=others, brakes_off="").why_not
+        return self._replace(checks=others, brakes_off="").trial_blocker
 
 
 class Proof(NamedTuple):

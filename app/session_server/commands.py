@@ -45,7 +45,7 @@ def refused(state: State, command: "CommandRule") -> str:
     if command.session and state.storage.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:
-        return state.broken or state.snapshot().not_now
+        return state.broken or state.snapshot().stage_refusal
     if command.stored:
         state.storage.check_folder()
     return f"{state.storage.not_written}." if command.stored and state.storage.not_written else ""
@@ -102,7 +102,7 @@ def _leave(state: State, _: m.Leave) -> None:
 
 def _start(state: State, _: m.Start) -> None:
     if state.sandbox.on:
-        state.sandbox.start_pass(state.broken or state.snapshot().why_not)
+        state.sandbox.start_pass(state.broken or state.snapshot().trial_blocker)
     elif state.storage.progress is None:
         raise InputError(m.NOT_NOW[m.NO_SESSION])
     elif (coming := state.storage.open.coming) is None:
@@ -118,7 +118,7 @@ def _try(state: State, command: m.SetSandbox) -> None:
 
 
 def _run(state: State, session: Session, planned: PlannedTrial) -> None:
-    if why := state.broken or state.snapshot().why_not or _wrong_hand(state, session):
+    if why := state.broken or state.snapshot().trial_blocker or _wrong_hand(state, session):
         raise InputError(why)
     trial, writer = state.device.begin(session, planned)
     state.runner.start(trial, writer, state.lsl.begin(planned.run) if state.lsl else None)

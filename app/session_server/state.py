@@ -184,7 +184,7 @@ class State:
             self.storage.store_trial(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)
-        self.sandbox.watch(self.snapshot().why_not if self.sandbox.wants_pass else "")
+        self.sandbox.watch(self.snapshot().trial_blocker if self.sandbox.wants_pass else "")
         if self.runner.run is None:
             self._disk.watch()
             self.storage.retry()

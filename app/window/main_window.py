@@ -268,7 +268,7 @@ class MainWindow(QWidget):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         self.snapshot = snapshot
         on_bench = self.opened is not None and self.opened.real_device
-        if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.why_no_session(on_bench):
+        if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.session_blocker(on_bench):
             self.send(self._then)
             self._then = None
         for page in self.pages.values():

@@ -43,7 +43,7 @@ def windows(qtbot, tmp_path: Path):
     protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
     windows = Windows(Client(Setup(tmp_path / "data", str(protocol), sync=False)))
     windows.show()
-    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.why_not)
+    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.trial_blocker)
     pids = [windows.client.pid, *children(windows.client.pid)]
     windows.client.send(m.Open("01"))
     wait_until(lambda: windows.main.snapshot.stage == m.READY and windows.main.shown == RUN)

@@ -48,7 +48,7 @@ def setup(tmp_path: Path) -> Setup:
 def opened_windows(setup: Setup, resume: bool) -> Windows:
     windows = Windows(Client(setup))
     windows.show()
-    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.why_not)
+    wait_until(lambda: windows.main.snapshot.stage == m.NO_SESSION and not windows.main.snapshot.trial_blocker)
     windows.main.send(m.Open("01", resume))
     wait_until(lambda: windows.main.snapshot.stage == m.READY and windows.main.shown == RUN)
     return windows
@@ -65,7 +65,7 @@ def run_trial(windows: Windows) -> None:
     """Space until the next trial runs, and wait for its card."""
     main, run = windows.main, windows.main.page(RUN)
     before = len(main.snapshot.rows)
-    wait_until(lambda: (not run.card_shown or run.card.ready) and not main.snapshot.why_not)
+    wait_until(lambda: (not run.card_shown or run.card.ready) and not main.snapshot.trial_blocker)
     space(main)
     wait_until(lambda: len(main.snapshot.rows) > before and run.card_shown)
 

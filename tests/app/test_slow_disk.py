@@ -138,7 +138,7 @@ def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(sl
     def show() -> None:
         now = state.snapshot()
         assert next(check for check in now.checks if check.name == "Recording").state == WAITING
-        assert "Waiting for the disk" in now.why_not or now.stage not in (m.READY, m.NO_SESSION)
+        assert "Waiting for the disk" in now.trial_blocker or now.stage not in (m.READY, m.NO_SESSION)
         said.append(now.notice)
 
     state.show = show
@@ -151,7 +151,7 @@ def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(sl
         "Waiting for the disk: run 1 is brought to it.", "Waiting for the disk: it is written.",
     ]  # fmt: skip
     slow.look()
-    assert not slow.snapshot.why_not and "Waiting" not in slow.snapshot.notice
+    assert not slow.snapshot.trial_blocker and "Waiting" not in slow.snapshot.notice
     state._disk.sync_s = 0.001
     slow.client.send(m.Note("quick"))
     assert len(said) == 4
@@ -162,4 +162,4 @@ def test_a_wait_that_ends_in_a_refusal_is_past_too(slow: LocalWindow, monkeypatc
     monkeypatch.setattr("experiments.session.journal.write_event", full)
     slow.client.send(m.Note("never"))
     slow.look()
-    assert "No space left" in slow.snapshot.notice and "Waiting" not in slow.snapshot.why_not
+    assert "No space left" in slow.snapshot.notice and "Waiting" not in slow.snapshot.trial_blocker

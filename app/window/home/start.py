@@ -96,7 +96,7 @@ def session_blocker(is_open: str, snapshot: m.Snapshot, real_device: bool) -> st
         return "Waiting for the session server and its control loop to start …"
     if snapshot.stage == m.FAILED and NO_BOARD not in snapshot.checks:
         return ""  # the start begins with another session server
-    return snapshot.why_no_session(real_device)
+    return snapshot.session_blocker(real_device)
 
 
 def standing_of(wanted: Wanted) -> str:

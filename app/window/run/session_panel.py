@@ -131,7 +131,7 @@ class SessionPanel(Panel):
             silent = (
                 opened.protocol.tones and not snapshot.rows and player() is None
             )  # said once, before the first trial
-            notice = snapshot.why_not or (READS if reads else SILENT if silent else "")
+            notice = snapshot.trial_blocker or (READS if reads else SILENT if silent else "")
         theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
@@ -139,7 +139,7 @@ class SessionPanel(Panel):
     def _allow(self, snapshot: m.Snapshot) -> None:
         ready = snapshot.stage == m.READY
         runs = snapshot.stage == m.RUNNING
-        self.start.setEnabled(not snapshot.why_not and ready and snapshot.coming is not None)
+        self.start.setEnabled(not snapshot.trial_blocker and ready and snapshot.coming is not None)
         self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
         self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
         self.pause.setEnabled(ready or runs)

@@ -177,7 +177,7 @@ class TryPage(Page):
             self.controls.show_settings(settings, None)
             self.canvas.show_handle(None)
             self._place = None
-            wait = Shown("One moment", snapshot.why_not or "Everything is being prepared")
+            wait = Shown("One moment", snapshot.trial_blocker or "Everything is being prepared")
             self._show_status(IN_SESSION if self.opened.participant else wait)
         else:
             refused = snapshot.notice_bad and not before.notice_bad
@@ -189,7 +189,7 @@ class TryPage(Page):
             self.canvas.show_gap(self.controls.gap_m)
             if snapshot.running is None:
                 off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
-                self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.why_not)))
+                self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.trial_blocker)))
                 if off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:

@@ -106,7 +106,7 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
         return Shown(language[large], " · ".join(filter(None, (first, language.get(small, "")))))
     if snapshot.brakes_off:
         return Shown(language["stopped"], language["stopped_how"])
-    blocked = bool(snapshot.why_not)
+    blocked = bool(snapshot.trial_blocker)
     row = snapshot.newest
     if row is None:
         large, space = ("welcome_back", "next_space") if snapshot.rows else ("welcome", "first_space")
