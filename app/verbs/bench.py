@@ -33,10 +33,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
 def bench(args: argparse.Namespace) -> None:
     if args.loop is not None and args.scale:
         raise InputError("--scale: is another measurement than --loop, ask for one of them")
-    if args.loop is not None:
-        return bench_loop(args)
-    if args.scale:
-        return bench_growth(args)
+    if args.loop is not None or args.scale:
+        return bench_other(args, "--scale" if args.scale else "--loop")
     out = args.out
     if out is not None and out.exists():
         raise InputError(f"--out: {out}: exists already and is never overwritten")
@@ -54,19 +52,14 @@ def bench(args: argparse.Namespace) -> None:
             (out / f"work-precision.{form}").write_bytes(data)
 
 
-def bench_growth(args: argparse.Namespace) -> None:
+def bench_other(args: argparse.Namespace, option: str) -> None:
+    """How the cost of a study grows with its trials, or how late the control loop's ticks are."""
     if args.out is not None or args.quick:
-        raise InputError("--scale: takes neither --out nor --quick")
-    from app.verbs.growth import measure_all, table
+        raise InputError(f"{option}: takes neither --out nor --quick")
+    from app.verbs import growth, loop_lateness
 
-    found = with_progress("measuring", measure_all)
-    print_result(args, found, table(found))
-
-
-def bench_loop(args: argparse.Namespace) -> None:
-    if args.out is not None or args.quick:
-        raise InputError("--loop: takes neither --out nor --quick")
-    from app.verbs.loop_lateness import measure_all, table
-
-    found = with_progress("measuring", measure_all, args.loop, compiles=True)
-    print_result(args, found, table(found))
+    if option == "--scale":
+        found = with_progress("measuring", growth.measure_all)
+        return print_result(args, found, growth.table(found))
+    found = with_progress("measuring", loop_lateness.measure_all, args.loop, compiles=True)
+    print_result(args, found, loop_lateness.table(found))
