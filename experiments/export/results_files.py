@@ -42,7 +42,7 @@ LISTED = {
     journal.BRAKES_OFF.name: "brakes off: {cause}",
     journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
     journal.WINDOW_LOST.name: "the window ended while the session was open",
-    journal.SESSION_RECOVERED.name: "the files were put in order after a crash",
+    journal.SESSION_RECOVERED.name: "the files were recovered after a crash",
     journal.SKIPPED.name: "run {run} skipped: {reason}",
     journal.REDONE.name: "run {run} repeated: {reason}",
     journal.EXCLUDED.name: "run {run} excluded: {reason}",
@@ -52,7 +52,7 @@ LISTED = {
 
 
 def write_results(job: Job, progress: Progress = no_progress) -> int:
-    """Write what is seen: the page's figures, the trials, what was answered and noted; how many files.
+    """Write what the page shows: its figures, the trials, the answers and notes; how many files.
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.
     """
@@ -96,14 +96,14 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
     stored, results, events = read_stored(session), read_results(session), journal.read_events(session)
     return [
         ("title", f"Session of participant {stored.participant}"),
-        *_who_and_when(stored.about, results, events),
+        *_head_lines(stored.about, results, events),
         *_measures(results),
         *_timing(session, results.rows),
-        *_marks(events),
+        *_faults_and_decisions(events),
     ]
 
 
-def _who_and_when(about: dict, results: Results, events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+def _head_lines(about: dict, results: Results, events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
     versions = about["versions"]
     count = Counter(row.status for row in results.rows)
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
@@ -158,12 +158,12 @@ def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]
         share = f"half of them at most {half:.0f} µs late, 99 % at most {most:.0f} µs, the latest {late.max():.0f} µs"
         ticks = f"{len(late)} ticks in {len(lateness)} recordings"
         yield "text", f"{ticks}: {share}; {missed} a millisecond or more."
-        yield "text", whose_fault(timings)
+        yield "text", lateness_causes(timings)
     for warning in warnings:
         yield "text", f"Warning: {warning}."
 
 
-def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
+def lateness_causes(timings: Sequence[Mapping[str, Any]]) -> str:
     """The sentence on what made ticks late; a number that one recording lacks is "not known" of all."""
 
     def of_all(name: str, total: Callable[[list[float]], float] = sum, unit: str = "") -> str:
@@ -177,7 +177,7 @@ def whose_fault(timings: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _marks(events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+def _faults_and_decisions(events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
     yield "head", "Faults and decisions"
     marks = [entry for entry in events if entry.event.name in LISTED]
     for entry in marks:

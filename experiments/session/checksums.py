@@ -76,8 +76,8 @@ def _of_meaning(plain: Mapping[str, Any]) -> str:
 class Lines(NamedTuple):
     """What is read of a journal; lines count from 1."""
 
-    believed: dict[int, dict[str, Any]]  # line -> what it says
-    faults: list[str]  # which lines cannot be believed, or are missing
+    valid: dict[int, dict[str, Any]]  # line -> its fields
+    faults: list[str]  # which lines are damaged or missing
     notes: list[str]  # what is no fault: lines without a checksum, or that a crash cut off
     whole: list[str]  # checksums of the whole lines
     length: int  # lines of any kind
@@ -92,11 +92,11 @@ def next_line(about: Mapping[str, Any], journal: bytes) -> bytes:
 
 
 def read_lines(journal: bytes) -> Lines:
-    """Every line of a journal that can be believed, and what is wrong with the others."""
+    """The valid lines of a journal, and what is wrong with the others."""
     texts = journal.splitlines()
     wholes = [i for i, text in enumerate(texts) if _is_whole(text)]
     read = Lines({}, [], [], [texts[i][-_TAIL:-2].decode() for i in wholes], len(texts))
-    unguarded: list[int] = []
+    without_checksum: list[int] = []
     before = None  # the last whole line
     for i in [*wholes, None]:
         between = range(0 if before is None else before + 1, len(texts) if i is None else i)
@@ -105,17 +105,17 @@ def read_lines(journal: bytes) -> Lines:
         for j in between:
             unfinished = j == len(texts) - 1 and not journal.endswith((b"\n", b"\r"))
             changed = before is not None and not linked and i is not None
-            if _take_unguarded(read, j, texts[j], changed, linked or unfinished or not wholes):
-                unguarded.append(j)
+            if _take_without_checksum(read, j, texts[j], changed, linked or unfinished or not wholes):
+                without_checksum.append(j)
         if i is None:
             break
         if not linked and len(read.faults) == named:
             read.faults.append(_break_of_chain(texts, i, before))
         if linked or texts[i] not in texts[:i]:
-            _believe(read, i, texts[i])
+            _add_valid(read, i, texts[i])
         before = i
-    if unguarded:
-        read.notes.append(f"{_lines(unguarded)}: {NO_CHECKSUM}")
+    if without_checksum:
+        read.notes.append(f"{_lines(without_checksum)}: {NO_CHECKSUM}")
     return read
 
 
@@ -131,14 +131,14 @@ def _link(text: bytes) -> str:
     return found[1].decode() if found else ""
 
 
-def _take_unguarded(read: Lines, i: int, text: bytes, changed: bool, may_be_cut: bool) -> bool:
-    """Take in a line that matches no checksum of its own; whether it is one of an earlier version.
+def _take_without_checksum(read: Lines, i: int, text: bytes, changed: bool, may_be_cut: bool) -> bool:
+    """Read a line without a valid checksum; whether an earlier version wrote it.
 
-    changed: since the next whole line was written. may_be_cut: a crash may have left it so.
+    changed: since the next whole line was written. may_be_cut: a crash may have cut it off.
     """
     about = None if changed or _ANY_END.search(text) else _json_object(text)
     if about is not None and AFTER not in about and CHECKSUM not in about:
-        read.believed[i + 1] = about
+        read.valid[i + 1] = about
         return True
     if about is None and may_be_cut and not text.endswith(b"}") and not _ANY_END.search(text):
         read.notes.append(f"line {i + 1}: was not finished, a crash cut it off")
@@ -149,13 +149,13 @@ def _take_unguarded(read: Lines, i: int, text: bytes, changed: bool, may_be_cut:
     return False
 
 
-def _believe(read: Lines, i: int, text: bytes) -> None:
-    """Take in a whole line."""
+def _add_valid(read: Lines, i: int, text: bytes) -> None:
+    """Add the fields of a whole line."""
     about = _json_object(text)
     if about is None:
         read.faults.append(f"line {i + 1}: cannot be read")
     else:
-        read.believed[i + 1] = {key: value for key, value in about.items() if key not in (AFTER, CHECKSUM)}
+        read.valid[i + 1] = {key: value for key, value in about.items() if key not in (AFTER, CHECKSUM)}
 
 
 def _break_of_chain(texts: Sequence[bytes], i: int, before: int | None) -> str:
@@ -205,7 +205,7 @@ def noted_end(session: Path) -> NotedEnd | None:
 
 
 def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
-    """How a journal falls short of the end that was noted of it; "": it does not."""
+    """What a journal lacks before its noted end; "": nothing."""
     if end is None or end.last in read.whole:
         return ""
     if read.length < end.lines:
@@ -214,7 +214,7 @@ def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
 
 
 def note_end(session: Path, read: Lines, sync: bool = True) -> None:
-    """Note how far the journal of a session goes. The caller holds the lock.
+    """Note how long the journal of a session is. The caller holds the lock.
 
     A journal that falls short of an earlier note keeps that, and so its fault. Where the disk does not take it, the
     earlier note stays: it guards less, and nothing wrong.

@@ -144,7 +144,7 @@ def read_journal(folder: Path) -> Journal:
         read = read_lines(path.read_bytes())
     journal = Journal([], read.faults, read.notes)
     fault = fault or fault_of_end(end, read)
-    for number, about in read.believed.items():
+    for number, about in read.valid.items():
         name = about.get("event")
         event = EVENTS.get(name) if isinstance(name, str) else None
         try:

@@ -132,7 +132,7 @@ class Emulator:
 
     def _wait(self, seconds: float) -> None:
         """Wait until something arrives, at most this long."""
-        ends = [self._orders, *(self._plug.waits_for() if self._plug else ())]
+        ends = [self._orders, *(self._plug.descriptors() if self._plug else ())]
         if self._orders in select.select(ends, [], [], max(0.0, seconds))[0]:
             self._take_order()
 

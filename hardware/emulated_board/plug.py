@@ -57,7 +57,7 @@ class Terminal:
         os.set_blocking(self._master, False)
         self._port.symlink_to(os.ttyname(self._other))
 
-    def waits_for(self) -> list[Any]:
+    def descriptors(self) -> list[Any]:
         """What `select` waits for: a host has come, has sent something or has left."""
         return [self._master]
 
@@ -96,7 +96,7 @@ class TcpPort:
         self._port = folder / PORT
         self._port.write_text(self.address)
 
-    def waits_for(self) -> list[Any]:
+    def descriptors(self) -> list[Any]:
         return [self._listener] + ([self._host] if self._host else [])
 
     def read(self) -> bytes:
@@ -122,10 +122,10 @@ class TcpPort:
         except OSError:
             piece = b""
         if not piece:
-            self._part()
+            self._disconnect()
         return piece
 
-    def _part(self) -> None:
+    def _disconnect(self) -> None:
         if self._host is not None:
             self._host.close()
             self._host = None
@@ -137,9 +137,9 @@ class TcpPort:
         except BlockingIOError:
             pass  # lost: the host does not read
         except OSError:
-            self._part()
+            self._disconnect()
 
     def close(self) -> None:
         self._port.unlink(missing_ok=True)
-        self._part()
+        self._disconnect()
         self._listener.close()

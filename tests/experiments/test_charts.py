@@ -26,7 +26,7 @@ from experiments.analysis.charts import (
 )
 from experiments.analysis.trials_table import write_table
 from experiments.export.results import Job, read_results
-from experiments.export.results_files import session_lines, whose_fault, write_results
+from experiments.export.results_files import lateness_causes, session_lines, write_results
 from experiments.recording.atomic_files import first_free
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
@@ -208,14 +208,14 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
 
 def test_a_report_says_whose_fault_late_ticks_are_and_what_is_not_known():
     known = {"stolen_ms": 20.0, "waited_ms": 1.6, "switches": 3, "tick_max_us": 30.0}
-    assert whose_fault([known, known | {"tick_max_us": 40.0}]) == (
+    assert lateness_causes([known, known | {"tick_max_us": 40.0}]) == (
         "Time that the host of a virtual machine kept from the loop: 40 ms. Time that the loop waited for a processor "
         "core: 3 ms; times that its core was taken from it: 6. The longest tick itself: 40 µs."
     )
-    assert whose_fault([known, known | {"stolen_ms": None}]).startswith(
+    assert lateness_causes([known, known | {"stolen_ms": None}]).startswith(
         "Time that the host of a virtual machine kept from the loop: not known. "
     )
-    assert whose_fault([known, {}]).count("not known") == 4, "a recording of an earlier version"
+    assert lateness_causes([known, {}]).count("not known") == 4, "a recording of an earlier version"
 
 
 def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):
