@@ -286,11 +286,11 @@ def follow(operator, grip, path, tick, phase_tick, tip_progress):
         operator.effort = min(operator.effort + operator.effort_N_s * TICK_S, operator.effort_max_N)
     else:
         operator.effort -= operator.effort_ease_per_s * TICK_S * operator.effort
-    aim(operator, grip, path, share * path.length, across, slope * path.length / operator.movement_s)
+    set_target(operator, grip, path, share * path.length, across, slope * path.length / operator.movement_s)
 
 
 @kernel
-def aim(operator, grip, path, progress, across, speed):
+def set_target(operator, grip, path, progress, across, speed):
     """The arm's target: `across` (m) to the left of the point at `progress` (m), moving on at `speed` (m/s)."""
     x, y, tx, ty = point_at(path, progress)
     ux, uy = operator.direction[0], operator.direction[1]
