@@ -28,7 +28,7 @@ from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles, nearest_obstacle, next_obstacle
 from core.ranges import Push, SmallLength
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows, held_in_any_direction
 
 STANDS_M_S = 0.001  # slower towards the obstacle counts as standing
@@ -140,7 +140,7 @@ def locks_at_rest(how: Around, device: Device, tip: tuple[float, float]) -> bool
 def tick_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Tick:
     """The first tick of control at a tip (m) with a velocity (m/s), and no hand."""
     state, seen = new_state(*tip, *velocity), Seen(*tip, *velocity, 0.0, 0.0)
-    look(pack_mechanism(device.mechanism)[0], state[0])
+    update_kinematics(pack_mechanism(device.mechanism)[0], state[0])
     brakes = pack_brakes(device.brakes, backlash=True)[0]
     return Tick(seen, state["g"][0, :4], state["mass"][0], brakes, new_memory(), np.zeros(4))
 

@@ -22,24 +22,28 @@ from core.simulator.event_location import (
 from core.simulator.hand import hand_force
 from core.simulator.lag import age_yields, begin, pace_ends, yield_error
 from core.simulator.runge_kutta import rk4
+from core.simulator.state import MR
 from core.simulator.stepping import advance_stepping, stiffer_than
-from core.simulator.stick_slip import STILL, largest_excess, same_line, solve_at_rest
+from core.simulator.stick_slip import STILL, largest_excess, same_line
 from core.simulator.stick_slip_mode import (
-    enter_line,
     finish,
-    meet,
+    from_rest,
+    hit_stop,
+    hold_all,
+    joints_of,
     release,
     resolve,
     set_costs,
     settle_edges,
-    stand,
-    strike,
+    stick_or_slip,
 )
 
 
 @kernel
-def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
+def advance_event(model, data, currents, t, h):
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
+    mechanism, brakes, hand, state, scratch = model.mechanism, model.brakes, data.hand, data.state, data.scratch
+    lagged = 1 if model.fidelity == MR else 0
     state.steps += 1
     state.settled = 0
     elapsed, longest, turn = 0.0, h, h
@@ -54,19 +58,19 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
         if crowd > limits.MAX_EVENTS or stiffer_than(state, hand, step):
             state.fallbacks += 1
             piece = min(rest, limits.FALLBACK_S * state.tolerance)  # shorter in a check of a run
-            advance_stepping(mechanism, brakes, hand, state, scratch, currents, t + elapsed, piece, lagged)
+            advance_stepping(model, data, currents, t + elapsed, piece)
             if piece == rest:
                 return
             elapsed += piece
             longest, crowd, since = h, 0, elapsed
-            resolve(mechanism, brakes, hand, state, t + elapsed)
+            resolve(model, data, t + elapsed)
             continue
         if elapsed - since > limits.FALLBACK_S:
             crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
             begin(brakes, state, currents, lagged)
-            step = still_until(mechanism, brakes, hand, state, now, rest)
+            step = still_until(model, data, now, rest)
             age_yields(state, step)
             elapsed = h if step == rest else elapsed + step
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
@@ -75,13 +79,13 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
                 state.events += 1
                 crowd += 1
                 set_costs(brakes, state)
-                stand(brakes, state)
+                hold_all(brakes, state)
                 from_rest(mechanism, state, fx, fy, arm_mass)
                 settle_edges(brakes, state)
                 finish(mechanism, state, fx, fy, arm_mass)
             continue
         begin(brakes, state, currents, lagged)
-        if not rk4(mechanism, brakes, hand, state, scratch, now, step):
+        if not rk4(model, data, now, step):
             state.shortened += 1
             longest = 0.5 * step
             if longest < limits.SHORTEST:
@@ -102,7 +106,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
                 turn = ends
                 continue
         if kind != NONE:
-            kind, step = locate(mechanism, brakes, hand, state, scratch, now, step, kind, guess)
+            kind, step = locate(model, data, now, step, kind, guess)
         heat = scratch.heat
         gives_energy = min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -limits.GIVEN  # a joint reversed unseen
         if gives_energy and step > limits.FINEST and brakes.signed == 0.0:
@@ -117,7 +121,7 @@ def advance_event(mechanism, brakes, hand, state, scratch, currents, t, h, lagge
         if kind != NONE:
             state.events += 1
             crowd += 1
-            happen(mechanism, brakes, hand, state, scratch, kind, t + elapsed)
+            apply_event(model, data, kind, t + elapsed)
         elif elapsed < h:
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
@@ -160,13 +164,14 @@ def accept(mechanism, brakes, state, scratch, step):
 
 
 @kernel
-def happen(mechanism, brakes, hand, state, scratch, kind, t):
+def apply_event(model, data, kind, t):
     """Take up the pattern after an event at time t: the exact solver decides which joint sticks, which slips on."""
+    mechanism, brakes, hand, state, scratch = model.mechanism, model.brakes, data.hand, data.state, data.scratch
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     set_costs(brakes, state)
     if kind >= STOP:
-        strike(mechanism, state, kind - STOP, scratch.gap_side[kind - STOP], arm_mass)
+        hit_stop(mechanism, state, kind - STOP, scratch.gap_side[kind - STOP], arm_mass)
         set_costs(brakes, state)
     elif kind >= PLAY:
         i = kind - PLAY
@@ -176,14 +181,14 @@ def happen(mechanism, brakes, hand, state, scratch, kind, t):
     at_rest = tip[2] == 0.0 and tip[3] == 0.0
     if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
-        stand(brakes, state)
+        hold_all(brakes, state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
-        meet(mechanism, state, kind - STOP, fx, fy, arm_mass)
+        stick_or_slip(mechanism, state, kind - STOP, fx, fy, arm_mass)
     elif kind == LOOSE_PLUS or kind == LOOSE_MINUS:
         release(mechanism, state, state.held, 1.0 if kind == LOOSE_PLUS else -1.0)
     elif kind < SPEED:
-        meet(mechanism, state, kind, fx, fy, arm_mass)
+        stick_or_slip(mechanism, state, kind, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
 
@@ -213,34 +218,13 @@ def stop_moving(state):
 
 
 @kernel
-def from_rest(mechanism, state, fx, fy, arm_mass):
-    """The pattern in which a resting tip goes on under the hand force f."""
-    mass = state.mass
-    held, _, _ = solve_at_rest(
-        mass[0] + arm_mass,
-        mass[1],
-        mass[2] + arm_mass,
-        state.g,
-        state.active,
-        state.cost_plus,
-        state.cost_minus,
-        mechanism.lines,
-        fx,
-        fy,
-        state.sign,
-    )
-    state.held = held
-    if held >= 0:
-        enter_line(mechanism, state, held)
-
-
-@kernel
-def excess_at(mechanism, brakes, hand, state, t, elapsed):
+def excess_at(model, data, t, elapsed):
     """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step (N)."""
+    state = data.state
     age_yields(state, elapsed)
-    set_costs(brakes, state)
-    fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
-    return largest_excess(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, fx, fy)
+    set_costs(model.brakes, state)
+    fx, fy = hand_force(data.hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
+    return largest_excess(joints_of(model.mechanism, state), fx, fy)
 
 
 @kernel
@@ -253,23 +237,24 @@ def none_falls(state):
 
 
 @kernel
-def still_until(mechanism, brakes, hand, state, t, step):
+def still_until(model, data, t, step):
     """How long the resting tip stays at rest: `step`, or the first time at which the hand pushes it loose.
 
     Seen at the middle and the end of the step, then bisected to rounding. Under a steady hand it stays for sure where
     no brake falls.
     """
+    hand, state = data.hand, data.state
     hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step
     if not hand_changes and (state.lagging == 0 or none_falls(state)):
         return step
     low, high = 0.0, 0.5 * step
-    if excess_at(mechanism, brakes, hand, state, t, high) <= limits.REST_ROUNDING:
+    if excess_at(model, data, t, high) <= limits.REST_ROUNDING:
         low, high = high, step
-        if excess_at(mechanism, brakes, hand, state, t, step) <= limits.REST_ROUNDING:
+        if excess_at(model, data, t, step) <= limits.REST_ROUNDING:
             return step
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if excess_at(mechanism, brakes, hand, state, t, middle) > limits.REST_ROUNDING:
+        if excess_at(model, data, t, middle) > limits.REST_ROUNDING:
             high = middle
         else:
             low = middle

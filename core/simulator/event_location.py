@@ -19,7 +19,7 @@ from core.simulator.lag import joint_acceleration
 from core.simulator.runge_kutta import rk4, slip_torques
 from core.simulator.solver_numbers import GRAZING, LOCATED, MAX_LOCATE, ROUNDING, SLID_S
 from core.simulator.stick_slip import same_line
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from core.stops import stop_gap
 
 NONE = -1
@@ -53,9 +53,9 @@ def path_sense(state):
 
 
 @kernel
-def held_limits(brakes, mechanism, state, at, yields):
-    """What the held joint's line can hold against + and - motion with brakes that yield at `yields` (4,), N m."""
-    j = state.held
+def held_limits(brakes, mechanism, state, at):
+    """What the held joint's line can hold against + and - motion in the state or after the tried step, `at` (N m)."""
+    j, yields = state.held, at.torque_yield
     plus, minus = 0.0, 0.0
     square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
     for i in range(PLACES):
@@ -80,21 +80,22 @@ def held_limits(brakes, mechanism, state, at, yields):
 
 
 @kernel
-def event_value(brakes, mechanism, state, scratch, kind):
+def event_value(model, data, kind):
     """Value of one kind of event at the end of the tried step."""
-    turned = scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
-    return value_at(brakes, mechanism, state, scratch, scratch, scratch.torque_yield, turned, kind)
+    turned = data.scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
+    return value_at(model, data, data.scratch, turned, kind)
 
 
 @kernel
-def value_at(brakes, mechanism, state, scratch, at, yields, turned, kind):
-    """Value of one kind of event in the state or after the tried step, `at`, for its yields; turned since, rad."""
+def value_at(model, data, at, turned, kind):
+    """Value of one kind of event in the state or after the tried step, `at`; turned since, rad."""
+    mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
     if kind < SPEED:
         return state.sign[kind] * at.rate[kind]
     if kind == SPEED:
         return path_sense(state) * path_speed(state, at)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, at, yields)
+        plus, minus = held_limits(brakes, mechanism, state, at)
         return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
     if kind < STOP:
         i = kind - PLAY
@@ -153,8 +154,8 @@ def first_event(mechanism, brakes, state, scratch, step):
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
-        plus0, minus0 = held_limits(brakes, mechanism, state, state, state.torque_yield)
-        plus1, minus1 = held_limits(brakes, mechanism, state, scratch, scratch.torque_yield)
+        plus0, minus0 = held_limits(brakes, mechanism, state, state)
+        plus1, minus1 = held_limits(brakes, mechanism, state, scratch)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
         torque0, torque1, middle = state.line_torque, scratch.line_torque, scratch.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
@@ -193,20 +194,21 @@ def first_stop(mechanism, state, scratch, step, seen):
 
 
 @kernel
-def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
+def locate(model, data, t, step, kind, guess):
     """Shrink the tried step to the first event: (kind, its time). It is left there, the event's value at rounding.
 
     Bracketed Newton or secant steps on re-integrated steps, where one that is nearly there is slid to the event; where
     another event comes before, that one is taken.
     """
+    scratch = data.scratch
     for _ in range(STOP + 5):
-        guess = locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess)
+        guess = locate_one(model, data, t, step, kind, guess)
         if guess == 0.0:
             break
         # a graze came close to zero and turned back
-        grazed = event_value(brakes, mechanism, state, scratch, kind) > GRAZING
+        grazed = event_value(model, data, kind) > GRAZING
         scratch.seen |= 1 << kind
-        other, when = first_event(mechanism, brakes, state, scratch, guess)
+        other, when = first_event(model.mechanism, model.brakes, data.state, scratch, guess)
         if other == NONE:
             if grazed:
                 kind = NONE
@@ -216,9 +218,10 @@ def locate(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
 
 
 @kernel
-def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
+def locate_one(model, data, t, step, kind, guess):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    low, at_low = 0.0, value_at(brakes, mechanism, state, scratch, state, state.torque_yield, 0.0, kind)
+    state, scratch = data.state, data.scratch
+    low, at_low = 0.0, value_at(model, data, state, 0.0, kind)
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
@@ -226,25 +229,25 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
         risen = False
         for _ in range(MAX_LOCATE):
             s *= 0.5
-            if rk4(mechanism, brakes, hand, state, scratch, t, s):
-                value = event_value(brakes, mechanism, state, scratch, kind)
+            if rk4(model, data, t, s):
+                value = event_value(model, data, kind)
                 if value > ROUNDING:
                     risen = True
                     break
                 high = s
         if not risen:
-            rk4(mechanism, brakes, hand, state, scratch, t, 0.0)
+            rk4(model, data, t, 0.0)
             return 0.0
         low, at_low = s, value
         guess = 0.5 * (low + high)
     s = guess if low < guess < high else 0.5 * (low + high)
     last, at_last = low, at_low
     for _ in range(MAX_LOCATE):
-        if not rk4(mechanism, brakes, hand, state, scratch, t, s):
+        if not rk4(model, data, t, s):
             high = s
             s = 0.5 * (low + high)
             continue
-        value = event_value(brakes, mechanism, state, scratch, kind)
+        value = event_value(model, data, kind)
         if abs(value) <= LOCATED:
             break
         if value > 0.0:
@@ -258,7 +261,7 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope
         if state.lagging == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
-            slide(mechanism, brakes, state, scratch, ahead - s)
+            slide(model.mechanism, state, scratch, ahead - s)
             return ahead
         last, at_last = s, value
         s = ahead if low < ahead < high else 0.5 * (low + high)
@@ -266,7 +269,7 @@ def locate_one(mechanism, brakes, hand, state, scratch, t, step, kind, guess):
 
 
 @kernel
-def slide(mechanism, brakes, state, scratch, ds):
+def slide(mechanism, state, scratch, ds):
     """Carry the end of the tried step on by ds (s), at most `SLID_S` either way, along its velocity and acceleration.
 
     For brakes without lag. What it leaves out is of the second order in ds; an event is followed by a new acceleration.
@@ -279,6 +282,6 @@ def slide(mechanism, brakes, state, scratch, ds):
     for k in range(2):
         tip[k] += ds * tip[2 + k]
         tip[2 + k] += ds * a[k]
-    look(mechanism, scratch)
+    update_kinematics(mechanism, scratch)
     if state.held >= 0:
         scratch.rate[state.held] = 0.0

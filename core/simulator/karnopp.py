@@ -82,7 +82,7 @@ def hold(mechanism, state, force, mass):
     Two rows that are not parallel hold the tip (its velocity terms inside the band are of order delta_omega^2 and left
     out); else the joints are on one line and hold it together.
     """
-    (rx, ry), (mxx, mxy, myy) = force, mass
+    rx, ry = force
     g, torque, lines = state.g, state.torque, mechanism.lines
     lead, several = -1, False
     sxx = sxy = syy = 0.0
@@ -112,7 +112,7 @@ def hold(mechanism, state, force, mass):
                 middle, half = reach_of(state, i)
                 torque[i] = middle + half * half * (g[i, 0] * zx + g[i, 1] * zy)
         return
-    rest = holding_torque(mxx, mxy, myy, g[lead, 0], g[lead, 1], state.bias[lead], rx, ry)
+    rest = holding_torque(mass, (g[lead, 0], g[lead, 1]), state.bias[lead], (rx, ry))
     square = g[lead, 0] * g[lead, 0] + g[lead, 1] * g[lead, 1]
     weight = 0.0
     for i in range(PLACES):
@@ -148,7 +148,7 @@ def evaluate(model, data, t, p, v):
 
 
 @kernel
-def book_stage(state, scratch, vx, vy, share):
+def add_stage_to_ledger(state, scratch, vx, vy, share):
     """Ledger: power of the hand and of each brake at a stage, over its share of the step (s)."""
     state.work_hand += share * (state.hand_force[0] * vx + state.hand_force[1] * vy)
     for i in range(4):
@@ -175,18 +175,18 @@ def advance_karnopp(model, data, currents, t, h):
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
     sixth, half = h / 6.0, 0.5 * h
     ax, ay = evaluate(model, data, t, (x, y), (vx, vy))
-    book_stage(state, scratch, vx, vy, sixth)
+    add_stage_to_ledger(state, scratch, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
     age_yields(state, half)
     bx, by = evaluate(model, data, t + half, (x + half * vx, y + half * vy), (ux, uy))
-    book_stage(state, scratch, ux, uy, 2.0 * sixth)
+    add_stage_to_ledger(state, scratch, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
     cx, cy = evaluate(model, data, t + half, (x + half * ux, y + half * uy), (wx, wy))
-    book_stage(state, scratch, wx, wy, 2.0 * sixth)
+    add_stage_to_ledger(state, scratch, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
     age_yields(state, h)
     dx, dy = evaluate(model, data, t + h, (x + h * wx, y + h * wy), (zx, zy))
-    book_stage(state, scratch, zx, zy, sixth)
+    add_stage_to_ledger(state, scratch, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)
     tip[1] = y + sixth * (vy + 2.0 * (uy + wy) + zy)
     tip[2] = vx + sixth * (ax + 2.0 * (bx + cx) + dx)
@@ -205,7 +205,7 @@ def advance_karnopp(model, data, currents, t, h):
                 tip[0], tip[1], tip[2], tip[3] = x, y, 0.0, 0.0  # held against a stop: nothing creeps
             else:
                 keep_on_line(mechanism, state, state, j)
-    struck = stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
+    struck = stop_on_the_way(mechanism, state, scratch, (x, y), h, arm_mass)
     if struck >= 0:
         enter_line(mechanism, state, struck)
     store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

@@ -66,14 +66,15 @@ def row_of(mechanism, q, j):
 
 
 @inlined
-def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
-    """One evaluation of the equations of motion under the prescribed force p and the grip.
+def stage(mechanism, grip, held, slip, prescribed, tip):
+    """One evaluation of the equations of motion under a prescribed force (N) and the grip; tip: x, y, vx, vy.
 
     Returns (ax, ay, holding torque, sensed hand force fx, fy, Motion).
     """
+    x, y, vx, vy = tip
     q = motion(mechanism, x, y, vx, vy)
     sx, sy = grip_force(grip, x, y, vx, vy)
-    fx, fy, arm_mass = px + sx, py + sy, grip.mass
+    fx, fy, arm_mass = prescribed[0] + sx, prescribed[1] + sy, grip.mass
     p, r = q.arm_1, q.arm_2
     if mechanism.coupled != 0:
         slip = torques_on_joints(mechanism, slip)
@@ -92,38 +93,38 @@ def stage(mechanism, grip, held, slip, px, py, x, y, vx, vy):
 
 
 @kernel
-def rk4(mechanism, brakes, hand, state, scratch, t, dt):
+def rk4(model, data, t, dt):
     """One RK4 step of dt seconds from `state` into `scratch`; False where a stage left the region where the arms close.
 
     The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
     step's first.
     """
+    mechanism, hand, state, scratch = model.mechanism, data.hand, data.state, data.scratch
     grip = hand.grips[0]
     held = state.held
     first = slip_torques(state)
     torques2 = torques3 = torques4 = last = first
     if state.lagging != 0:
-        begin_stages(brakes, state, scratch, dt)
+        begin_stages(model.brakes, state, scratch, dt)
         torques2 = lagging_torques(scratch, 0)
     half = 0.5 * dt
-    px, py = prescribed_force(hand, t + half)
-    qx, qy = prescribed_force(hand, t + dt)
+    in_the_middle, at_the_end = prescribed_force(hand, t + half), prescribed_force(hand, t + dt)
     x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
     ax1, ay1 = state.acceleration[0], state.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
-    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, px, py, x2, y2, vx2, vy2)
+    ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, in_the_middle, (x2, y2, vx2, vy2))
     rates2 = rates_of(mechanism, q2)
     if state.lagging != 0:
         follow(state, scratch, rates2, half, 0)
         torques3 = lagging_torques(scratch, 0)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
-    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, px, py, x3, y3, vx3, vy3)
+    ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, in_the_middle, (x3, y3, vx3, vy3))
     rates3 = rates_of(mechanism, q3)
     if state.lagging != 0:
         follow(state, scratch, rates3, dt, 1)
         torques4 = lagging_torques(scratch, 1)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
-    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, qx, qy, x4, y4, vx4, vy4)
+    ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, at_the_end, (x4, y4, vx4, vy4))
     rates4 = rates_of(mechanism, q4)
     if state.lagging != 0:
         end_stages(state, scratch, rates4, dt)
@@ -148,7 +149,8 @@ def rk4(mechanism, brakes, hand, state, scratch, t, dt):
     scratch.middle_torque = 0.5 * (torque2 + torque3)
     put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
     tip = scratch.tip
-    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, qx, qy, tip[0], tip[1], tip[2], tip[3])
+    arrived = tip[0], tip[1], tip[2], tip[3]
+    ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, at_the_end, arrived)
     scratch.error = abs(ax - ax4) + abs(ay - ay4) + (put_back / dt if put_back > 0.0 else 0.0)
     scratch.acceleration[0], scratch.acceleration[1] = ax, ay
     scratch.hand_force[0], scratch.hand_force[1] = hx, hy

@@ -15,7 +15,7 @@ from core.simulator.hand import Hand
 from core.simulator.simulation import MR, Ledger, Simulation, advance, apply
 from core.simulator.state import CARRIED, STATE, Data, Model, pack_brakes
 from core.simulator.stick_slip import STILL
-from core.simulator.stick_slip_mode import look, resolve
+from core.simulator.stick_slip_mode import resolve, update_kinematics
 
 
 class SimulatedDevice(Simulation):
@@ -46,7 +46,7 @@ class SimulatedDevice(Simulation):
         state["added_by_brakes"][0] = 0.0
         state["torque_yield"][0] -= state["ripple"][0]
         state["ripple"][0] = 0.0
-        look(self.mechanism[0], state[0])
+        update_kinematics(self.mechanism[0], state[0])
         self._before = self.ledger()
 
     def settle(self, currents: np.ndarray, t: float) -> None:
@@ -102,8 +102,9 @@ class SimulatedDevice(Simulation):
 def settle(model, data, currents, t):
     """See `SimulatedDevice.settle`."""
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
-    apply(model, data.state[0], currents)
-    resolve(model.mechanism, model.brakes, data.hand, data.state[0], t)
+    data = Data(data.hand, data.state[0], data.scratch[0])
+    apply(model, data.state, currents)
+    resolve(model, data, t)
 
 
 @kernel

@@ -34,7 +34,7 @@ from core.simulator.state import (
 )
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
-from core.simulator.stick_slip_mode import hand_changed, look, resolve
+from core.simulator.stick_slip_mode import hand_changed, resolve, update_kinematics
 from core.stops import distal_sine
 
 INTEGRATORS = ("event", "stepping", "karnopp")
@@ -84,12 +84,11 @@ def swing(model, state):
 @kernel
 def advance(model, data, commands, t, h):
     """Stage: the integrator carries the resolved state from t to t + h, s."""
-    lagged = 1 if model.fidelity == MR else 0
     if model.integrator == EVENT:
-        advance_event(model.mechanism, model.brakes, data.hand, data.state, data.scratch, commands, t, h, lagged)
+        advance_event(model, data, commands, t, h)
     elif model.integrator == STEPPING:
         data.state.steps += 1
-        advance_stepping(model.mechanism, model.brakes, data.hand, data.state, data.scratch, commands, t, h, lagged)
+        advance_stepping(model, data, commands, t, h)
     else:
         data.state.steps += 1
         advance_karnopp(model, data, commands, t, h)
@@ -118,7 +117,7 @@ def start(model, data):
     """A new state: rows and mass at its position, brakes off, the play in the middle of the backlash."""
     mechanism, brakes, state = model.mechanism[0], model.brakes[0], data.state[0]
     state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
-    look(mechanism, state)
+    update_kinematics(mechanism, state)
     state.kinetic_start = kinetic(state)
     for i in range(4):
         state.play[i] = 0.5 * brakes.play[i]
@@ -167,7 +166,7 @@ def run_rows(model, data, schedule, grid, rows):
                 if model.integrator == KARNOPP:
                     resolve_in_band(model, data, t)
                 else:
-                    resolve(model.mechanism, model.brakes, hand, state, t)
+                    resolve(model, data, t)
                 if s == 0 and t == k * step:
                     rows[r, 0] = t
                     for i in range(4):

@@ -15,8 +15,9 @@ from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
 from core.simulator.lag import age_yields, begin
 from core.simulator.runge_kutta import keep_on_line, kinetic
+from core.simulator.state import MR
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
-from core.simulator.stick_slip_mode import enter_line, look, set_costs, strike
+from core.simulator.stick_slip_mode import enter_line, hit_stop, joints_of, set_costs, update_kinematics
 from core.stops import stop_gap
 
 
@@ -34,17 +35,18 @@ def stiffer_than(state, hand, step):
 
 
 @kernel
-def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, lagged):
+def advance_stepping(model, data, currents, t, h):
     """Move the state from t to t + h (s) in implicit steps: one, or more where the tip goes a long way.
 
     Expects the state's quantities at t.
     """
+    mechanism, state, scratch, lagged = model.mechanism, data.state, data.scratch, 1 if model.fidelity == MR else 0
     state.settled = 0
     elapsed, step, halvings = 0.0, h, 0
     while elapsed < h:
         step = min(step, h - elapsed)
-        begin(brakes, state, currents, lagged)
-        speed = implicit_velocity(mechanism, brakes, hand, state, scratch, t + elapsed, step)
+        begin(model.brakes, state, currents, lagged)
+        speed = implicit_velocity(model, data, t + elapsed, step)
         singular = near_singular(mechanism, state)
         if halvings < limits.MOST_HALVINGS and (
             speed * step > limits.LONGEST_WAY
@@ -54,7 +56,7 @@ def advance_stepping(mechanism, brakes, hand, state, scratch, currents, t, h, la
             halvings += 1
             continue
         before = balance(state) if singular else 0.0
-        take(mechanism, brakes, hand, state, scratch, step)
+        take(model, data, step)
         if singular:
             create_nothing(state, before)
         elapsed = h if step == h - elapsed else elapsed + step
@@ -82,13 +84,14 @@ def singularity_change(mechanism, state, scratch):
 
 
 @kernel
-def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h):
+def implicit_velocity(model, data, t, h):
     """Velocity after an implicit step of h seconds into scratch.tip[2:]; its size (m/s). The state keeps its motion."""
+    hand, state, scratch = data.hand, data.state, data.scratch
     tip, mass, grip = state.tip, state.mass, hand.grips[0]
     for i in range(4):
         scratch.torque_yield[i] = state.torque_yield[i]
     age_yields(state, h)
-    set_costs(brakes, state)
+    set_costs(model.brakes, state)
     for i in range(4):
         state.torque_yield[i] = scratch.torque_yield[i]
     vx, vy = tip[2] + state.carry[0], tip[3] + state.carry[1]
@@ -108,10 +111,8 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h):
     for i in range(PLACES):
         state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
         state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
-    held, ux, uy = solve_at_rest(
-        mxx + cxx, mxy + cxy, myy + cyy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines,
-        px, py, scratch.sign,
-    )  # fmt: skip
+    whole = mxx + cxx, mxy + cxy, myy + cyy
+    held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), whole, (px, py), scratch.sign)
     scratch.held = held
     scratch.tip[2], scratch.tip[3] = ux, uy
     dvx, dvy = (ux - vx) / h, (uy - vy) / h
@@ -122,8 +123,9 @@ def implicit_velocity(mechanism, brakes, hand, state, scratch, t, h):
 
 
 @kernel
-def take(mechanism, brakes, hand, state, scratch, h):
-    """Take the implicit step: move the tip, enter the ledger, look around."""
+def take(model, data, h):
+    """Take the implicit step: move the tip, enter the ledger, and see what follows from where it is."""
+    mechanism, state, scratch = model.mechanism, data.state, data.scratch
     tip = state.tip
     age_yields(state, h)
     for j in range(PLACES):
@@ -138,9 +140,9 @@ def take(mechanism, brakes, hand, state, scratch, h):
         enter_line(mechanism, state, state.held)
     x, y = tip[0], tip[1]
     tip[2], tip[3] = scratch.tip[2], scratch.tip[3]
-    move(mechanism, state, scratch, h, hand.grips[0].mass)
-    book(brakes, state, scratch, tip[0] - x, tip[1] - y, h)
-    look(mechanism, state)
+    move(mechanism, state, scratch, h, data.hand.grips[0].mass)
+    add_to_ledger(model.brakes, state, scratch, tip[0] - x, tip[1] - y, h)
+    update_kinematics(mechanism, state)
 
 
 @kernel
@@ -171,7 +173,7 @@ def create_nothing(state, before):
 
 
 @kernel
-def book(brakes, state, scratch, dx, dy, h):
+def add_to_ledger(brakes, state, scratch, dx, dy, h):
     """Ledger and backlash of one implicit step over the way (dx, dy) that the tip went, by the rows at its start."""
     state.work_hand += state.hand_force[0] * dx + state.hand_force[1] * dy
     for i in range(4):
@@ -186,7 +188,7 @@ def book(brakes, state, scratch, dx, dy, h):
 
 @kernel
 def move(mechanism, state, scratch, h, arm_mass):
-    """Displace the tip by h v; stay on the held joint's SDOF path; strike a hard stop that lies in the way."""
+    """Displace the tip by h v; stay on the held joint's SDOF path; hit a hard stop that lies in the way."""
     tip = state.tip
     if state.held == STILL:
         return
@@ -197,7 +199,7 @@ def move(mechanism, state, scratch, h, arm_mass):
     for j in range(PLACES):
         if not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
             state.contact[j] = 0.0
-    stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass)
+    stop_on_the_way(mechanism, state, scratch, (x, y), h, arm_mass)
     if beyond_a_stop(mechanism, state, scratch, tip[0], tip[1]):
         retreat(mechanism, state, scratch, x, y)
     for j in range(PLACES):
@@ -223,9 +225,9 @@ def turn(mechanism, state, j):
 
 
 @kernel
-def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
-    """Strike a hard stop between (x, y) and the tip and slide along it for the rest of the step; its joint, or -1."""
-    tip = state.tip
+def stop_on_the_way(mechanism, state, scratch, start, h, arm_mass):
+    """Hit a hard stop between a start (m) and the tip and slide along it for the rest of the step; its joint, or -1."""
+    tip, (x, y) = state.tip, start
     struck = worst_stop(mechanism, state, scratch, tip[0], tip[1])
     if struck < 0:
         return struck
@@ -243,8 +245,8 @@ def stop_on_the_way(mechanism, state, scratch, x, y, h, arm_mass):
     worst_stop(mechanism, state, scratch, x + high * ex, y + high * ey)
     side = scratch.gap_side[struck]
     state.carry[0] = state.carry[1] = 0.0
-    look(mechanism, state)
-    strike(mechanism, state, struck, side, arm_mass)
+    update_kinematics(mechanism, state)
+    hit_stop(mechanism, state, struck, side, arm_mass)
     if state.held != STILL:
         hit_x, hit_y, rest = tip[0], tip[1], (1.0 - low) * h
         enter_line(mechanism, state, struck)

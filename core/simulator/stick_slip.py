@@ -16,6 +16,9 @@ Joints here are all places of core/mechanism.py: A, E, B, C, then D and elbows t
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from core.kernels import inlined, kernel
 from core.mechanism import PLACES
@@ -30,13 +33,24 @@ def same_line(i, j, lines):
     return i == j or (lines >> (PLACES * i + j)) & 1 != 0
 
 
+class Joints(NamedTuple):
+    """What the joints can hold, in the order of the places of core/mechanism.py."""
+
+    g: np.ndarray  # (PLACES, 2) 1/m, rows
+    active: np.ndarray  # (PLACES,) 1: it carries a brake or touches a stop
+    cost_plus: np.ndarray  # (PLACES,) N m, what it holds against + motion
+    cost_minus: np.ndarray  # (PLACES,) N m, against - motion
+    lines: int  # of the mechanism
+
+
 @kernel
-def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
+def largest_excess(joints, fx, fy):
     """How far the force f pushes beyond what the joints hold, along the ray where that is most; at most 0: all hold.
 
     Along the ray t on which joint j rests: (f . t - sum of the costs of the other joints' rates) / |t|. With symmetric
     costs this is the facet test of the zonotope sum of [-y_i, y_i] g_i. -inf without any joint.
     """
+    g, active, cost_plus, cost_minus, lines = joints
     largest = -math.inf
     for j in range(PLACES):
         if active[j] == 0:
@@ -58,14 +72,16 @@ def largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy):
 
 
 @kernel
-def solve_at_rest(mxx, mxy, myy, g, active, cost_plus, cost_minus, lines, fx, fy, sign):
-    """The motion from rest under the force f = M a_free: returns (held, ax, ay) and fills sign (PLACES,) of each rate.
+def solve_at_rest(joints, mass, force, sign):
+    """The motion from rest under a force f = M a_free: returns (held, ax, ay) and fills sign (PLACES,) of each rate.
 
-    held is STILL, FREE, or the joint that stays stuck. g (PLACES, 2); active, costs (PLACES,); lines: of the mechanism.
+    mass (3,): xx, xy, yy, kg; force (2,), N. held is STILL, FREE, or the joint that stays stuck.
     With no active joint the answer is FREE. Exact but for rounding; no tolerance, no iteration.
     """
+    g, active, cost_plus, cost_minus, lines = joints
+    (mxx, mxy, myy), (fx, fy) = mass, force
     best, held, ax, ay = 0.0, STILL, 0.0, 0.0
-    if -math.inf < largest_excess(g, active, cost_plus, cost_minus, lines, fx, fy) <= 0.0:
+    if -math.inf < largest_excess(joints, fx, fy) <= 0.0:
         for i in range(PLACES):
             sign[i] = 0.0
         return held, ax, ay
@@ -152,8 +168,9 @@ def line_limits(g, active, cost_plus, cost_minus, lines, j):
 
 
 @kernel
-def holding_torque(mxx, mxy, myy, gx, gy, bias, fx, fy):
+def holding_torque(mass, row, bias, force):
     """Torque on a joint with row g that keeps its rate at zero while the force f acts: g.a = -bias (N m, signed)."""
-    ax, ay = solve_mass(mxx, mxy, myy, fx, fy)
+    (mxx, mxy, myy), (gx, gy) = mass, row
+    ax, ay = solve_mass(mxx, mxy, myy, force[0], force[1])
     hx, hy = solve_mass(mxx, mxy, myy, gx, gy)
     return -(gx * ax + gy * ay + bias) / (gx * hx + gy * hy)

@@ -1,7 +1,7 @@
 """The pattern of stick and slip at an instant: which joint is held, which way each other brake slips.
 
-`resolve` asks the exact solver at the start of a step; `meet` when the rate of one joint reaches zero on the way;
-`strike` when a joint runs into a hard stop.
+`resolve` asks the exact solver at the start of a step; `stick_or_slip` when the rate of one joint reaches zero on the
+way; `hit_stop` when a joint runs into a hard stop.
 """
 
 import math
@@ -16,6 +16,7 @@ from core.simulator.solver_numbers import HAND_ROUNDING, RATE_ROUNDING
 from core.simulator.stick_slip import (
     FREE,
     STILL,
+    Joints,
     holding_torque,
     line_limits,
     same_line,
@@ -25,7 +26,7 @@ from core.simulator.stick_slip import (
 
 
 @kernel
-def look(mechanism, state):
+def update_kinematics(mechanism, state):
     """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
     tip = state.tip
     store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
@@ -121,11 +122,12 @@ def slipping_force(state, held, lines):
 
 
 @kernel
-def resolve(mechanism, brakes, hand, state, t):
+def resolve(model, data, t):
     """Stage: the pattern at time t for the yields now in the state; fills held, sign, acceleration and torque.
 
     Where the last step left the pattern of a moving tip settled and nothing has changed since, it stands.
     """
+    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
     changed = set_costs(brakes, state)
     if state.settled != 0 and not changed and hand.grips[0].spring == 0:
         for i in range(4):
@@ -133,18 +135,11 @@ def resolve(mechanism, brakes, hand, state, t):
         if state.held >= 0:
             share_on_line(state, state.held, state.line_torque, mechanism.lines)
         return
-    tip, mass, arm_mass = state.tip, state.mass, hand.grips[0].mass
+    tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
-    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
     if tip[2] == 0.0 and tip[3] == 0.0:
-        stand(brakes, state)
-        held, _, _ = solve_at_rest(
-            mxx, mxy, myy, state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines,
-            fx, fy, state.sign,
-        )  # fmt: skip
-        state.held = held
-        if held >= 0:
-            enter_line(mechanism, state, held)
+        hold_all(brakes, state)
+        from_rest(mechanism, state, fx, fy, arm_mass)
     else:
         if state.held == STILL:
             state.held = FREE
@@ -157,13 +152,35 @@ def resolve(mechanism, brakes, hand, state, t):
                 continue
             at_rest = at_stop or rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
             if at_rest and state.held == FREE:
-                meet(mechanism, state, i, fx, fy, arm_mass)
+                stick_or_slip(mechanism, state, i, fx, fy, arm_mass)
             elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
                 state.sign[i] = 1.0 if rate > 0.0 else -1.0
         if state.held >= 0:
-            meet(mechanism, state, state.held, fx, fy, arm_mass)
+            stick_or_slip(mechanism, state, state.held, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
+
+
+@inlined
+def joints_of(mechanism, state):
+    """`Joints` of a state."""
+    return Joints(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines)
+
+
+@inlined
+def moved_mass(state, arm_mass):
+    """Mass of the tip and of the arm that moves with it: xx, xy, yy, kg."""
+    return state.mass[0] + arm_mass, state.mass[1], state.mass[2] + arm_mass
+
+
+@kernel
+def from_rest(mechanism, state, fx, fy, arm_mass):
+    """The pattern in which a resting tip goes on under the hand force f."""
+    mass = moved_mass(state, arm_mass)
+    held, _, _ = solve_at_rest(joints_of(mechanism, state), mass, (fx, fy), state.sign)
+    state.held = held
+    if held >= 0:
+        enter_line(mechanism, state, held)
 
 
 @kernel
@@ -177,27 +194,19 @@ def hand_changed(hand, state, t):
 
 
 @kernel
-def meet(mechanism, state, j, fx, fy, arm_mass):
+def stick_or_slip(mechanism, state, j, fx, fy, arm_mass):
     """Joint j has no rate while the tip moves: it sticks, or slips on in the sense that the forces give it.
 
     A soft threshold on its SDOF line; joints on the same line (E and C on coaxial bases) go with it.
     """
-    g, mass = state.g, state.mass
+    g = state.g
     for i in range(PLACES):
         if state.active[i] != 0 and abs(state.rate[i]) <= RATE_ROUNDING and not same_line(i, j, mechanism.lines):
-            meet_parallel(mechanism, state, j, fx, fy, arm_mass)
+            stick_or_slip_parallel(mechanism, state, j, fx, fy, arm_mass)
             return
     sx, sy = slipping_force(state, j, mechanism.lines)
-    torque = holding_torque(
-        mass[0] + arm_mass,
-        mass[1],
-        mass[2] + arm_mass,
-        g[j, 0],
-        g[j, 1],
-        state.bias[j],
-        fx + sx - state.bias_force[0],
-        fy + sy - state.bias_force[1],
-    )
+    force = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
+    torque = holding_torque(moved_mass(state, arm_mass), (g[j, 0], g[j, 1]), state.bias[j], force)
     plus, minus = line_limits(g, state.active, state.cost_plus, state.cost_minus, mechanism.lines, j)
     if torque < -plus:
         release(mechanism, state, j, 1.0)
@@ -225,7 +234,7 @@ def has_no_rate(mechanism, state, i, j):
 
 
 @kernel
-def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
+def stick_or_slip_parallel(mechanism, state, j, fx, fy, arm_mass):
     """Joint j and another on a different line have no rate while the tip moves: their rows are parallel for an instant.
 
     With s = g_j . a every such joint k turns at r_k = ratio_k s + gdot_k . v, and the motion is
@@ -268,7 +277,7 @@ def meet_parallel(mechanism, state, j, fx, fy, arm_mass):
 
 @kernel
 def slopes_at_kink(mechanism, state, k, j, free, compliance):
-    """Slopes of the objective of `meet_parallel` just below and above the s at which joint k has no acceleration."""
+    """Slopes of the objective of `stick_or_slip_parallel` below and above the s where joint k has no acceleration."""
     g, bias = state.g, state.bias
     square = g[j, 0] * g[j, 0] + g[j, 1] * g[j, 1]
     s = -bias[k] * square / (g[k, 0] * g[j, 0] + g[k, 1] * g[j, 1])
@@ -370,7 +379,7 @@ def turn_torques(brakes, state):
 
 
 @kernel
-def stand(brakes, state):
+def hold_all(brakes, state):
     """Lag on the signed torque: everything rests, and each brake holds either way."""
     if brakes.signed != 0.0:
         for i in range(4):
@@ -381,8 +390,7 @@ def stand(brakes, state):
 @kernel
 def finish(mechanism, state, fx, fy, arm_mass):
     """Acceleration, torques and the sensed hand force that the pattern implies under the hand force f."""
-    g, mass = state.g, state.mass
-    held = state.held
+    g, held = state.g, state.held
     if held == STILL:
         state.acceleration[0] = state.acceleration[1] = 0.0
         state.hand_force[0], state.hand_force[1] = fx, fy
@@ -393,21 +401,21 @@ def finish(mechanism, state, fx, fy, arm_mass):
         state.torque[i] = slip_torque(state, i) if i < 4 else 0.0
     sx, sy = slipping_force(state, held, mechanism.lines)
     rx, ry = fx + sx - state.bias_force[0], fy + sy - state.bias_force[1]
-    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
+    mass = moved_mass(state, arm_mass)
     if held >= 0:
-        torque = holding_torque(mxx, mxy, myy, g[held, 0], g[held, 1], state.bias[held], rx, ry)
+        torque = holding_torque(mass, (g[held, 0], g[held, 1]), state.bias[held], (rx, ry))
         rx += g[held, 0] * torque
         ry += g[held, 1] * torque
         state.line_torque = torque
         share_on_line(state, held, torque, mechanism.lines)
         leave_stops_their_share(state)
-    ax, ay = solve_mass(mxx, mxy, myy, rx, ry)
+    ax, ay = solve_mass(mass[0], mass[1], mass[2], rx, ry)
     state.acceleration[0], state.acceleration[1] = ax, ay
     state.hand_force[0], state.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
 
 
 @kernel
-def strike(mechanism, state, j, side, arm_mass):
+def hit_stop(mechanism, state, j, side, arm_mass):
     """Joint j runs into its stop (side +1: at the high end): plastic impact, brakes give no impulse.
 
     v+ = argmin 1/2 (v - v-)' M (v - v-) with the stop's rate >= 0; the loss goes to the ledger as an entry of its own.
@@ -427,10 +435,10 @@ def strike(mechanism, state, j, side, arm_mass):
     after = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
     state.lost_at_stops += before - after
     state.work_hand += arm_before - 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
-    look(mechanism, state)
+    update_kinematics(mechanism, state)
     state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
     for i in range(PLACES):
         if same_line(i, j, mechanism.lines):
-            state.rate[i] = 0.0  # exactly: `meet` decides how it goes on
+            state.rate[i] = 0.0  # exactly: `stick_or_slip` decides how it goes on
         rate = state.rate[i]
         state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

@@ -16,7 +16,7 @@ from core.device import Device
 from core.device_file import Castor
 from core.kernels import kernel
 from core.simulator.hand import hand_force
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from core.stops import stop_gap
 from experiments.numbers import significant
 
@@ -78,5 +78,5 @@ def move_with_castor(mechanism, hand, state, run):
         vx, vy, _ = velocity(cobot)
         state.work_hand += run.castor_work - 0.5 * arm_kg * (vx * vx + vy * vy - square)
         tip[0], tip[1], tip[2], tip[3] = cobot.pose[0], cobot.pose[1], vx, vy
-    look(mechanism, state)
+    update_kinematics(mechanism, state)
     state.steps += 1

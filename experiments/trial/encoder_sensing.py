@@ -20,7 +20,7 @@ from core.device_interface import encoder_step, velocity_noise
 from core.kernels import kernel
 from core.linkage import joint_angles
 from core.simulator.state import new_record, new_state
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.trial.operator import TICK_S
 
@@ -104,7 +104,7 @@ def see(mechanism, state, sensing, seen):
     scale = 12.0 / (window * (window * window - 1.0) * TICK_S)
     seen.tip[0], seen.tip[1], seen.tip[2], seen.tip[3] = newest[0], newest[1], scale * vx, scale * vy
     seen.hand_force[0], seen.hand_force[1] = newest[2], newest[3]
-    look(mechanism, seen)
+    update_kinematics(mechanism, seen)
 
 
 @kernel

@@ -37,9 +37,9 @@ from core.obstacles import nearest_obstacle
 from core.path import Path, nearest
 from core.simulator.event import advance_event
 from core.simulator.runge_kutta import kinetic
-from core.simulator.simulation import MR, apply, stuck_bits
+from core.simulator.simulation import apply, stuck_bits
 from core.simulator.state import Data, Model, Record, new_record
-from core.simulator.stick_slip_mode import look, resolve
+from core.simulator.stick_slip_mode import resolve, update_kinematics
 from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
@@ -205,7 +205,7 @@ def run_ticks(trial, rows):
             turn_castor(data.hand, state, run, t, row)
         elif run.real == 0:
             apply(model, state, run.current)
-            resolve(model.mechanism, model.brakes, data.hand, state, t)
+            resolve(model, data, t)
         log_row(trial, t, row)
         log_shown(trial, row)
         log_obstacle(trial, row)
@@ -224,13 +224,12 @@ def run_ticks(trial, rows):
 def step_device(trial, t):
     """Stage STEP: from t on, in `substeps` equal steps with the tick's currents."""
     run, model, data = trial.run, trial.model, trial.data
-    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
-    lagged, step = 1 if model.fidelity == MR else 0, TICK_S / run.substeps
+    step = TICK_S / run.substeps
     for k in range(run.substeps):
         if k > 0:
-            apply(model, state, run.current)
-            resolve(mechanism, brakes, hand, state, t + k * step)
-        advance_event(mechanism, brakes, hand, state, data.scratch, run.current, t + k * step, step, lagged)
+            apply(model, data.state, run.current)
+            resolve(model, data, t + k * step)
+        advance_event(model, data, run.current, t + k * step, step)
 
 
 @kernel
@@ -254,7 +253,7 @@ def sense(trial, row):
     state.hand_force[0], state.hand_force[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.held[0], grip.held[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.target[0], grip.target[1] = row[log.TIP_X], row[log.TIP_Y]
-    look(trial.model.mechanism, state)
+    update_kinematics(trial.model.mechanism, state)
     estimate_energies(trial.model.brakes, state, trial.run, row)
 
 
@@ -496,7 +495,7 @@ def decide_again(controller, path, model, states, sensing, decisions):
         given, seen = decisions.given[n], state
         for i in range(4):
             state.tip[i] = given[i]
-        look(mechanism, state)
+        update_kinematics(mechanism, state)
         if sensors.on != 0:
             seen = sensing.seen[0]
             see(mechanism, state, sensors, seen)

@@ -11,7 +11,7 @@ from core.dynamics import motion
 from core.linkage import joint_angles, joint_rows, tip_force_map
 from core.simulator.state import new_state, pack_mechanism
 from core.simulator.stick_slip import same_line
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows
 
 pytestmark = pytest.mark.nojit
@@ -117,7 +117,7 @@ def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any
         change = slope(lambda q, v=v: any_five_bar.joint_rows(q) @ v, p, v)
         assert biases == pytest.approx(change, rel=1e-7, abs=1e-7)
         state = new_state(*p, *v)[0]
-        look(mechanism, state)
+        update_kinematics(mechanism, state)
         assert state.g[:4] == pytest.approx(any_five_bar.rows(p), rel=1e-9, abs=1e-9)
         assert state.rate[:4] == pytest.approx(any_five_bar.brake_rates(rates), rel=1e-9, abs=1e-9)
         assert state.bias[:4] == pytest.approx(any_five_bar.brake_rates(change), rel=1e-7, abs=1e-7)

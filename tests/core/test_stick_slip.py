@@ -16,7 +16,7 @@ from core.simulator.hand import new_hand
 from core.simulator.load_sharing import share_at_rest
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import new_state
-from core.simulator.stick_slip import FREE, STILL, holding_torque, largest_excess, solve_at_rest
+from core.simulator.stick_slip import FREE, STILL, Joints, holding_torque, largest_excess, solve_at_rest
 
 DIRECTIONS = [np.array([math.cos(a), math.sin(a)]) for a in np.radians(np.arange(0, 360, 10))]
 
@@ -88,9 +88,8 @@ def problem(seed: int, kind: str):
 
 def solve(mass, f, g, active, plus, minus, lines):
     sign = np.zeros(PLACES)
-    held, ax, ay = solve_at_rest(
-        mass[0, 0], mass[0, 1], mass[1, 1], g, active, plus, minus, lines, f[0], f[1], sign
-    )  # fmt: skip
+    whole = mass[0, 0], mass[0, 1], mass[1, 1]
+    held, ax, ay = solve_at_rest(Joints(g, active, plus, minus, lines), whole, (f[0], f[1]), sign)
     return held, np.array([ax, ay]), sign
 
 
@@ -127,7 +126,8 @@ def test_holding_torque_leaves_the_joint_without_acceleration():
     for seed in range(20):
         mass, f, g, *_ = problem(seed, "symmetric")
         bias = float(np.random.default_rng(seed).normal())
-        torque = holding_torque(mass[0, 0], mass[0, 1], mass[1, 1], g[0, 0], g[0, 1], bias, f[0], f[1])
+        whole = mass[0, 0], mass[0, 1], mass[1, 1]
+        torque = holding_torque(whole, (g[0, 0], g[0, 1]), bias, (f[0], f[1]))
         assert g[0] @ np.linalg.solve(mass, f + g[0] * torque) + bias == pytest.approx(0.0, abs=1e-10)
 
 
@@ -172,7 +172,7 @@ def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
         limit = hold_limit(g, yields, u)
         for share, outside in ((1 - 1e-9, False), (1 + 1e-9, True)):
             f = share * limit * u
-            assert (largest_excess(whole, active, cost, cost, lines, f[0], f[1]) > 0.0) == outside
+            assert (largest_excess(Joints(whole, active, cost, cost, lines), f[0], f[1]) > 0.0) == outside
 
 
 def least_squares_split(g, low, high, f) -> np.ndarray:

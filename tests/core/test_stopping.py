@@ -20,7 +20,7 @@ from core.control.stopping import (
 )
 from core.device import Device, load_device
 from core.simulator.state import new_state, pack_mechanism
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows, free_tips, tip_is_free
 from tests.support.reaches import PUSHES_N, pushed_device
 
@@ -136,7 +136,7 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
             assert found["for progress"] <= (left / along).min() + 1e-9, where
         for place in near[:60]:
             state = new_state(*place)
-            look(mechanism, state[0])
+            update_kinematics(mechanism, state[0])
             (xx, xy, yy), g = state["mass"][0], state["g"][0, :4]
             swift = np.einsum("ia,ab,ib->i", g, np.linalg.inv([[xx, xy], [xy, yy]]), g)
             assert (swift[present] <= stopping.swift[present]).all(), where

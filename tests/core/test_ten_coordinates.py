@@ -12,7 +12,7 @@ from core.mechanism import JOINTS
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_mechanism
 from core.simulator.stick_slip import FREE, STILL
-from core.simulator.stick_slip_mode import finish, look, set_costs
+from core.simulator.stick_slip_mode import finish, set_costs, update_kinematics
 from core.ten_coordinates import (
     HANDLE,
     bodies_of,
@@ -75,7 +75,7 @@ def reduced(bar: FiveBar, p, v, hand_force, torque, stuck, hold):
     simulation = Simulation(bar.device, tuple(p), tuple(v))
     state = simulation.state[0]
     state.torque_yield[:] = hold
-    look(simulation.mechanism[0], state)
+    update_kinematics(simulation.mechanism[0], state)
     set_costs(simulation.brakes[0], state)
     for i in range(4):
         slips = i not in stuck

@@ -13,7 +13,7 @@ from core.files import InputError
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_brakes
-from core.simulator.stick_slip_mode import look
+from core.simulator.stick_slip_mode import update_kinematics
 from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.protocol import SHIPPED_FOLDER, Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.trial.encoder_sensing import new_sensing, see
@@ -138,7 +138,7 @@ def seen_along(device, **assumed):
     motion, force = [], []
     for n, tip in enumerate(TIPS):
         states[0].tip[:2], states[0].hand_force[:] = tip, (n, -n)
-        look(mechanism[0], states[0])
+        update_kinematics(mechanism[0], states[0])
         see(mechanism[0], states[0], sensing.sensors[0], sensing.seen[0])
         motion.append(sensing.seen[0].tip.copy())
         force.append(sensing.seen[0].hand_force.copy())
