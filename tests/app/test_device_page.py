@@ -5,34 +5,34 @@ from itertools import product
 
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
-from PySide6.QtCore import Qt
+from page_driver import LEFT, PageDriver, texts
 from PySide6.QtTest import QTest
-from screens import cut_texts, settle, visible_texts
+from screens import cut_texts, settle
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
 
 from app.ipc import messages as m
 from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
 
-LEFT = Qt.MouseButton.LeftButton
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
 
+class Bench(PageDriver):
+    """The device page, of a board that is well."""
+
+    def __init__(self, qtbot) -> None:
+        super().__init__(qtbot, DevicePage)
+        self.page.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
+        self.page.show_status(status())
+
+
 @pytest.fixture
-def page(qtbot):
-    sent: list = []
-    made = DevicePage(sent.append)
-    qtbot.addWidget(made)
-    made.resize(1256, 620)
-    made.show()
-    made.sent = sent  # type: ignore[attr-defined]
-    made.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
-    made.show_status(status())
-    return made
+def bench(qtbot) -> Bench:
+    return Bench(qtbot)
 
 
-def texts(page: DevicePage) -> str:
-    settle(page)
-    return " | ".join(visible_texts(page)).replace("\u200b", "")
+@pytest.fixture
+def page(bench: Bench) -> DevicePage:
+    return bench.page
 
 
 def test_of_a_simulated_device_one_sentence_is_shown(page: DevicePage) -> None:
@@ -120,24 +120,24 @@ def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: Devi
     assert "contradict" in hear(4, 999, True)
 
 
-def test_a_step_is_taken_after_a_question_that_says_what_it_needs(page: DevicePage) -> None:
+def test_a_step_is_taken_after_a_question_that_says_what_it_needs(bench: Bench, page: DevicePage) -> None:
     for button, step, says in zip(
         page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), (" mm", "Let go", "closed and made again"), strict=True
     ):
         QTest.mouseClick(button, LEFT)
-        assert page.sent == [] and says in page.cards.question.text.text()
+        assert bench.sent == [] and says in page.cards.question.text.text()
         assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
         QTest.mouseClick(button, LEFT)
         QTest.mouseClick(page.cards.question.buttons[0], LEFT)
-        assert page.sent == [m.PrepareDevice(step)] and page.cards.question is None
-        page.sent.clear()
+        assert bench.sent == [m.PrepareDevice(step)] and page.cards.question is None
+        bench.sent.clear()
 
 
-def test_faults_are_reset_as_the_brakes_are_allowed(page: DevicePage) -> None:
+def test_faults_are_reset_as_the_brakes_are_allowed(bench: Bench, page: DevicePage) -> None:
     assert not page.reset.isEnabled()
     page.show_session(opened(**ON_BENCH), ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
     QTest.mouseClick(page.reset, LEFT)
-    assert page.sent == [m.AllowBrakes()]
+    assert bench.sent == [m.AllowBrakes()]
 
 
 def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage) -> None:
@@ -167,9 +167,9 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
 
 
-def test_no_text_is_cut(page: DevicePage) -> None:
+def test_no_text_is_cut(bench: Bench, page: DevicePage) -> None:
     for bad, size in product((False, True), ((1256, 620), (1000, 490), (1896, 980))):
-        page.resize(*size)
+        bench.resize(*size)
         if bad:
             off = "the board: an encoder's signal is bad"
             page.show_session(opened(**ON_BENCH), ready(3, checks=LOST, brakes_off=off))

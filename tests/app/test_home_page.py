@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from fake_client import GREEN, RED, before, opened, ready, running
+from page_driver import PageDriver
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
@@ -21,22 +22,15 @@ from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
-LEFT = Qt.MouseButton.LeftButton
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
 SUMMARY = "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
 
 
-class Shown:
-    """A home page, what it sent and what it asked for."""
+class Shown(PageDriver):
+    """A home page on a data folder."""
 
     def __init__(self, qtbot, folder: Path) -> None:
-        self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
-        self.page = HomePage(self.sent.append)
-        qtbot.addWidget(self.page)
-        self.page.setup_asked.connect(lambda *asked: self.setups.append(asked))
-        self.page.page_asked.connect(lambda *asked: self.pages.append(asked))
-        self.page.resize(1256, 620)
-        self.page.show()
+        super().__init__(qtbot, HomePage)
         self.setup = m.Setup(folder)
         self.page.show_setup(self.setup)
         self.page.show_opened(opened(""))
@@ -45,17 +39,7 @@ class Shown:
 
     def wait(self) -> None:
         """Until the chosen protocol and the data folder have been read."""
-        page = self.page
-        self.qtbot.waitUntil(lambda: page.loaded is not None and page.data.overview is not None, timeout=60_000)
-
-    def click(self, button) -> None:
-        assert button.isEnabled(), button.text()
-        QTest.mouseClick(button, LEFT)
-
-    def type(self, field, text: str) -> None:
-        field.selectAll()
-        QTest.keyClick(field, Qt.Key.Key_Delete)
-        QTest.keyClicks(field, text)
+        self.until(lambda: self.page.loaded is not None and self.page.data.overview is not None)
 
     def look(self, *sessions: SessionOverview, operators: int = 0) -> None:
         """The data folder holds these."""
@@ -74,16 +58,11 @@ def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionO
     return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9)
 
 
-def texts(shown: Shown) -> str:
-    settle(shown.page)
-    return " | ".join(visible_texts(shown.page)).replace("\u200b", "")
-
-
 def test_a_newcomer_reads_what_the_session_is_and_starts_it_with_one_click(shown: Shown) -> None:
     page = shown.page
     assert page.summary.text() == SUMMARY and page.participant.text() == "01"
-    assert all(check.name in texts(shown) and check.text in texts(shown) for check in GREEN)
-    assert "No sessions yet" in texts(shown) and page.standing.text() == "new"
+    assert all(check.name in shown.texts() and check.text in shown.texts() for check in GREEN)
+    assert "No sessions yet" in shown.texts() and page.standing.text() == "new"
     shown.click(page.start)
     assert shown.sent == [m.Open("01")] and shown.setups == []
     shown.click(page.try_it)
@@ -94,7 +73,7 @@ def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Sho
     page = shown.page
     page.show_snapshot(before(checks=RED))
     assert not page.start.isEnabled() and "Device: no answer for 3 s" in page.why.text()
-    assert RED[3].advice in texts(shown)
+    assert RED[3].advice in shown.texts()
     page.show_snapshot(m.Snapshot(m.PREPARING))
     assert not page.start.isEnabled() and page.why.text().startswith("Waiting for the session server")
     page.show_snapshot(before(notice="participant 01: exists already", notice_bad=True))
@@ -164,7 +143,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
 def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: Shown) -> None:
     page = shown.page
     shown.click(page.show_plan)
-    shown.qtbot.waitUntil(lambda: page.stack.currentWidget() is page.plan, timeout=60_000)
+    shown.until(lambda: page.stack.currentWidget() is page.plan)
     assert page.plan_text.toPlainText().count("path 1") == 30 and "re-rig to" in page.plan_text.toPlainText()
     assert page.cancel() and page.stack.currentWidget() is page.columns and not page.cancel()
 
@@ -172,12 +151,12 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: 
 def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch) -> None:
     page = shown.page
     monkeypatch.setattr("app.window.home.board_ports.scan_ports", lambda before, mine: ())
-    page.resize(1000, 600)
+    shown.resize(1000, 600)
     page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
     page.show_opened(opened("", **ON_BENCH))
     shown.wait()
     settle(page)
-    assert page.ports.again.isVisible() and "connected" in texts(shown)
+    assert page.ports.again.isVisible() and "connected" in shown.texts()
     assert page.area.widget().minimumSizeHint().width() <= page.area.viewport().width()
     assert not page.area.horizontalScrollBar().isVisible()
 
@@ -215,9 +194,9 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     monkeypatch.setattr("app.window.home.board_ports.scan_ports", lambda before, mine: found if not mine else ())
     page.link.show_value(BOARD)
     page._link_chosen(BOARD)
-    shown.qtbot.waitUntil(lambda: "/dev/ttyUSB1" in texts(shown), timeout=60_000)
-    assert "answers, three-brake" in texts(shown)
-    shown.qtbot.waitUntil(lambda: "no board is connected" in page.why.text(), timeout=60_000)
+    shown.until(lambda: "/dev/ttyUSB1" in shown.texts())
+    assert "answers, three-brake" in shown.texts()
+    shown.until(lambda: "no board is connected" in page.why.text())
     assert not page.start.isEnabled() and page.start.isVisible()
     assert {check.text for check in page.checks._shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
     shown.type(page.ports.port, "/tmp/port")
@@ -228,7 +207,7 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.show_opened(opened("", **ON_BENCH))
     page.show_snapshot(before(checks=(m.Check("Device", m.BAD, "not homed"), *WELL[1:])))
     shown.wait()
-    assert "connected" in texts(shown) and page.start.isEnabled(), "the first steps of the session home the encoders"
+    assert "connected" in shown.texts() and page.start.isEnabled(), "the first steps of the session home the encoders"
     page.link.show_value(SIMULATED)
     page._link_chosen(SIMULATED)
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
@@ -237,9 +216,9 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
 def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
     folder = shown.setup.data_dir
     shown.look(*(session(folder, f"0{n}", 60) for n in (3, 2, 1)), operators=3)
-    assert "Study of 3 simulated operators · 3 sessions · 180 of 180 trials" in texts(shown)
-    assert texts(shown).count("60 of 60") == 3 + 1  # and of participant 01, who is typed
-    assert "No sessions" not in texts(shown) and "othing recorded" not in texts(shown)
+    assert "Study of 3 simulated operators · 3 sessions · 180 of 180 trials" in shown.texts()
+    assert shown.texts().count("60 of 60") == 3 + 1  # and of participant 01, who is typed
+    assert "No sessions" not in shown.texts() and "othing recorded" not in shown.texts()
     shown.click(shown.page.data.whole)
     assert shown.pages == [(ANALYSE, folder)]
 
@@ -279,7 +258,7 @@ def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_l
     page = shown.page
     closed_session(shown.setup.data_dir, 2, participant="07")
     page.show_setup(shown.setup._replace(seed=2))
-    shown.qtbot.waitUntil(lambda: page.start.text() == "Resume session   07 · 58 trials left", timeout=60_000)
+    shown.until(lambda: page.start.text() == "Resume session   07 · 58 trials left")
     shown.type(page.participant, "08")
     assert page.start.text() == "Start session   08 · 60 trials"
 
@@ -291,7 +270,7 @@ def test_a_studys_folder_takes_no_session_of_a_person(shown: Shown) -> None:
 
 def test_trials_without_a_result_stand_beside_those_that_are_over(shown: Shown) -> None:
     shown.look(session(shown.setup.data_dir, "02", 60)._replace(lacking=3))
-    assert "60 of 60" in texts(shown) and "3 without a result" in texts(shown)
+    assert "60 of 60" in shown.texts() and "3 without a result" in shown.texts()
 
 
 def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
@@ -322,7 +301,7 @@ def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_pa
         assert shown.setups[-1] == (shown.setup._replace(data_dir=tmp_path / "other"), None)
     shown.page.show_setup(shown.setups[-1][0])
     shown.wait()
-    assert "cannot be read" in texts(shown), "the session that is damaged is named, not left out"
+    assert "cannot be read" in shown.texts(), "the session that is damaged is named, not left out"
 
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
@@ -334,22 +313,22 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
 
     def export(says: str) -> None:
         data.export("csv", tmp_path)
-        assert data.bar.isVisible() and "Exporting as CSV" in texts(shown) and not data.export_as.isEnabled()
+        assert data.bar.isVisible() and "Exporting as CSV" in shown.texts() and not data.export_as.isEnabled()
         qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
-        assert says in texts(shown)
+        assert says in shown.texts()
 
     (tmp_path / "data-csv-1").mkdir()
     export(f"Exported to {tmp_path / 'data-csv-2'}")
     assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
     data._folder = tmp_path / "none"
     export("Nothing was exported: ")
-    assert "holds no recordings" in texts(shown) and not data.show_export.isVisible()
+    assert "holds no recordings" in shown.texts() and not data.show_export.isVisible()
 
 
 def test_no_text_is_cut(shown: Shown) -> None:
     shown.look(session(shown.setup.data_dir, "01", 60), session(shown.setup.data_dir, "LongestName1234567890", 14))
     for size, checks in product(((1000, 490), (1256, 620), (1896, 980)), (GREEN, RED)):
-        shown.page.resize(*size)
+        shown.resize(*size)
         shown.page.show_snapshot(before(checks=checks))
         settle(shown.page)
         for area in (shown.page.area, shown.page.data.area):

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
+from page_driver import LEFT, PageDriver
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QWidget
 from screens import settle
 
 from app.window.home.protocol_editor import ProtocolEditor, form_of, form_text
@@ -13,23 +14,18 @@ from app.window.widgets.parts import Choice
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
 
-LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+NONE = Qt.KeyboardModifier.NoModifier
 
 
-class Editing:
+class Editing(PageDriver):
     """An editor, open on the paper's protocol."""
 
     def __init__(self, qtbot) -> None:
-        self.qtbot, self.holder = qtbot, QWidget()
-        self.editor = ProtocolEditor()
-        self.editor.setParent(self.holder)
+        super().__init__(qtbot, lambda send: ProtocolEditor())
+        self.editor: ProtocolEditor = self.page
         self.saved: list[str] = []
         self.asked: list[tuple] = []  # of the dialog of files
         self.editor.saved.connect(self.saved.append)
-        qtbot.addWidget(self.holder)
-        self.editor.resize(1256, 620)
-        self.holder.resize(1256, 620)
-        self.holder.show()
         self.open("paper")
 
     def open(self, name: str) -> None:
@@ -41,17 +37,8 @@ class Editing:
     def read(self, says: str = "") -> None:
         """Until the reader has read what is there: its summary, or its sentence, holds this."""
         editor = self.editor
-        self.qtbot.waitUntil(lambda: not editor._timer.isActive(), timeout=60_000)
-        self.qtbot.waitUntil(lambda: says in (editor.problem or editor.summary.text()), timeout=60_000)
-
-    def field(self, name: str) -> QLineEdit:
-        return next(one for one in self.editor.findChildren(QLineEdit) if one.accessibleName() == name)
-
-    def type(self, name: str, text: str) -> None:
-        field = self.field(name)
-        field.selectAll()
-        QTest.keyClick(field, Qt.Key.Key_Delete)
-        QTest.keyClicks(field, text)
+        self.until(lambda: not editor.waiting)
+        self.until(lambda: says in (editor.problem or editor.summary.text()))
 
     def mouse(self, do, x: float, y: float) -> None:
         """Click, press, move .. at a place of the plane, m."""
@@ -88,7 +75,7 @@ def test_the_wheel_scrolls_the_form_and_turns_only_a_drop_down_that_has_the_focu
     editing.holder.activateWindow()
     QTest.qWaitForWindowActive(editing.holder)
     settle(editing.holder)
-    bar = editor._form_area.verticalScrollBar()
+    bar = editor.form_area.verticalScrollBar()
     editor.fields["name"].setFocus()
     bar.setValue(0)
     choices = [one for one in editor.findChildren(Choice) if one.isVisible()]
@@ -194,18 +181,18 @@ def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
     editing.editor.open("paper")  # back, and edit again
     editing.read("= 40 trials")
     assert editing.field("Blocks").text() == "2"
-    editing.editor._undo()
+    editing.editor.undo()
     editing.read("= 60 trials")
     assert editing.field("Blocks").text() == "3"
 
 
 def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:
-    editing.editor._use_kind(editing.editor.content["controller"][0], "proportional")
+    editing.editor.use_kind(editing.editor.content["controller"][0], "proportional")
     editing.read("gain_N_s_m is required")
     editing.type("gain of controller 1", "300")
     editing.read("60 trials")
-    editing.editor._remove("controller", 1)
-    editing.editor._add_controller()
+    editing.editor.remove("controller", 1)
+    editing.editor.add_controller()
     editing.read("= 60 trials")
     assert [one["number"] for one in editing.editor.content["controller"]] == [1, 2, 3, 4, 5]
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
+from page_driver import PageDriver
 from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
@@ -39,15 +40,11 @@ def ended(number: int, controller: int = 2, error: float | None = 0.002, changed
     return m.Pass(number, settings, changed, status, measures | {"duration_s": 2.5})
 
 
-class Held:
-    """The page, and what it has sent."""
+class Held(PageDriver):
+    """The page Try, at the front."""
 
     def __init__(self, qtbot) -> None:
-        self.sent: list = []
-        self.page = TryPage(self.sent.append)
-        qtbot.addWidget(self.page)
-        self.page.resize(1256, 610)
-        self.page.show()
+        super().__init__(qtbot, TryPage, (1256, 610))
         self.page.show_opened(opened(""))
         self.page.begin()
 
@@ -247,7 +244,7 @@ def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held
 def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:
     canvas = held.page.canvas
     for size in ((1000, 490), (1256, 610), (1896, 970)):
-        held.page.resize(*size)
+        held.resize(*size)
         QApplication.processEvents()
         for number, path in PATHS.items():
             held.page.show_snapshot(tried(INITIAL._replace(path=number)))

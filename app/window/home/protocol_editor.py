@@ -140,7 +140,7 @@ class ProtocolEditor(Panel):
         draw = [button(f"Draw {kind}", partial(self.drawing.begin, kind), small) for kind in POINTS]
         add("Name", "name", self.fields["name"])
         add("Devices", "devices", self._devices, row(button("Add a file …", self._add_device, small), 1))
-        add("Controllers", "controller", self._controllers, row(button("Add one", self._add_controller, small), 1))
+        add("Controllers", "controller", self._controllers, row(button("Add one", self.add_controller, small), 1))
         add("Paths, in mm", "path", self._paths, row(*draw, 1))
         for key, field in list(self.fields.items())[1:]:
             add("" if isinstance(field, Tick) else LABELS[key], key, field)
@@ -149,13 +149,13 @@ class ProtocolEditor(Panel):
         self.instructions.setFixedHeight(90)
         add("Form", "form", self.form)
         add("Instructions", "instruction", self.instructions)
-        self._form_area = scrolled(inside)
+        self.form_area = scrolled(inside)
         self.save.setToolTip("Comments of a file are not kept")
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
-        both = row((self._form_area, 6), (right, 5), spacing=16)
+        both = row((self.form_area, 6), (right, 5), spacing=16)
         head = row(self.title, (self.sentences[""], 1), spacing=16)  # beside it: nothing below moves
-        foot = row(1, button("Undo all changes", self._undo), button("Back  Esc", self.closed.emit), self.save)
+        foot = row(1, button("Undo all changes", self.undo), button("Back  Esc", self.closed.emit), self.save)
         self.setLayout(column(head, (both, 1), foot, margins=PANEL_MARGINS))
 
     # ----------------------------------------------------------------------------------------- the content
@@ -180,7 +180,7 @@ class ProtocolEditor(Panel):
         self._show_lists()
         self._name, self._as_read = name, deepcopy(self.content)
 
-    def _undo(self) -> None:
+    def undo(self) -> None:
         self._as_read = self.content
         self.open(self._name)
 
@@ -222,13 +222,13 @@ class ProtocolEditor(Panel):
             text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path))
             points = QLineEdit(text, accessibleName=f"Path {place + 1}")
             points.textEdited.connect(lambda text, place=place: self._reshape(place, lambda: typed_points(text), True))
-            remove_button = button("×", partial(self._remove, "path", place), "small", "Remove this path")
+            remove_button = button("×", partial(self.remove, "path", place), "small", "Remove this path")
             self._paths.addLayout(
                 row(text_label(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, remove_button)
             )
         self.drawing.show_paths(paths)
         self._grid.activate()
-        self._form_area.setMinimumWidth(self._form_area.widget().minimumSizeHint().width() + 12)
+        self.form_area.setMinimumWidth(self.form_area.widget().minimumSizeHint().width() + 12)
         self._timer.start()
 
     def _controller_row(self, place: int, controller: dict[str, Any]) -> QHBoxLayout:
@@ -238,7 +238,7 @@ class ProtocolEditor(Panel):
         name.textEdited.connect(lambda text: self._change(controller, "name", text))
         kind.addItems(list(ALGORITHMS))
         kind.setCurrentText(str(controller.get("kind")))
-        kind.textActivated.connect(lambda text: self._use_kind(controller, text))
+        kind.textActivated.connect(lambda text: self.use_kind(controller, text))
         parts: list[QWidget] = [name, kind]
         for one in ALGORITHMS[kind.currentText()].parameters:
             value = scaled(controller.get(one.name, one.default), one.scale)
@@ -249,13 +249,13 @@ class ProtocolEditor(Panel):
                 lambda value, one=one: self._change(controller, one.name, scaled(value, 1.0 / one.scale))
             )
             parts += [text_label(f"{one.word}, {one.unit}" if one.unit else one.word, "quiet"), field]
-        return row(*parts, button("×", lambda: self._remove("controller", place), "small", "Remove this controller"))
+        return row(*parts, button("×", lambda: self.remove("controller", place), "small", "Remove this controller"))
 
     def _change(self, of: dict[str, Any], key: str, value: Any) -> None:
         of[key] = value
         self._timer.start()
 
-    def _use_kind(self, controller: dict[str, Any], kind: str) -> None:
+    def use_kind(self, controller: dict[str, Any], kind: str) -> None:
         """Another algorithm: the parameters of the one before are gone."""
         for key in controller.keys() - {"name", "number"}:
             del controller[key]
@@ -272,12 +272,12 @@ class ProtocolEditor(Panel):
             self._use_device(path, True)
             self._show_lists()
 
-    def _add_controller(self) -> None:
+    def add_controller(self) -> None:
         controllers = self.content["controller"]
         controllers.append({"name": f"Controller {len(controllers) + 1}", "kind": next(iter(ALGORITHMS))})
         self._renumber("controller")
 
-    def _remove(self, key: str, place: int) -> None:
+    def remove(self, key: str, place: int) -> None:
         del self.content[key][place]
         self._renumber(key)
 
@@ -312,6 +312,11 @@ class ProtocolEditor(Panel):
             self._show_lists()
 
     # ----------------------------------------------------------------------------------------- reading, saving
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a change is still to be read."""
+        return self._timer.isActive()
 
     def _read(self) -> None:
         """Let the reader see the content."""
