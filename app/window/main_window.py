@@ -23,6 +23,7 @@ from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import from_home, show_folder, size
 from experiments.plan import grouped
 
@@ -53,7 +54,7 @@ class Footer(Panel):
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin, self.keys)
         self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
-        self._light(theme.BRAKE_OFF)
+        self._light(COLOURS.brake_off)
 
     def _light(self, colour: str) -> None:
         if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
@@ -73,19 +74,19 @@ class Footer(Panel):
     def show_pulse(self, pulse: m.Pulse) -> None:
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
-            self._light(theme.GOOD if verified else theme.BRAKE_OFF)
+            self._light(COLOURS.good if verified else COLOURS.brake_off)
             runs = "1 run" if verified == 1 else f"{verified} runs"
             kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
-        self._light(theme.BAD if proof.age_s < STALE_S else theme.CAUTION)
+        self._light(COLOURS.bad if proof.age_s < STALE_S else COLOURS.caution)
         earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
         self.recording.setText(" · ".join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        self._light(theme.BAD)
+        self._light(COLOURS.bad)
         self.recording.setText("Not recording")
 
 

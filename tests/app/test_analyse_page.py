@@ -22,6 +22,7 @@ from app.ipc import messages as m
 from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
 from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import REASONS
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
@@ -128,7 +129,7 @@ def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_as
     plot = page.plots[0]
     (cross,) = plot.crosses.points()
     assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
-    assert cross.brush().color().name() == theme.CAUTION.lower() and "1 timed out" in page.summary.text()
+    assert cross.brush().color().name() == COLOURS.caution.lower() and "1 timed out" in page.summary.text()
     assert "not in the boxes" in page.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
     plot.item.setYRange(1.0, 2.0, padding=0.0)
     assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
@@ -149,8 +150,8 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         rows = [replace(row, controller=f"K{row.controller}") for row in read_table(table_of(data, who))]
         write_table(table_of(data, who), rows, replacing=True)
     page = page_on(qtbot, data)
-    assert {point.pen().color().name() for point in page.plots[0].points.points()} == {theme.QUIET.lower()}
-    assert colour_of("K3") == theme.QUIET and not page.colours.isVisible()
+    assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
+    assert colour_of("K3") == COLOURS.quiet and not page.colours.isVisible()
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found

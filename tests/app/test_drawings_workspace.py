@@ -29,7 +29,7 @@ from app.window.canvas.layers import (
 from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, WHOLE, Readout, Workspace
 from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
-from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.control.algorithm import Tick
 from core.control.controllers import Preset, decide, make_controller
@@ -111,10 +111,10 @@ def test_start_end_path_and_handle_are_where_they_should_be(plane: Plane) -> Non
     image = plane.grab().toImage()
     start, end = plane.to_screen(ALONG.start_m), plane.to_screen(ALONG.end_m)
     up = QPointF(0.0, -plane.sizes.ring)
-    assert is_seen(image, start + up, theme.START_RING)
-    assert is_seen(image, end + up, theme.END_RING)
-    assert is_seen(image, end, theme.END_RING)  # the end has a point in its ring, the start has none
-    assert not is_seen(image, start + QPointF(0, 5), theme.END_RING)
+    assert is_seen(image, start + up, COLOURS.start_ring)
+    assert is_seen(image, end + up, COLOURS.end_ring)
+    assert is_seen(image, end, COLOURS.end_ring)  # the end has a point in its ring, the start has none
+    assert not is_seen(image, start + QPointF(0, 5), COLOURS.end_ring)
     assert is_seen(image, plane.to_screen((0.0, 0.4)), "#ffffff")
     assert is_seen(image, plane.to_screen((0.05, 0.41)), "#ffffff")
 
@@ -128,7 +128,7 @@ def test_an_arc_and_a_polyline_are_drawn_along_their_whole_length(plane: Plane) 
         plane.show_path(path)
         image = plane.grab().toImage()
         assert all(is_seen(image, plane.to_screen(place), "#ffffff") for place in places)
-        assert is_seen(image, plane.to_screen(plane.outline[-1]), theme.END_RING)
+        assert is_seen(image, plane.to_screen(plane.outline[-1]), COLOURS.end_ring)
 
 
 def test_the_pointer_is_told_in_metres_and_stays_inside_what_is_drawn(plane: Plane) -> None:
@@ -145,13 +145,13 @@ def test_the_spring_is_drawn_only_while_the_handle_is_held(plane: Plane) -> None
     plane.show_pointer((0.06, 0.42))
     middle = plane.to_screen((0.04, 0.415))
     plane.show_handle((0.02, 0.41))
-    for colour in (theme.GOOD, theme.CAUTION, theme.BAD):
+    for colour in (COLOURS.good, COLOURS.caution, COLOURS.bad):
         assert not is_seen(plane.grab().toImage(), middle, colour)
     plane.show_handle((0.02, 0.41), taken=True, force_N=0.0)
-    assert is_seen(plane.grab().toImage(), middle, theme.GOOD)
+    assert is_seen(plane.grab().toImage(), middle, COLOURS.good)
     assert plane.cursor().shape() == Qt.CursorShape.BlankCursor
     plane.show_handle((0.02, 0.41), taken=True, force_N=50.0)
-    assert is_seen(plane.grab().toImage(), middle, theme.BAD)
+    assert is_seen(plane.grab().toImage(), middle, COLOURS.bad)
 
 
 def test_a_trail_is_kept_over_a_change_of_size_and_forgotten_with_another_path(plane: Plane) -> None:
@@ -164,10 +164,10 @@ def test_a_trail_is_kept_over_a_change_of_size_and_forgotten_with_another_path(p
         plane.resize(*size)
         image = plane.grab().toImage()
         for place in ((-0.05, 0.41), (0.0, 0.385)):
-            assert is_seen(image, plane.to_screen(place), theme.TRACE), (size, place)
+            assert is_seen(image, plane.to_screen(place), COLOURS.trace), (size, place)
     plane.show_path(ACROSS)
     assert not len(plane.trail)
-    assert not is_seen(plane.grab().toImage(), plane.to_screen((-0.05, 0.41)), theme.TRACE)
+    assert not is_seen(plane.grab().toImage(), plane.to_screen((-0.05, 0.41)), COLOURS.trace)
 
 
 def test_every_joint_stays_in_sight_on_every_path() -> None:
@@ -262,7 +262,7 @@ def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> N
     add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
     image, view = workspace.view.grab().toImage(), workspace.view
     at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
-    for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
+    for joint, colour in (("E", COLOURS.brake_stuck), ("C", COLOURS.brake_slipping), ("A", COLOURS.brake_off)):
         ring = [at[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
         assert all(is_seen(image, place, colour) for place in ring), joint
 
@@ -277,7 +277,7 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
     row = [rings[joint] for joint in "AECB"]
     assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [38, 38, 38]
     assert {round(place.y()) for place in row} == {round(view.to_screen((0.0, 0.0)).y())}
-    for joint, colour in (("E", theme.BRAKE_STUCK), ("C", theme.BRAKE_SLIPPING), ("A", theme.BRAKE_OFF)):
+    for joint, colour in (("E", COLOURS.brake_stuck), ("C", COLOURS.brake_slipping), ("A", COLOURS.brake_off)):
         radius = 12.0 if joint == "A" else 17.0  # "A-B" and "A+B" need the room
         ring = [rings[joint] + QPointF(radius * math.cos(a), radius * math.sin(a)) for a in range(7)]
         assert all(is_seen(image, place, colour) for place in ring), joint

@@ -65,7 +65,7 @@ def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
         "from app.window.participant.participant_window import ParticipantWindow;"
         "a = QApplication([]); theme.apply_theme(a);"
         "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
-        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.TEXT,"
+        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.COLOURS.text,"
         "words.moving(0, False, words.language_of(None)).small]))"
     )
     command = [sys.executable, "-c", code, name]

@@ -12,6 +12,7 @@ from app.window.run.energy_panel import EnergyPanel, Ledger
 from app.window.widgets import theme
 from app.window.widgets.parts import Figures
 from app.window.widgets.plots import HIDDEN, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import load_device
 
@@ -155,7 +156,7 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
         strip.add_ticks(rows)
     points = strip.late.points()
     assert [round(point.pos().x(), 3) for point in points] == [1.0, 2.0]
-    assert [point.brush().color().name() for point in points] == [theme.CAUTION.lower(), theme.BAD.lower()]
+    assert [point.brush().color().name() for point in points] == [COLOURS.caution.lower(), COLOURS.bad.lower()]
     strip.clear()
     assert not len(strip.late.points())
 
@@ -166,21 +167,21 @@ def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> N
     assert (
         strip.value == "0 missed" and strip.foot.text() == "p50 14 · p99 31 · max 402 µs · real-time: FIFO 50, core 0"
     )
-    assert strip.figures.parts[0][1] == theme.QUIET
+    assert strip.figures.parts[0][1] == COLOURS.quiet
     strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"))
     assert strip.value == "1\u202f234 missed" and "max 1\u202f064 µs" in strip.foot.text()
-    assert strip.figures.parts[0][1] == theme.CAUTION
+    assert strip.figures.parts[0][1] == COLOURS.caution
 
 
 def test_a_line_without_room_loses_its_end_and_never_the_first_digits_of_a_number(qtbot) -> None:
     for width in (30, 50, 70):
         narrow = [shown(qtbot, Figures(theme.NORMAL, right), width, 20) for right in (False, True)]
         for figures in narrow:
-            figures.show_parts(("1064", theme.TEXT), ("µs late", theme.QUIET))
+            figures.show_parts(("1064", COLOURS.text), ("µs late", COLOURS.quiet))
         left, right = (figures.grab().toImage() for figures in narrow)
         assert left == right, "both begin at the left edge"
     wide = shown(qtbot, Figures(theme.NORMAL, right=True), 300, 20)
-    wide.show_parts(("1064", theme.TEXT))
+    wide.show_parts(("1064", COLOURS.text))
     begins = 300 - round(theme.text_width("1064", theme.NORMAL))
     seen = wide.grab().toImage()
     assert not ink(seen, range(begins - 1)) and ink(seen, range(begins, 300))

@@ -28,7 +28,7 @@ from app.ipc import messages as m
 from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
-from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.language import ENGLISH_WORDS
@@ -106,7 +106,7 @@ def test_a_long_text_becomes_smaller_and_leaves_the_next_one_as_large_as_before(
     view.write(Shown("Follow the line " * 8))
     image = view.grab().toImage()
     edge = [image.pixelColor(x, y).name() for x in (2, view.width() - 3) for y in range(view.height())]
-    assert image != short and set(edge) == {theme.CANVAS}
+    assert image != short and set(edge) == {COLOURS.canvas}
     view.write(Shown("Go"))
     assert view.grab().toImage() == short
 

@@ -22,6 +22,7 @@ from app.window.run.run_page import UNMEASURED
 from app.window.widgets import theme, words
 from app.window.widgets.parts import Figures, wide
 from app.window.widgets.plots import NOTHING
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
 from experiments.language import ENGLISH_WORDS, FOLDER, language_text
@@ -161,9 +162,9 @@ def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: 
         return label.palette().color(label.foregroundRole()).name()
 
     panel = screens.run.panel
-    assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (theme.TEXT, theme.QUIET, theme.BRAKE_OFF)
+    assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (COLOURS.text, COLOURS.quiet, COLOURS.brake_off)
     screens.hear(ready(9, paused=True))
-    assert (hint(panel.start), hint(panel.pause)) == (theme.BRAKE_OFF, theme.TEXT)
+    assert (hint(panel.start), hint(panel.pause)) == (COLOURS.brake_off, COLOURS.text)
 
 
 def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from app.window.canvas import plane
 from app.window.canvas.plane import Plane
-from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 
 APART_PX = 0.2  # between the points of a line that is looked at
@@ -31,7 +31,7 @@ class Pieces(dict[Plane, list[np.ndarray]]):
 
         class Noting(QPainter):
             def drawPolyline(self, line) -> None:
-                if self.pen().color().rgb() == QColor(theme.TRACE).rgb():
+                if self.pen().color().rgb() == QColor(COLOURS.trace).rgb():
                     noted.append(np.array([point.toTuple() for point in line]))
                 super().drawPolyline(line)
 

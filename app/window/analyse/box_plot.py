@@ -13,7 +13,7 @@ from PySide6.QtGui import QBrush, QMouseEvent, QPen
 from app.window.widgets import theme
 from app.window.widgets.parts import END, OneLine
 from app.window.widgets.plots import Plot
-from app.window.widgets.theme import colour_of, shade
+from app.window.widgets.theme import COLOURS, colour_of, shade
 from app.window.widgets.words import SHORT
 from experiments.analysis.charts import Chart, PlacedBox, Point
 from experiments.analysis.trials_table import TrialRow
@@ -44,7 +44,7 @@ class ChartPlot(Plot):
         self._ringed: tuple[str, int] | None = None  # participant, run
         self.head.setStretch(0, 4)
         self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
-        self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(theme.HANDLE, width=2), brush=None)
+        self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(COLOURS.handle, width=2), brush=None)
         for marks in (self.points, self.crosses):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
@@ -58,13 +58,13 @@ class ChartPlot(Plot):
         """Another chart, or the same with other trials."""
         self.chart, self._logarithmic = chart, logarithmic
         self.title.setText(SHORT.get(chart.title, chart.title))
-        self.figures.show_parts((chart.unit, theme.QUIET))
+        self.figures.show_parts((chart.unit, COLOURS.quiet))
         self.item.clear()
         if chart.boxes:
             self._add_boxes()
         if chart.curve:
             x, y = np.array(chart.curve).T
-            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=pg.mkPen(theme.HANDLE, width=1)))
+            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=pg.mkPen(COLOURS.handle, width=1)))
         self.points.setData([self._spot(point) for point in (*chart.points, *chart.others) if self._fits(point)])
         for marks in (self.points, self.crosses, self.ring):
             self.item.addItem(marks)
@@ -134,18 +134,18 @@ class ChartPlot(Plot):
 
     def _spot(self, point: Point) -> dict:
         counts = point.row is None or point.row.status in ("done", "timeout")
-        colour = colour_of(point.controller) if counts else theme.QUIET
+        colour = colour_of(point.controller) if counts else COLOURS.quiet
         return {
             "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
-            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(theme.PANEL if point.look else colour),
+            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(COLOURS.panel if point.look else colour),
         }  # fmt: skip
 
     def _place_crosses(self, *_: object) -> None:
         """They stay above whatever part of the scale is seen."""
         low, high = self.item.viewRange()[1]
-        y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(theme.CAUTION, width=2)
+        y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(COLOURS.caution, width=2)
         self.crosses.setData([
-            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, "pen": pen, "brush": theme.CAUTION}
+            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, "pen": pen, "brush": COLOURS.caution}
             for point in self.chart.timeouts
         ])  # fmt: skip
         if self._ringed is not None:
@@ -167,7 +167,7 @@ class ChartPlot(Plot):
             y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in of_it]
             self._add_pairs(x, y, pg.mkPen(colour_of(controller), width=1))
         middles = [2 * [y[2]] for y in ends]
-        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(theme.HANDLE, width=2))
+        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(COLOURS.handle, width=2))
 
     def _add_pairs(self, x: list, y: list, pen: QPen) -> None:
         """Lines, each between two points that follow each other."""

@@ -9,11 +9,12 @@ from PySide6.QtWidgets import QWidget
 from app.window.widgets import theme
 from app.window.widgets.parts import column
 from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, start_of_hold
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.mechanism import JOINTS
 from experiments.session.playback import Comparison, Playback
 
-BESIDE = theme.WEDGE  # the colour of the hand through another controller
+BESIDE = COLOURS.wedge  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
 BAND = 0.22  # how much of its colour the envelope of a current has
 NONE = np.empty(0), np.empty((1, 0))  # no times (n,) s, no values (1, n)
@@ -29,7 +30,7 @@ class TrialTrace(TimePlot):
         super().__init__(title, unit, [colour, BESIDE], least, digits)
         self.t, self.values = self._beside = NONE
         self.marker = pg.InfiniteLine(
-            movable=True, pen=pg.mkPen(theme.HANDLE, width=1), hoverPen=pg.mkPen(theme.ACCENT, width=1)
+            movable=True, pen=pg.mkPen(COLOURS.handle, width=1), hoverPen=pg.mkPen(COLOURS.accent, width=1)
         )
         self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
         self.item.addItem(self.marker, ignoreBounds=True)
@@ -53,7 +54,7 @@ class TrialTrace(TimePlot):
         self.show_value(at)
 
     def show_value(self, at: int) -> None:
-        self.figures.show_parts((self.figure(self.values[0, at]), theme.TEXT), (self.unit, theme.QUIET))
+        self.figures.show_parts((self.figure(self.values[0, at]), COLOURS.text), (self.unit, COLOURS.quiet))
 
     def draw(self) -> None:
         self.curves[0].setData(self.t, self.values[0])
@@ -71,7 +72,7 @@ class CurrentTrace(TrialTrace):
     figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
 
     def __init__(self) -> None:
-        super().__init__("Currents", "A", theme.QUIET, 1.0, 2)
+        super().__init__("Currents", "A", COLOURS.quiet, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
         self.graph.setMinimumHeight(46)  # with the axis of time
         self.hidden, self.labels = False, dict[str, str]()
@@ -89,7 +90,7 @@ class CurrentTrace(TrialTrace):
 
     def show_value(self, at: int) -> None:
         if self.hidden:
-            self.figures.show_parts((HIDDEN, theme.QUIET))
+            self.figures.show_parts((HIDDEN, COLOURS.quiet))
             return
         near = np.abs(self.t - self.t[at]) <= 0.5 * DUTY_S
         parts = []
@@ -116,8 +117,8 @@ class TrialTraces(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._began_s = 0.0  # of the trial's first tick in its recording
-        self.error = TrialTrace("Path error", "mm", theme.TRACE, 2.0, 1)
-        self.force = TrialTrace("Hand force", "N", theme.GOOD, 4.0, 1)
+        self.error = TrialTrace("Path error", "mm", COLOURS.trace, 2.0, 1)
+        self.force = TrialTrace("Hand force", "N", COLOURS.good, 4.0, 1)
         self.currents = CurrentTrace()
         self.all = (self.error, self.force, self.currents)
         self.setLayout(column((self.error, 3), (self.force, 3), (self.currents, 4)))

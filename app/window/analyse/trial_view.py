@@ -24,7 +24,7 @@ from app.window.canvas.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
 from app.window.widgets import theme
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import start_of_hold
-from app.window.widgets.theme import colour_of, show_fitted
+from app.window.widgets.theme import COLOURS, colour_of, show_fitted
 from app.window.widgets.words import REASONS
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
@@ -138,7 +138,7 @@ class TrialView(Panel):
             return
         self.trial = trial
         row = trial.row
-        self.dot.setStyleSheet(f"color: {theme.QUIET if row is None else colour_of(row.controller)}")
+        self.dot.setStyleSheet(f"color: {COLOURS.quiet if row is None else colour_of(row.controller)}")
         self.title.setText(trial.title)
         self.about.setText(f"{trial.controller} · {trial.about}")
         status = row.status if row is not None else "in no table"

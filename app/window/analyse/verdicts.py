@@ -5,12 +5,12 @@ from html import escape
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QScrollArea
 
-from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import in_colour
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS
 from experiments.export.results import Conclusions
 
-VERDICT = {HOLDS: theme.GOOD, FAILS: theme.BAD, CANNOT_TELL: theme.CAUTION, DEPENDS: theme.CAUTION}  # looks
+VERDICT = {HOLDS: COLOURS.good, FAILS: COLOURS.bad, CANNOT_TELL: COLOURS.caution, DEPENDS: COLOURS.caution}  # looks
 
 
 class Verdicts(QScrollArea):
@@ -32,11 +32,11 @@ class Verdicts(QScrollArea):
             self._text.setText("The statistics are being computed …")
             return
         warned = filter(None, (*conclusions.warnings, conclusions.refusal))
-        parts = [f"<p>{in_colour(text, theme.CAUTION)}</p>" for text in warned]
+        parts = [f"<p>{in_colour(text, COLOURS.caution)}</p>" for text in warned]
         if conclusions.found:
             parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
             for one in conclusions.found:
-                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, theme.QUIET)
+                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, COLOURS.quiet)
                 parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
             parts.append("</table>")
         if conclusions.sentences:

@@ -14,13 +14,14 @@ from app.window.canvas.marks import arrow_of, paint_arrow
 from app.window.canvas.plane import Plane, Sizes
 from app.window.widgets import theme
 from app.window.widgets.parts import Flow, Panel, column, row, toggle
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import Device
 from core.path import PathFile
 
 TRAIL, FORCES = "trail", "forces"
 HAND, BRAKES = "hand", "brakes"  # whose force
-FORCE_COLOUR = {HAND: theme.GOOD, BRAKES: theme.BRAKE_SLIPPING}
+FORCE_COLOUR = {HAND: COLOURS.good, BRAKES: COLOURS.brake_slipping}
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 
 

@@ -11,7 +11,7 @@ from app.window.canvas import layers, marks
 from app.window.canvas.force_view import FORCE_COLOUR, FORCES, TRAIL, ForceView, Layered
 from app.window.canvas.plane import AT_DESK, RIGHT, Sizes
 from app.window.widgets import theme
-from app.window.widgets.theme import font, pen, shade, text_px, text_width, write_from
+from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
 from core import tick_log
 from core.control.velocity_field import Field
 from core.device import Device
@@ -113,7 +113,7 @@ class LinkageView(ForceView):
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if assumed:
             painter.setFont(font(theme.SMALL))
-            painter.setPen(pen(theme.CAUTION, 1.0, 0.9))
+            painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
             painter.drawText(QRectF(0.0, 11.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
 
     def paint_under_handle(self, painter: QPainter) -> None:
@@ -134,8 +134,8 @@ class LinkageView(ForceView):
             self._paint_readouts(painter, self.instant.device.labels)
         x = 16.0
         for text, size, bold, colour in (
-            (self.title, theme.HEAD, True, theme.TEXT),
-            (self.line, theme.NORMAL, False, theme.QUIET),
+            (self.title, theme.HEAD, True, COLOURS.text),
+            (self.line, theme.NORMAL, False, COLOURS.quiet),
         ):
             painter.setFont(font(size, bold))
             painter.setPen(shade(colour))
@@ -148,7 +148,7 @@ class LinkageView(ForceView):
         brakes = []
         for joint, (state, torque) in self.doing.items():
             text = state if state == layers.OFF else f"{state} {torque:.1f} N m"
-            colour = theme.QUIET if state == layers.OFF else marks.SHADE[state]
+            colour = COLOURS.quiet if state == layers.OFF else marks.SHADE[state]
             brakes.append(Readout(labels[joint], text, colour))
         return forces, brakes
 
@@ -159,7 +159,7 @@ class LinkageView(ForceView):
 
     def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
         box = self.readout_box
-        painter.fillRect(box, shade(theme.CANVAS, 0.6))  # to be read even where an arm is under it
+        painter.fillRect(box, shade(COLOURS.canvas, 0.6))  # to be read even where an arm is under it
         for down, line in enumerate(self.readouts(labels)):
             apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
             for across, (name, text, colour) in enumerate(line):

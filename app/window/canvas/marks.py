@@ -9,7 +9,7 @@ from PySide6.QtGui import QPainter
 
 from app.window.canvas.layers import OFF, SLIPPING, STUCK, Direction, Doing, Point, Wedge
 from app.window.widgets import theme
-from app.window.widgets.theme import pen, shade, write
+from app.window.widgets.theme import COLOURS, pen, shade, write
 from core.control.velocity_field import Field
 from core.mechanism import JOINTS
 
@@ -20,14 +20,14 @@ HEAD_PX = 8.0  # of an arrow's head
 DIRECTION_PX, LETTER_PX, WEDGE_PX = 58.0, 69.0, 78.0  # length of a direction, its letter, radius of the wedge
 NEEDLE_SHARE = 0.24  # half a needle's length, of the distance between two
 ARMS = (("A", "E"), ("E", "D"), ("B", "C"), ("C", "D"))
-SHADE = {OFF: theme.BRAKE_OFF, SLIPPING: theme.BRAKE_SLIPPING, STUCK: theme.BRAKE_STUCK}
+SHADE = {OFF: COLOURS.brake_off, SLIPPING: COLOURS.brake_slipping, STUCK: COLOURS.brake_stuck}
 JOINT_PX, BARE_PX = 12.0, 5.0  # radius of a brake's ring, and of a joint's without a brake
 LETTER_WIDE_PX = 2.5  # more radius for each further letter in a ring
 
 
 def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_width: float) -> None:
     """The arms between the joints (px; none where the arms do not reach). Flat, opaque lines one by one are fast."""
-    for thick, colour in ((width, theme.ARM), (core_width, theme.ARM_CORE)) if at else ():
+    for thick, colour in ((width, COLOURS.arm), (core_width, COLOURS.arm_core)) if at else ():
         painter.setPen(pen(colour, thick))
         for one, other in ARMS:
             painter.drawLine(at[one], at[other])
@@ -54,7 +54,7 @@ def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str]) -> dict[str, 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
     """A ring and the canvas in it (px; no pen): two discs take half of the time of a circle drawn with a pen."""
-    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, theme.CANVAS)):
+    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, COLOURS.canvas)):
         painter.setBrush(shade(fill))
         painter.drawEllipse(middle, reach, reach)
 
@@ -71,11 +71,11 @@ def paint_joints(
     painter.setPen(Qt.PenStyle.NoPen)
     for joint in JOINTS if rings else "":
         if joint not in labels:
-            paint_ring(painter, rings[joint], BARE_PX, 2.0, theme.BRAKE_OFF)
+            paint_ring(painter, rings[joint], BARE_PX, 2.0, COLOURS.brake_off)
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], ring_radius(labels[joint]), 3.0, SHADE[state])
-        write(painter, rings[joint], labels[joint], theme.SMALL, True, theme.QUIET if blind else theme.JOINT[joint])
+        write(painter, rings[joint], labels[joint], theme.SMALL, True, COLOURS.quiet if blind else theme.JOINT[joint])
 
 
 def arrow_of(force: Point) -> QPointF:
@@ -107,7 +107,7 @@ def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart:
     """Needles, their middles (n, 2) `apart` px from each other, brighter towards their ways (n, 2), unit vectors."""
     half = NEEDLE_SHARE * apart * ways
     for one, other, alpha in ((middles - half, middles, 0.35), (middles, middles + half, 0.8)):
-        painter.setPen(pen(theme.BRAKE_OFF, 1.0, alpha))
+        painter.setPen(pen(COLOURS.brake_off, 1.0, alpha))
         painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
 
 
@@ -117,27 +117,27 @@ def paint_directions(
     """Each brake's line; the valid sense an arrow, the chosen one strong; the desired direction as text."""
     for direction in found:
         reach = QPointF(direction.p_x, -direction.p_y) * ((direction.sense or 1.0) * DIRECTION_PX)
-        painter.setPen(pen(theme.QUIET, 1.0, 0.6))
+        painter.setPen(pen(COLOURS.quiet, 1.0, 0.6))
         painter.drawLine(handle - reach, handle + reach)
         if direction.sense:
-            colour, width = (theme.ACCENT, 3.0) if direction.chosen else (theme.QUIET, 1.6)
+            colour, width = (COLOURS.accent, 3.0) if direction.chosen else (COLOURS.quiet, 1.6)
             paint_arrow(painter, handle, reach, colour, width)
         beyond = handle + reach * (LETTER_PX / DIRECTION_PX)
-        colour = theme.TEXT if direction.chosen else theme.QUIET
+        colour = COLOURS.text if direction.chosen else COLOURS.quiet
         write(painter, beyond, labels[JOINTS[direction.joint]], theme.SMALL, True, colour)
-    paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), theme.TEXT, 1.6)
+    paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), COLOURS.text, 1.6)
 
 
 def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
     """The wedge and, in it, each brake by itself."""
     painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(theme.WEDGE, 0.24))
+    painter.setBrush(shade(COLOURS.wedge, 0.24))
     box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
     first, span = math.degrees(found.first), math.degrees(found.last - found.first)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth
     painter.drawPie(box, round(16.0 * first), round(16.0 * span))  # sixteenths of a degree
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(pen(theme.WEDGE_EDGE, 1.2))
+    painter.setPen(pen(COLOURS.wedge_edge, 1.2))
     for angle in found.spokes:
         painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * WEDGE_PX)
     painter.setBrush(Qt.BrushStyle.NoBrush)

@@ -9,6 +9,7 @@ from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from core.files import InputError, Pair
 from core.path import outline, path_from
 from experiments.protocol_writer import POINTS, points_of
@@ -52,19 +53,21 @@ class PathDrawing(Plane):
         self.repaint_still()
 
     def paint_under_path(self, painter: QPainter) -> None:
-        painter.setPen(theme.pen(theme.EDGE, 2.0, round_cap=True))
+        painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(QPolygonF([self.to_screen(place) for place in self._free]))
         painter.setFont(theme.font(theme.NORMAL, bold=True))
         for number, points, way in [*self._paths, ("", self._points, np.array(self._points))]:
-            painter.setPen(theme.pen(theme.HANDLE, 3.0))
+            painter.setPen(theme.pen(COLOURS.handle, 3.0))
             painter.drawPolyline(QPolygonF([self.to_screen(place) for place in way.tolist()]))
-            painter.setBrush(theme.shade(theme.CANVAS))
+            painter.setBrush(theme.shade(COLOURS.canvas))
             for place, point in enumerate(points):
-                ring = theme.TEXT if 0 < place < len(points) - 1 else theme.END_RING if place else theme.START_RING
+                ring = (
+                    COLOURS.text if 0 < place < len(points) - 1 else COLOURS.end_ring if place else COLOURS.start_ring
+                )
                 painter.setPen(theme.pen(ring, 3.0))
                 painter.drawEllipse(self.to_screen(point), 7.0, 7.0)
             if points:
-                painter.setPen(theme.pen(theme.TEXT, 1.0))
+                painter.setPen(theme.pen(COLOURS.text, 1.0))
                 painter.drawText(self.to_screen(points[0]) + QPointF(12.0, -12.0), number)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:

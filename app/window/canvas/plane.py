@@ -26,7 +26,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.widgets import theme
-from app.window.widgets.theme import SHADES, font, pen, shade, spring_pen
+from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen
 from core.obstacles import ObstacleFile
 from core.path import PathFile, outline
 
@@ -151,7 +151,7 @@ class Plane(QWidget):
             return
         self._trail.append(tips)
         if self.trail_shown and self._still:
-            self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), theme.TRACE)
+            self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
 
     def show_way(self, tips: np.ndarray) -> None:
         """The whole trail so far at once: tips (n, 2), m."""
@@ -278,14 +278,14 @@ class Plane(QWidget):
             self._background = QPixmap(self.size() * ratio)
         self._still = True
         self._background.setDevicePixelRatio(ratio)
-        self._background.fill(shade(theme.CANVAS))
+        self._background.fill(shade(COLOURS.canvas))
         painter = QPainter(self._background)
         if self._grid:
             self._paint_grid(painter)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for corners in self._obstacles:
-            painter.setPen(pen(theme.QUIET, 2.0))
-            painter.setBrush(QBrush(shade(theme.QUIET, 0.6), Qt.BrushStyle.BDiagPattern))
+            painter.setPen(pen(COLOURS.quiet, 2.0))
+            painter.setBrush(QBrush(shade(COLOURS.quiet, 0.6), Qt.BrushStyle.BDiagPattern))
             painter.drawPolygon(QPolygonF([self.to_screen(corner) for corner in corners]))
         self.paint_under_path(painter)
         if len(self.outline):
@@ -295,7 +295,7 @@ class Plane(QWidget):
             self._paint_way(*self._beside)
         self._trail_end = np.empty((0, 2))
         if self.trail_shown:
-            self._trail_end = self._paint_way(self.trail, theme.TRACE)
+            self._trail_end = self._paint_way(self.trail, COLOURS.trace)
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named."""
@@ -305,25 +305,27 @@ class Plane(QWidget):
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))
             x, y = round(at.x()) + 0.5, round(at.y()) + 0.5
-            painter.setPen(pen(theme.LINE, 1.0, 0.55))
+            painter.setPen(pen(COLOURS.line, 1.0, 0.55))
             if left < x < right:
                 painter.drawLine(QPointF(x, top), QPointF(x, bottom))
             if i >= 0 and top < y < bottom:
                 painter.drawLine(QPointF(left, y), QPointF(right, y))
-                painter.setPen(pen(theme.QUIET, 1.0, 0.75))
+                painter.setPen(pen(COLOURS.quiet, 1.0, 0.75))
                 painter.drawText(QRectF(0.0, y - 10.0, left - 8.0, 20.0), RIGHT, f"{10 * i} cm")
 
     def _paint_path(self, painter: QPainter) -> None:
         """The path, the start as a ring, the end as a ring with a point in it."""
-        painter.setPen(pen(theme.HANDLE, self.sizes.path, 0.92, round_cap=True))
+        painter.setPen(pen(COLOURS.handle, self.sizes.path, 0.92, round_cap=True))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
         painter.setBrush(Qt.BrushStyle.NoBrush)
         start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
-        for place, colour, radius in zip((start, end), (theme.START_RING, theme.END_RING), self.rings_px, strict=True):
+        for place, colour, radius in zip(
+            (start, end), (COLOURS.start_ring, COLOURS.end_ring), self.rings_px, strict=True
+        ):
             painter.setPen(pen(colour, self.sizes.ring_pen))
             painter.drawEllipse(place, radius, radius)
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(theme.END_RING))
+        painter.setBrush(shade(COLOURS.end_ring))
         painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
 
     @property
@@ -340,7 +342,7 @@ class Plane(QWidget):
     def paint_hold(self, painter: QPainter, share: float) -> None:
         """A sweep around the start for the share of the hold that is over."""
         at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + 0.5 * HOLD_PX + 1.0
-        painter.setPen(pen(theme.START_RING, HOLD_PX))
+        painter.setPen(pen(COLOURS.start_ring, HOLD_PX))
         painter.setBrush(Qt.BrushStyle.NoBrush)
         box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
         painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
@@ -377,7 +379,7 @@ class Plane(QWidget):
         painter.translate(at)
         painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(theme.HANDLE))
+        painter.setBrush(shade(COLOURS.handle))
         half = 0.5 * AWAY_PX
         painter.drawPolygon(QPolygonF([QPointF(0.0, 0.0), QPointF(-AWAY_PX, half), QPointF(-AWAY_PX, -half)]))
         painter.restore()
@@ -393,15 +395,15 @@ class Plane(QWidget):
         if handle:
             if self.taken is False:
                 reach = self._scale * GRASP_RADIUS_M
-                painter.setPen(pen(theme.HANDLE, 1.5, 0.6))
-                painter.setBrush(shade(theme.HANDLE, 0.12))
+                painter.setPen(pen(COLOURS.handle, 1.5, 0.6))
+                painter.setBrush(shade(COLOURS.handle, 0.12))
                 painter.drawEllipse(handle, reach, reach)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(shade(theme.HANDLE))
+            painter.setBrush(shade(COLOURS.handle))
             painter.drawEllipse(handle, self.handle_px, self.handle_px)
             if not self.handle_seen:
                 self._paint_way_out(painter, handle)
         if pointer:
-            painter.setPen(pen(theme.POINTER, 2.0))
+            painter.setPen(pen(COLOURS.pointer, 2.0))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(pointer, self.sizes.pointer, self.sizes.pointer)

@@ -18,6 +18,7 @@ from app.window.canvas.plane import FROM_AFAR, Plane, Sizes
 from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import Tones
 from app.window.widgets import theme, words
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown, hand_is_mouse
 from core import tick_log
 from core.device import Device
@@ -87,8 +88,8 @@ class ParticipantView(Plane):
         top = TEXT_TOP if len(self.outline) else TEXT_ALONE
         left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
         for text, share, down, bold, colour in (
-            (self.shown.large, LARGE_SHARE, 0.0, True, theme.TEXT),
-            (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, theme.QUIET),
+            (self.shown.large, LARGE_SHARE, 0.0, True, COLOURS.text),
+            (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, COLOURS.quiet),
         ):
             size = round(share * height)
             fits = min((width - 16) / max(theme.text_width(text, size, bold), 1.0), 1.0)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWi
 
 from app.window.widgets import theme
 from app.window.widgets.parts import Panel, column, text_label, wrapped_label
-from app.window.widgets.theme import pen
+from app.window.widgets.theme import COLOURS, pen
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.protocol_file import InstructionPage
 
@@ -71,7 +71,7 @@ class Scale(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle = 0.5 * self.height()
-        painter.setPen(pen(theme.ACCENT if self.hasFocus() else theme.BRAKE_OFF, 1.5))
+        painter.setPen(pen(COLOURS.accent if self.hasFocus() else COLOURS.brake_off, 1.5))
         painter.drawLine(QPointF(self._x(0), middle), QPointF(self._x(100), middle))
         for i in range(STEPS + 1):
             half = 7.0 if i % (STEPS // 2) == 0 else 4.0
@@ -79,7 +79,7 @@ class Scale(QWidget):
             painter.drawLine(QPointF(x, middle - half), QPointF(x, middle + half))
         if self.value is not None:
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(theme.shade(theme.ACCENT))
+            painter.setBrush(theme.shade(COLOURS.accent))
             painter.drawRoundedRect(QRectF(self._x(self.value) - 5.0, middle - 11.0, 10.0, 22.0), 4.0, 4.0)
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 from PySide6.QtWidgets import QFrame
 
-from app.window.widgets import theme
 from app.window.widgets.parts import Figures, Panel, column, row, text_label
 from app.window.widgets.plots import NO_TRIAL
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 
-BRAKES, KINETIC, STOPS = theme.BRAKE_SLIPPING, theme.TRACE, theme.BAD
+BRAKES, KINETIC, STOPS = COLOURS.brake_slipping, COLOURS.trace, COLOURS.bad
 COLUMNS = [tick_log.ENERGY_HAND, tick_log.ENERGY_BRAKES, tick_log.ENERGY_KINETIC, tick_log.ENERGY_STOPS]
 ROUNDING_J = 1e-9  # heat that falls by less in a tick is rounding
 
@@ -57,11 +57,11 @@ class EnergyPanel(Panel):
         super().__init__()
         self.ledger = Ledger()
         self._bar = row(spacing=0)
-        for colour in (BRAKES, KINETIC, STOPS, theme.LINE):  # the last: what the hand gave and is nowhere yet
+        for colour in (BRAKES, KINETIC, STOPS, COLOURS.line):  # the last: what the hand gave and is nowhere yet
             part = QFrame()
             part.setFixedHeight(12)
             part.setStyleSheet(f"background: {colour}; border: none")
-            self._bar.addWidget(part, 0 if colour != theme.LINE else 1)
+            self._bar.addWidget(part, 0 if colour != COLOURS.line else 1)
         self.balance, self.proof = Figures(), Figures()
         title = text_label("Energy this trial", bold=True)
         self.setLayout(column(title, self._bar, self.balance, self.proof, spacing=4, margins=(12, 6, 12, 8)))
@@ -80,17 +80,17 @@ class EnergyPanel(Panel):
         """Bring the words and the bar up to date: a few times a second, for they must be read."""
         ledger = self.ledger
         balance = [
-            (f"hand {ledger.hand:.2f} J =", theme.TEXT), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", theme.TEXT),
+            (f"hand {ledger.hand:.2f} J =", COLOURS.text), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", COLOURS.text),
             (f"kinetic {ledger.kinetic:.2f}", KINETIC),
         ]  # fmt: skip
         if ledger.stops > 0.005:
-            balance += [("+", theme.TEXT), (f"stops {ledger.stops:.2f}", STOPS)]
+            balance += [("+", COLOURS.text), (f"stops {ledger.stops:.2f}", STOPS)]
         if ledger.added > ROUNDING_J:
-            verdict = (f"a brake added {small_energy(ledger.added)}", theme.BAD)
+            verdict = (f"a brake added {small_energy(ledger.added)}", COLOURS.bad)
         else:
-            verdict = ("no brake added energy", theme.GOOD)
+            verdict = ("no brake added energy", COLOURS.good)
         residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
-        proof = [(f"residual {residual} ·", theme.QUIET), verdict] if ledger.began else [(NO_TRIAL, theme.QUIET)]
+        proof = [(f"residual {residual} ·", COLOURS.quiet), verdict] if ledger.began else [(NO_TRIAL, COLOURS.quiet)]
         self.balance.show_parts(*balance)
         self.proof.show_parts(*proof)
         parts_J = [max(part, 0.0) for part in (ledger.brakes, ledger.kinetic, ledger.stops)]

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, place, same_cell
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
@@ -123,9 +124,9 @@ class PlanGrid(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.fillRect(self.rect(), theme.shade(theme.PANEL))
+        painter.fillRect(self.rect(), theme.shade(COLOURS.panel))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(theme.shade(theme.QUIET))
+        painter.setPen(theme.shade(COLOURS.quiet))
         cells, words = self._places()
         for text, box, head in words:
             painter.setFont(theme.font(theme.SMALL, bold=head))
@@ -136,14 +137,14 @@ class PlanGrid(QWidget):
     def _paint_cell(self, painter: QPainter, cell: QRectF, run: int) -> None:
         status = self.statuses.get(run)
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.shade(theme.STATUS[status], 0.55) if status else theme.shade(theme.LINE, 0.6))
+        painter.setBrush(theme.shade(theme.STATUS[status], 0.55) if status else theme.shade(COLOURS.line, 0.6))
         if run == self.marked:
-            painter.setPen(QPen(theme.shade(theme.TEXT if self.running else theme.ACCENT), 2.0))
-            painter.setBrush(theme.shade(theme.ACCENT if self.running else theme.ACCENT_GROUND))
+            painter.setPen(QPen(theme.shade(COLOURS.text if self.running else COLOURS.accent), 2.0))
+            painter.setBrush(theme.shade(COLOURS.accent if self.running else COLOURS.accent_ground))
         painter.drawRoundedRect(cell, 3.0, 3.0)
         if status in MARKS:
             painter.setFont(theme.font(theme.SMALL, bold=True))
-            painter.setPen(theme.shade(theme.TEXT))
+            painter.setPen(theme.shade(COLOURS.text))
             painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, MARKS[status])
 
 

@@ -24,7 +24,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
-from app.window.widgets.theme import colour_of
+from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import REASONS, SHORT, in_colour, place
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
@@ -64,9 +64,9 @@ class Measure(QWidget):
         name, scale = self._metric.name, self._metric.scale
         value = getattr(now, name)
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
-        ring = pg.mkPen(theme.TEXT, width=2)
+        ring = pg.mkPen(COLOURS.text, width=2)
         groups = (
-            (others, 7, theme.shade(theme.LINE), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
+            (others, 7, theme.shade(COLOURS.line), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
             ([now], 13, theme.shade(colour), ring),
         )  # fmt: skip
         self.points.clear()
@@ -83,13 +83,13 @@ class WholeTrace(TimePlot):
     """Distance from the path from the hold at the start on; zero is the go."""
 
     def __init__(self) -> None:
-        super().__init__("Distance from path", "mm", [theme.TRACE], 2.0, 1)
-        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(theme.LINE, 0.35)) for _ in range(2)]
+        super().__init__("Distance from path", "mm", [COLOURS.trace], 2.0, 1)
+        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(COLOURS.line, 0.35)) for _ in range(2)]
         for region in self.phases:
             for edge in region.lines:
-                edge.setPen(pg.mkPen(theme.LINE))
+                edge.setPen(pg.mkPen(COLOURS.line))
             self.item.addItem(region)
-        self.figures.show_parts((self.unit, theme.QUIET))
+        self.figures.show_parts((self.unit, COLOURS.quiet))
 
     def show_ticks(self, rows: np.ndarray) -> None:
         """The ticks (n, tick_log.WIDTH), n > 0, of the trial; an approach, of any length, has no distance yet."""
@@ -153,7 +153,7 @@ class TrialCard(Panel):
             self._since_s = time.perf_counter()
             self.reason.setCurrentIndex(0)
         self.row = row
-        colour = theme.QUIET if snapshot.blind else colour_of(row.controller)
+        colour = COLOURS.quiet if snapshot.blind else colour_of(row.controller)
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
         here = [other for other in counted if other.configuration == row.configuration]
         same = [other for other in here if other.controller == row.controller]
@@ -162,7 +162,7 @@ class TrialCard(Panel):
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
         self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
-        shown = [(colour, "this trial"), (colour if same else "", "same controller"), (theme.QUIET, "others")]
+        shown = [(colour, "this trial"), (colour if same else "", "same controller"), (COLOURS.quiet, "others")]
         self.legend.setText("   ".join(f"{in_colour('●', dot)} {name}" for dot, name in shown if dot))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)

@@ -11,7 +11,7 @@ from app.window.sandbox.controls import brakes_of, feel, preset_of
 from app.window.sandbox.dials import dials_of
 from app.window.widgets import theme
 from app.window.widgets.parts import NO_FOCUS
-from app.window.widgets.theme import font, shade
+from app.window.widgets.theme import COLOURS, font, shade
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 
@@ -31,11 +31,11 @@ class Bars(QStyledItemDelegate):
         wide = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
         number = QRectF(box.left(), box.top(), wide, box.height())
         painter.setFont(font(theme.NORMAL))
-        painter.setPen(shade(theme.TEXT if share is not None else theme.QUIET))
+        painter.setPen(shade(COLOURS.text if share is not None else COLOURS.quiet))
         painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
         if share is not None and box.width() > 80.0:
             left, wide = number.right() + 10.0, box.width() - number.width() - 10.0
-            for width, ground in ((wide, theme.LINE), (share * wide, colour)):
+            for width, ground in ((wide, COLOURS.line), (share * wide, colour)):
                 painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
 
@@ -86,7 +86,7 @@ class PassTable(QTableWidget):
         self.setRowCount(len(passes))
         for at, one in enumerate(reversed(passes)):
             s, preset = one.settings, preset_of(one.settings, controllers)
-            colour = theme.CONTROLLER.get(s.controller, theme.TEXT)
+            colour = theme.CONTROLLER.get(s.controller, COLOURS.text)
             noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
             set_to = (f"{dial.label.lower()} {grouped(dial.setting(s) * dial.scale)} {dial.unit}" for dial in dials)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"

@@ -9,7 +9,7 @@ from app.window.canvas.layers import Point, extent_of_paths
 from app.window.canvas.linkage_view import LINKAGE, SmallView
 from app.window.canvas.plane import Sizes
 from app.window.widgets import theme
-from app.window.widgets.theme import pen, shade, text_px, write, write_from
+from app.window.widgets.theme import COLOURS, pen, shade, text_px, write, write_from
 from core.device import Device
 from core.path import PathFile
 
@@ -94,15 +94,15 @@ class PassView(ForceView):
             way.addPolygon(QPolygonF([self.to_screen(place) for place in self.outline]))
             stroker.setWidth(2.0 * self.gap_m * self.scale)
             stroker.setCapStyle(Qt.PenCapStyle.FlatCap)
-            painter.setPen(pen(theme.CAUTION, 1.0, 0.5))
-            painter.setBrush(shade(theme.CAUTION, 0.10))
+            painter.setPen(pen(COLOURS.caution, 1.0, 0.5))
+            painter.setBrush(shade(COLOURS.caution, 0.10))
             painter.drawPath(stroker.createStroke(way).simplified())
         right, low = self.width() - 20.0, self.height() - 14.0
-        painter.setPen(pen(theme.QUIET, 1.5))
+        painter.setPen(pen(COLOURS.quiet, 1.5))
         painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
-        write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, theme.QUIET)
+        write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)
         if not self.inset.isHidden():
-            painter.setPen(pen(theme.LINE, 2.0))
+            painter.setPen(pen(COLOURS.line, 2.0))
             painter.drawRect(self.inset.geometry())
 
     def paint_under_handle(self, painter: QPainter) -> None:

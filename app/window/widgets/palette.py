@@ -39,6 +39,10 @@ class Palette(NamedTuple):
     joints: tuple[str, str, str, str]  # A, E, B, C
     controllers: tuple[str, ...]  # 1 ..
 
+    @property
+    def start_ring(self) -> str:
+        return self.good
+
 
 #: The colours of brakes are from Okabe and Ito's set; in the light palette the same hues are darker. Nothing is said by
 #: colour alone.

@@ -26,6 +26,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
 END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
@@ -178,7 +179,7 @@ class Choice(QComboBox):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.shade(theme.QUIET))
+        painter.setBrush(theme.shade(COLOURS.quiet))
         at = QPointF(self.width() - 16.0, 0.5 * self.height() + 2.5)
         painter.drawPolygon(QPolygonF([at, at + QPointF(-4.5, -5.0), at + QPointF(4.5, -5.0)]))
 

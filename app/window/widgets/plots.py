@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QFrame, QLabel, QWidget
 from app.ipc.messages import Timing
 from app.window.widgets import theme
 from app.window.widgets.parts import Figures, Panel, column, row, text_label
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
@@ -47,13 +48,13 @@ class Graph(pg.PlotWidget):
     """A plot in the colours and the typeface of the screens."""
 
     def __init__(self) -> None:
-        super().__init__(background=theme.PANEL, enableMenu=False)
+        super().__init__(background=COLOURS.panel, enableMenu=False)
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.hideButtons()
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         for axis in self._axes():
-            axis.setPen(theme.LINE)
-            axis.setTextPen(theme.QUIET)
+            axis.setPen(COLOURS.line)
+            axis.setTextPen(COLOURS.quiet)
             axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
             axis.enableAutoSIPrefix(False)
         self.follow_text()
@@ -202,7 +203,7 @@ class Trace(TimePlot):
         """The newest value beside the title, or each with its name."""
         values = self.newest if len(self.t) and not self.hidden else (math.nan,) * len(self.curves)
         if not self.names:
-            self.figures.show_parts((self.figure(values[0]), theme.TEXT), (self.unit, theme.QUIET))
+            self.figures.show_parts((self.figure(values[0]), COLOURS.text), (self.unit, COLOURS.quiet))
             return
         named = [
             (f"{self.names[name]} {self.figure(value)}", colour)
@@ -244,11 +245,11 @@ class Traces(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.error = Trace("Path error", "mm", [theme.TRACE], 10.0, 1)
-        self.force = Trace("Hand force", "N", [theme.GOOD], 10.0, 1)
+        self.error = Trace("Path error", "mm", [COLOURS.trace], 10.0, 1)
+        self.force = Trace("Hand force", "N", [COLOURS.good], 10.0, 1)
         colours = [theme.JOINT[joint] for joint in JOINTS]
         self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
-        self.speed = Trace("Tip speed", "m/s", [theme.TEXT], 0.2, 2)
+        self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
         self.all = (self.error, self.force, self.currents, self.speed)
         self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
 
@@ -293,7 +294,7 @@ class TimingStrip(Trace):
     def __init__(self) -> None:
         self.timing: Timing | None = None
         self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
-        super().__init__("Loop lateness, µs", "", [theme.GOOD], self.DECADES, 0)
+        super().__init__("Loop lateness, µs", "", [COLOURS.good], self.DECADES, 0)
         self.item.addItem(self.late)
         self.rows.addWidget(self.foot)
 
@@ -303,7 +304,7 @@ class TimingStrip(Trace):
         share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
         late = lateness >= self.LATE_US
         if late.any():
-            colours = [theme.BAD if us >= tick_log.MISSED_US else theme.CAUTION for us in lateness[late]]
+            colours = [COLOURS.bad if us >= tick_log.MISSED_US else COLOURS.caution for us in lateness[late]]
             self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
         self.add(t, share[None])
 
@@ -316,13 +317,13 @@ class TimingStrip(Trace):
         self.show_newest()
 
     def show_newest(self) -> None:
-        missed, foot, colour = NO_TRIAL, "", theme.QUIET
+        missed, foot, colour = NO_TRIAL, "", COLOURS.quiet
         if (now := self.timing) is not None:
             p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
             missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
-            colour = theme.CAUTION if now.missed else theme.QUIET
+            colour = COLOURS.caution if now.missed else COLOURS.quiet
         self.figures.show_parts((missed, colour))
-        self.foot.show_parts((foot, theme.QUIET))
+        self.foot.show_parts((foot, COLOURS.quiet))
         self.foot.setToolTip(foot)
 
     def read_at(self, place: QPointF) -> str:

@@ -7,8 +7,9 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWi
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, row, text_label, wrapped_label
+from app.window.widgets.theme import COLOURS
 
-COLOURS = {m.GOOD: theme.GOOD, m.CAUTION: theme.CAUTION, m.BAD: theme.BAD, m.WAITING: theme.BRAKE_OFF}
+STATE_COLOUR = {m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.BAD: COLOURS.bad, m.WAITING: COLOURS.brake_off}
 #: Said by shape too, not by colour alone.
 MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
@@ -17,7 +18,7 @@ DEVICE = "Device"  # the check that leads to the device page
 def mark_of(check: m.Check, size: int) -> QLabel:
     """The shape and colour of a check's state."""
     mark = text_label(MARKS[check.state], size=size)
-    mark.setStyleSheet(f"color: {COLOURS[check.state]}")
+    mark.setStyleSheet(f"color: {STATE_COLOUR[check.state]}")
     return mark
 
 

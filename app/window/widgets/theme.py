@@ -10,21 +10,14 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter,
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.window.widgets import palette
+from app.window.widgets.sheet import SHEET
 
-_OF = palette.chosen
-GROUND, PANEL, LINE, TEXT, QUIET, CANVAS, FIELD = (
-    _OF.ground, _OF.panel, _OF.line, _OF.text, _OF.quiet, _OF.canvas, _OF.field
-)  # fmt: skip
-GOOD, BAD, CAUTION, BAD_GROUND, BAD_TEXT = _OF.good, _OF.bad, _OF.caution, _OF.bad_ground, _OF.bad_text
-BRAKE_OFF, BRAKE_SLIPPING, BRAKE_STUCK = _OF.brake_off, _OF.brake_slipping, _OF.brake_stuck
-ARM, ARM_CORE, POINTER, HANDLE, HANDLE_NAME = _OF.arm, _OF.arm_core, _OF.pointer, _OF.handle, _OF.handle_name
-START_RING, END_RING, WEDGE, WEDGE_EDGE = GOOD, _OF.end_ring, _OF.wedge, _OF.wedge_edge
-TRACE, ACCENT, ACCENT_GROUND, EDGE = _OF.trace, _OF.accent, _OF.accent_ground, _OF.edge
-JOINT = dict(zip("AEBC", _OF.joints, strict=True))
-CONTROLLER = dict(enumerate(_OF.controllers, start=1))
+COLOURS = palette.chosen
+JOINT = dict(zip("AEBC", COLOURS.joints, strict=True))
+CONTROLLER = dict(enumerate(COLOURS.controllers, start=1))
 STATUS = {
-    "done": GOOD, "timeout": CAUTION, "aborted": BAD, "redone": QUIET, "recovered": CAUTION, "skipped": QUIET,
-    "stopped": BAD, "excluded": QUIET,
+    "done": COLOURS.good, "timeout": COLOURS.caution, "aborted": COLOURS.bad, "redone": COLOURS.quiet,
+    "recovered": COLOURS.caution, "skipped": COLOURS.quiet, "stopped": COLOURS.bad, "excluded": COLOURS.quiet,
 }  # fmt: skip
 
 SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
@@ -103,82 +96,6 @@ def set_style(widget: QWidget, name: str) -> None:
         widget.update()
 
 
-SHEET = f"""
-QWidget {{ background: {GROUND}; color: {TEXT}; }}
-QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {LINE}; padding: 4px; }}
-QFrame#panel {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
-QFrame#canvas {{ background: {CANVAS}; border: 1px solid {LINE}; border-radius: {RADIUS}px; }}
-QFrame#card {{ background: {PANEL}; border: 1px solid {EDGE}; border-radius: {RADIUS}px; }}
-QWidget#clear {{ background: transparent; }}
-QFrame#line {{ background: {LINE}; border: none; max-height: 1px; min-height: 1px; }}
-QFrame#pill {{ background: {PANEL}; border: 1px solid {LINE}; border-radius: 15px; }}
-QFrame#pill-bad {{ background: {BAD_GROUND}; border: 1px solid {BAD}; border-radius: 15px; }}
-QLabel, QCheckBox, QRadioButton {{ background: transparent; }}
-QLabel#quiet {{ color: {QUIET}; }}
-QLabel#hint {{ color: {TEXT}; }}
-QLabel#quiet:disabled, QLabel#hint:disabled {{ color: {BRAKE_OFF}; }}
-QLabel#good {{ color: {GOOD}; }}
-QLabel#caution {{ color: {CAUTION}; }}
-QLabel#bad {{ color: {BAD}; }}
-QLabel#banner {{ background: {BAD_GROUND}; color: {BAD_TEXT}; border: 1px solid {BAD}; border-radius: {RADIUS}px;
-    padding: 8px 12px; }}
-QPushButton {{ background: {FIELD}; border: 1px solid {LINE}; border-radius: 5px; padding: 6px 12px; }}
-QPushButton:hover {{ border-color: {QUIET}; }}
-QPushButton:focus {{ border-color: {ACCENT}; outline: none; }}
-QPushButton:disabled {{ color: {BRAKE_OFF}; background: {PANEL}; }}
-QPushButton#main:enabled {{ background: {ACCENT_GROUND}; border-color: {ACCENT}; }}
-QPushButton#main:focus {{ border-color: {TEXT}; }}
-QPushButton#brakes {{ background: {BAD_GROUND}; border-color: {BAD}; color: {BAD_TEXT}; padding: 6px 10px; }}
-QPushButton#brakes-off {{ background: {BAD}; border-color: {BAD}; color: {_OF.on_bad}; padding: 6px 10px; }}
-QPushButton#key {{ text-align: left; }}
-QPushButton#key:checked, QPushButton#segment:checked {{ background: {ACCENT_GROUND};
-    border-color: {ACCENT}; }}
-QPushButton#segment {{ padding: 6px 8px; }}
-QPushButton#toggle {{ background: transparent; color: {QUIET}; border-radius: 12px; padding: 3px 8px; }}
-QPushButton#toggle:checked {{ background: {FIELD}; color: {TEXT}; border-color: {EDGE}; }}
-QPushButton#tab {{ background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
-    padding: 8px 12px; color: {QUIET}; }}
-QPushButton#tab:checked {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
-QPushButton::menu-indicator {{ image: none; width: 0; }}
-QProgressBar {{ background: {FIELD}; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }}
-QProgressBar::chunk {{ background: {ACCENT}; border-radius: 3px; }}
-QProgressBar#done::chunk {{ background: {GOOD}; }}
-QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 4px; }}
-QMenu::item {{ padding: 6px 18px; }}
-QMenu::item:selected {{ background: {ACCENT_GROUND}; }}
-QMenu::item:disabled {{ color: {BRAKE_OFF}; }}
-QPushButton#small {{ padding: 3px 10px; }}
-QLineEdit, QComboBox, QPlainTextEdit {{ background: {GROUND}; border: 1px solid {LINE}; border-radius: 5px;
-    padding: 5px 8px; selection-background-color: {ACCENT_GROUND}; }}
-QComboBox::drop-down {{ border: none; width: 22px; }}
-QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus {{ border-color: {ACCENT}; }}
-QLineEdit:disabled, QComboBox:disabled {{ color: {QUIET}; }}
-QComboBox QAbstractItemView {{ background: {PANEL}; border: 1px solid {LINE};
-    selection-background-color: {ACCENT_GROUND}; }}
-QScrollArea {{ border: none; background: transparent; }}
-QScrollBar:vertical {{ background: transparent; width: 8px; margin: 0; }}
-QScrollBar::handle:vertical {{ background: {LINE}; border-radius: 4px; min-height: 24px; }}
-QScrollBar:horizontal {{ background: transparent; height: 8px; margin: 0; }}
-QScrollBar::handle:horizontal {{ background: {LINE}; border-radius: 4px; min-width: 24px; }}
-QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent;
-    border: none; height: 0; width: 0; }}
-QTableWidget {{ background: {PANEL}; border: none; }}
-QHeaderView, QHeaderView::section {{ background: {PANEL}; color: {QUIET}; border: none; padding: 2px 6px; }}
-QSlider {{ background: transparent; min-height: 20px; }}
-QSlider::groove:horizontal {{ background: {LINE}; height: 4px; border-radius: 2px; }}
-QSlider::sub-page:horizontal {{ background: {ACCENT}; height: 4px; border-radius: 2px; }}
-QSlider::handle:horizontal {{ background: {TEXT}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
-QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled {{ background: {BRAKE_OFF}; }}
-QCheckBox::indicator {{ width: 14px; height: 14px; border: 1px solid {QUIET}; border-radius: 3px;
-    background: {GROUND}; }}
-QCheckBox::indicator:checked {{ background: {ACCENT}; border-color: {ACCENT}; }}
-QCheckBox:disabled {{ color: {QUIET}; }}
-QCheckBox::indicator:checked:disabled {{ background: {BRAKE_OFF}; border-color: {BRAKE_OFF}; }}
-QCheckBox:focus {{ color: {TEXT}; outline: none; }}
-QCheckBox::indicator:focus {{ border-color: {ACCENT}; }}
-"""
-
-
 def apply_theme(application: QApplication) -> None:
     """Give the application its typeface and colours, and let it paint in one thread."""
     os.environ.setdefault("QT_NO_GUI_THREADPOOL", "1")  # shared out, our small areas cost more than they gain
@@ -189,7 +106,7 @@ def apply_theme(application: QApplication) -> None:
         QFontDatabase.addApplicationFont(str(folder / name))
     application.setStyle("Fusion")
     application.setFont(font())
-    application.setStyleSheet(SHEET)
+    application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))
 
 
 SHADES = 32  # of the spring
@@ -208,7 +125,7 @@ def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) ->
 def spring_pen(width: float, step: int) -> QPen:
     """From green (step 0) over yellow to red (SHADES - 1)."""
     share = 2.0 * step / (SHADES - 1)
-    ends = (GOOD, CAUTION) if share < 1.0 else (CAUTION, BAD)
+    ends = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
     made = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
     made.setCapStyle(Qt.PenCapStyle.FlatCap)
     return made
@@ -265,5 +182,5 @@ def show_fitted(window: QWidget, width: int, height: int) -> None:
 def colour_of(controller: int | str) -> str:
     """Table I's five colours, which begin again for further controllers; a code has none of its own."""
     if isinstance(controller, str):
-        return QUIET
+        return COLOURS.quiet
     return CONTROLLER[(controller - 1) % len(CONTROLLER) + 1]

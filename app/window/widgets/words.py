@@ -9,7 +9,7 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 
 from app.ipc import messages as m
-from app.window.widgets import theme
+from app.window.widgets.theme import COLOURS
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
@@ -91,7 +91,7 @@ def moving(phase: int, taken: bool, language: Language, left_early: bool = False
         small = "take" if seen else "stopped_how"
     elif left_early:
         small = "hold_again"
-    return Shown(language[large], language[small].format(handle=language[theme.HANDLE_NAME]))
+    return Shown(language[large], language[small].format(handle=language[COLOURS.handle_name]))
 
 
 def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:

@@ -1,0 +1,78 @@
+"""The rules of every widget's look, as Qt's style sheets; $names are those of `palette.Palette`."""
+
+from string import Template
+
+SHEET = Template("""
+QWidget { background: $ground; color: $text; }
+QToolTip { background: $panel; color: $text; border: 1px solid $line; padding: 4px; }
+QFrame#panel { background: $panel; border: 1px solid $line; border-radius: ${radius}px; }
+QFrame#canvas { background: $canvas; border: 1px solid $line; border-radius: ${radius}px; }
+QFrame#card { background: $panel; border: 1px solid $edge; border-radius: ${radius}px; }
+QWidget#clear { background: transparent; }
+QFrame#line { background: $line; border: none; max-height: 1px; min-height: 1px; }
+QFrame#pill { background: $panel; border: 1px solid $line; border-radius: 15px; }
+QFrame#pill-bad { background: $bad_ground; border: 1px solid $bad; border-radius: 15px; }
+QLabel, QCheckBox, QRadioButton { background: transparent; }
+QLabel#quiet { color: $quiet; }
+QLabel#hint { color: $text; }
+QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
+QLabel#good { color: $good; }
+QLabel#caution { color: $caution; }
+QLabel#bad { color: $bad; }
+QLabel#banner { background: $bad_ground; color: $bad_text; border: 1px solid $bad; border-radius: ${radius}px;
+    padding: 8px 12px; }
+QPushButton { background: $field; border: 1px solid $line; border-radius: 5px; padding: 6px 12px; }
+QPushButton:hover { border-color: $quiet; }
+QPushButton:focus { border-color: $accent; outline: none; }
+QPushButton:disabled { color: $brake_off; background: $panel; }
+QPushButton#main:enabled { background: $accent_ground; border-color: $accent; }
+QPushButton#main:focus { border-color: $text; }
+QPushButton#brakes { background: $bad_ground; border-color: $bad; color: $bad_text; padding: 6px 10px; }
+QPushButton#brakes-off { background: $bad; border-color: $bad; color: $on_bad; padding: 6px 10px; }
+QPushButton#key { text-align: left; }
+QPushButton#key:checked, QPushButton#segment:checked { background: $accent_ground;
+    border-color: $accent; }
+QPushButton#segment { padding: 6px 8px; }
+QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
+QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
+QPushButton#tab { background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
+    padding: 8px 12px; color: $quiet; }
+QPushButton#tab:checked { color: $text; border-bottom-color: $accent; }
+QPushButton::menu-indicator { image: none; width: 0; }
+QProgressBar { background: $field; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }
+QProgressBar::chunk { background: $accent; border-radius: 3px; }
+QProgressBar#done::chunk { background: $good; }
+QMenu { background: $panel; border: 1px solid $edge; padding: 4px; }
+QMenu::item { padding: 6px 18px; }
+QMenu::item:selected { background: $accent_ground; }
+QMenu::item:disabled { color: $brake_off; }
+QPushButton#small { padding: 3px 10px; }
+QLineEdit, QComboBox, QPlainTextEdit { background: $ground; border: 1px solid $line; border-radius: 5px;
+    padding: 5px 8px; selection-background-color: $accent_ground; }
+QComboBox::drop-down { border: none; width: 22px; }
+QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus { border-color: $accent; }
+QLineEdit:disabled, QComboBox:disabled { color: $quiet; }
+QComboBox QAbstractItemView { background: $panel; border: 1px solid $line;
+    selection-background-color: $accent_ground; }
+QScrollArea { border: none; background: transparent; }
+QScrollBar:vertical { background: transparent; width: 8px; margin: 0; }
+QScrollBar::handle:vertical { background: $line; border-radius: 4px; min-height: 24px; }
+QScrollBar:horizontal { background: transparent; height: 8px; margin: 0; }
+QScrollBar::handle:horizontal { background: $line; border-radius: 4px; min-width: 24px; }
+QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page { background: transparent;
+    border: none; height: 0; width: 0; }
+QTableWidget { background: $panel; border: none; }
+QHeaderView, QHeaderView::section { background: $panel; color: $quiet; border: none; padding: 2px 6px; }
+QSlider { background: transparent; min-height: 20px; }
+QSlider::groove:horizontal { background: $line; height: 4px; border-radius: 2px; }
+QSlider::sub-page:horizontal { background: $accent; height: 4px; border-radius: 2px; }
+QSlider::handle:horizontal { background: $text; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }
+QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled { background: $brake_off; }
+QCheckBox::indicator { width: 14px; height: 14px; border: 1px solid $quiet; border-radius: 3px;
+    background: $ground; }
+QCheckBox::indicator:checked { background: $accent; border-color: $accent; }
+QCheckBox:disabled { color: $quiet; }
+QCheckBox::indicator:checked:disabled { background: $brake_off; border-color: $brake_off; }
+QCheckBox:focus { color: $text; outline: none; }
+QCheckBox::indicator:focus { border-color: $accent; }
+""")
