@@ -113,7 +113,7 @@ def worth_a_look(status: m.DeviceStatus, rates: dict[str, float]) -> list[m.Chec
     if clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT:
         what = "The clocks of the board and of this computer run unevenly, so times are less exact."
         found.append((what, "Close other programs, and plug the board in without a hub."))
-    return [m.Check("", m.CAUTION, *one) for one in found]
+    return [m.Check("", m.CAUTION, *words) for words in found]
 
 
 def quantisation(device: Device, status: m.DeviceStatus, controllers: dict[int, Preset]) -> tuple[float, ...] | None:
@@ -254,10 +254,10 @@ class DevicePage(QWidget):
         why = why_no_step(opened, snapshot)
         self.why.setText(why)
         self.why.setVisible(bool(why))
-        there = status if status is not None and not why and not status.problem and not status.fault else None
+        usable = status if status is not None and not why and not status.problem and not status.fault else None
         home, zero, reconnect = self.steps.values()
-        home.setEnabled(there is not None and bool(there.device))
-        zero.setEnabled(there is not None and bool(there.device) and there.force_channels > 0)
+        home.setEnabled(usable is not None and bool(usable.device))
+        zero.setEnabled(usable is not None and bool(usable.device) and usable.force_channels > 0)
         reconnect.setEnabled(not why)
         self.reset.setEnabled(bool(snapshot.brakes_off) and snapshot.stage != m.RUNNING)
 
@@ -291,7 +291,7 @@ def why_no_step(opened: m.Opened, snapshot: m.Snapshot) -> str:
 
 def quantised(status: m.DeviceStatus, protocol: Protocol) -> str:
     """What the encoders' steps do, in words; "": nothing is known of it."""
-    device = next((one for one in protocol.devices if one.name == status.device), None)
+    device = next((device for device in protocol.devices if device.name == status.device), None)
     found = quantisation(device, status, protocol.controllers) if device else None
     if device is None or found is None:
         return ""

@@ -193,8 +193,8 @@ class Windows(QObject):
                 self._said, self._early = not self._early, False
                 if trials:
                     self._show_ticks(trials.pop(0))
-        for one in trials:
-            self._show_ticks(one)
+        for ticks in trials:
+            self._show_ticks(ticks)
         self.participant.show_time()
         self.participant.view.follow_pointer()
         self.main.pages[self.main.shown].show_time(time.perf_counter())

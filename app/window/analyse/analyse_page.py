@@ -128,8 +128,8 @@ class AnalysePage(Page):
             group.addButton(tab)
             self.tabs[page] = tab
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
-        for one in (self.report_button, self.export_button):
-            head.setAlignment(one, Qt.AlignmentFlag.AlignTop)
+        for pressed in (self.report_button, self.export_button):
+            head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
         filters = Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
@@ -210,8 +210,8 @@ class AnalysePage(Page):
             who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()
         })  # fmt: skip
         self.devices.show_choices({name: name for name in results.configurations})
-        there = {row.status for row in results.rows if row.recording}
-        statuses = [status for status in STATUSES if status in there or status in SHOWN_FIRST]
+        recorded = {row.status for row in results.rows if row.recording}
+        statuses = [status for status in STATUSES if status in recorded or status in SHOWN_FIRST]
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
@@ -279,8 +279,12 @@ class AnalysePage(Page):
             return
         self.stack.setCurrentWidget(self._charts)
         self.caption.setText(" ".join(legend(shown[0], view)))
-        named = {one: escape(f" {name}").replace(" ", "\u00a0") for one, name in coloured(shown, view).items()}
-        self.colours.setText(" &nbsp; ".join(in_colour("●", colour_of(one)) + name for one, name in named.items()))
+        named = {
+            controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
+        }
+        self.colours.setText(
+            " &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())
+        )
         self.colours.setVisible(bool(named))
         if self.page != QUESTIONS:
             self.warning.setText(left_out(rows, *view.timeouts_on(shown[0])))
@@ -378,7 +382,7 @@ class AnalysePage(Page):
         if results is None or not rows or self._export.busy or (report and not results.sessions):
             return
         people = set(people_of(rows))
-        sessions = [one for one in results.sessions if one.parent.name.removeprefix("sub-") in people]
+        sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = self.page if self.page != FINDINGS else POOLED
         whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder

@@ -162,9 +162,9 @@ class ChartPlot(Plot):
             y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=fill,
         ))  # fmt: skip
         for controller in dict.fromkeys(b.controller for b in boxes):
-            of_it = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
-            x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in of_it]
-            y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in of_it]
+            own_boxes = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
+            x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in own_boxes]
+            y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in own_boxes]
             self._add_pairs(x, y, pg.mkPen(colour_of(controller), width=1))
         middles = [2 * [y[2]] for y in ends]
         self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(COLOURS.handle, width=2))

@@ -105,8 +105,8 @@ class TrialView(Panel):
 
     def _lay_out(self) -> None:
         self._middle = column((self.workspace, 3), (self.traces, 4))
-        for one in self.steps:
-            one.setVisible(not self._whole)
+        for step in self.steps:
+            step.setVisible(not self._whole)
         self.clock.setMinimumWidth(100)
         self.setLayout(column(
             row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,

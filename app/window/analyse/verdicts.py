@@ -35,9 +35,14 @@ class Verdicts(QScrollArea):
         parts = [f"<p>{in_colour(text, COLOURS.caution)}</p>" for text in warned]
         if conclusions.found:
             parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
-            for one in conclusions.found:
-                verdict, why = in_colour(one.verdict, VERDICT[one.verdict]), in_colour(one.sentence, COLOURS.quiet)
-                parts.append(f"<tr><td><b>{verdict}</b></td><td>{escape(one.statement.text)}</td><td>{why}</td></tr>")
+            for finding in conclusions.found:
+                verdict, why = (
+                    in_colour(finding.verdict, VERDICT[finding.verdict]),
+                    in_colour(finding.sentence, COLOURS.quiet),
+                )
+                parts.append(
+                    f"<tr><td><b>{verdict}</b></td><td>{escape(finding.statement.text)}</td><td>{why}</td></tr>"
+                )
             parts.append("</table>")
         if conclusions.sentences:
             parts.append("<h3>What else to know</h3>")

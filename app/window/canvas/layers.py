@@ -112,7 +112,7 @@ def directions(device: Device, g: np.ndarray, field: Field) -> list[Direction]:
         if sense != 0.0 and cosine > nearest:
             chosen, nearest = len(found), cosine
         found.append(Direction(i, p_x, p_y, sense, False))
-    return [one._replace(chosen=place == chosen) for place, one in enumerate(found)]
+    return [direction._replace(chosen=place == chosen) for place, direction in enumerate(found)]
 
 
 def wedge(device: Device, g: np.ndarray, vx: float, vy: float, stuck: int) -> Wedge | None:

@@ -29,8 +29,8 @@ def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_
     """The arms between the joints (px; none where the arms do not reach). Flat, opaque lines one by one are fast."""
     for thick, colour in ((width, COLOURS.arm), (core_width, COLOURS.arm_core)) if at else ():
         painter.setPen(pen(colour, thick))
-        for one, other in ARMS:
-            painter.drawLine(at[one], at[other])
+        for joint, other in ARMS:
+            painter.drawLine(at[joint], at[other])
 
 
 def ring_radius(label: str) -> float:
@@ -40,20 +40,21 @@ def ring_radius(label: str) -> float:
 
 def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str]) -> dict[str, QPointF]:
     """The middles of the joints' rings (px): brakes of coaxial bases, and couplings, stand in a row at the bases."""
-    there = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
-    if len(there) < 2 or not at:
+    row = [joint for joint in "AECB" if joint in labels and (joint in "AB" or labels[joint] != joint)]
+    if len(row) < 2 or not at:
         return dict(at)
-    span, radius = QLineF(at["A"], at["B"]).length(), max(ring_radius(labels[joint]) for joint in there)
-    if span >= 2.0 * radius + 2.0 and there == ["A", "B"]:
+    span, radius = QLineF(at["A"], at["B"]).length(), max(ring_radius(labels[joint]) for joint in row)
+    if span >= 2.0 * radius + 2.0 and row == ["A", "B"]:
         return dict(at)
     way = (at["B"] - at["A"]) * (1.0 / span) if span > radius else QPointF(1.0, 0.0)
-    middle, apart = (at["A"] + at["B"]) * 0.5, max(2.0 * radius + 4.0, span / (len(there) - 1))
-    places = [way * ((k - 0.5 * (len(there) - 1)) * apart) for k in range(len(there))]
-    return {**at, **{joint: middle + place for joint, place in zip(there, places, strict=True)}}
+    middle, apart = (at["A"] + at["B"]) * 0.5, max(2.0 * radius + 4.0, span / (len(row) - 1))
+    places = [way * ((k - 0.5 * (len(row) - 1)) * apart) for k in range(len(row))]
+    return {**at, **{joint: middle + place for joint, place in zip(row, places, strict=True)}}
 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
-    """A ring and the canvas in it (px; no pen): two discs take half of the time of a circle drawn with a pen."""
+    """A ring and the canvas in it (px): two discs take half of the time of a circle drawn with a pen."""
+    painter.setPen(Qt.PenStyle.NoPen)
     for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, COLOURS.canvas)):
         painter.setBrush(shade(fill))
         painter.drawEllipse(middle, reach, reach)
@@ -68,7 +69,6 @@ def paint_joints(
 ) -> None:
     """A ring for each brake, in the colour of what it does, its label in that of its current's curve, unless blind;
     a bare ring for a joint without a brake."""
-    painter.setPen(Qt.PenStyle.NoPen)
     for joint in JOINTS if rings else "":
         if joint not in labels:
             paint_ring(painter, rings[joint], BARE_PX, 2.0, COLOURS.brake_off)
@@ -106,9 +106,9 @@ def paint_arrow(painter: QPainter, tail: QPointF, reach: QPointF, colour: str, w
 def paint_field(painter: QPainter, middles: np.ndarray, ways: np.ndarray, apart: float) -> None:
     """Needles, their middles (n, 2) `apart` px from each other, brighter towards their ways (n, 2), unit vectors."""
     half = NEEDLE_SHARE * apart * ways
-    for one, other, alpha in ((middles - half, middles, 0.35), (middles, middles + half, 0.8)):
+    for first, other, alpha in ((middles - half, middles, 0.35), (middles, middles + half, 0.8)):
         painter.setPen(pen(COLOURS.brake_off, 1.0, alpha))
-        painter.drawLines([QLineF(*line) for line in np.hstack((one, other)).tolist()])
+        painter.drawLines([QLineF(*line) for line in np.hstack((first, other)).tolist()])
 
 
 def paint_directions(

@@ -120,7 +120,7 @@ class Plane(QWidget):
 
     def show_obstacles(self, obstacles: Sequence[ObstacleFile]) -> None:
         """What the handle is to keep out of."""
-        self._obstacles = [one.outline() for one in obstacles]
+        self._obstacles = [obstacle.outline() for obstacle in obstacles]
         self.repaint_still()
 
     def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:

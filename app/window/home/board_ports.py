@@ -69,7 +69,7 @@ class BoardPorts(QWidget):
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
             self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), text_label("connected", "good"), own))
-        for found in (one for one in self._found if one.port != self._mine):
+        for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
             self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), text_label(found.words, "quiet"), connect))
         if not self._found and not self._mine:

@@ -129,7 +129,7 @@ class DataPanel(Panel):
     def session_of(self, participant: str) -> SessionOverview | None:
         """A participant's session in this folder, if there is one."""
         sessions = self.overview.sessions if self.overview else ()
-        return next((one for one in sessions if one.participant == participant), None)
+        return next((session for session in sessions if session.participant == participant), None)
 
     def look(self) -> None:
         """See what is in the folder now; a slow disk is not asked again before it has answered."""

@@ -360,9 +360,9 @@ class HomePage(Page):
         if self._session_open:
             self.page_asked.emit(RUN, None)
         elif self.start.isEnabled():
-            there = self.data.session_of(self.participant.text()) is not None
-            blind, form = (False, {}) if there else (self.blind.isChecked(), self.form.answers())
-            self._ask(m.Open(self.participant.text(), there, blind, form))
+            found = self.data.session_of(self.participant.text()) is not None
+            blind, form = (False, {}) if found else (self.blind.isChecked(), self.form.answers())
+            self._ask(m.Open(self.participant.text(), found, blind, form))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""

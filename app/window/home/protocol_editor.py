@@ -240,15 +240,20 @@ class ProtocolEditor(Panel):
         kind.setCurrentText(str(controller.get("kind")))
         kind.textActivated.connect(lambda text: self.use_kind(controller, text))
         parts: list[QWidget] = [name, kind]
-        for one in ALGORITHMS[kind.currentText()].parameters:
-            value = scaled(controller.get(one.name, one.default), one.scale)
-            field = NumberField(f"{one.word} of controller {place + 1}")
+        for parameter in ALGORITHMS[kind.currentText()].parameters:
+            value = scaled(controller.get(parameter.name, parameter.default), parameter.scale)
+            field = NumberField(f"{parameter.word} of controller {place + 1}")
             field.show_value(f"{value:.10g}" if is_number(value) else value)
             field.setFixedWidth(64)
             field.changed.connect(
-                lambda value, one=one: self._change(controller, one.name, scaled(value, 1.0 / one.scale))
+                lambda value, parameter=parameter: self._change(
+                    controller, parameter.name, scaled(value, 1.0 / parameter.scale)
+                )
             )
-            parts += [text_label(f"{one.word}, {one.unit}" if one.unit else one.word, "quiet"), field]
+            parts += [
+                text_label(f"{parameter.word}, {parameter.unit}" if parameter.unit else parameter.word, "quiet"),
+                field,
+            ]
         return row(*parts, button("×", lambda: self.remove("controller", place), "small", "Remove this controller"))
 
     def _change(self, of: dict[str, Any], key: str, value: Any) -> None:
@@ -405,7 +410,7 @@ def form_of(text: str) -> dict[str, Any] | None:
     form: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in text.split(";"))):
         name, _, kind = part.partition(":")
-        kinds = [one.strip() for one in kind.split(",")]
+        kinds = [choice.strip() for choice in kind.split(",")]
         form[name.strip()] = kinds if len(kinds) > 1 else kinds[0]
     return form or None
 

@@ -72,9 +72,9 @@ class Measure(QWidget):
         self.points.clear()
         highest = 0.0
         for rows, size, brush, pen in groups:
-            there = [scale * value for value in (getattr(row, name) for row in rows) if value is not None]
-            self.points.addPoints(x=there, y=[0.0] * len(there), size=size, brush=brush, pen=pen)
-            highest = max(highest, *there, 0.0)
+            values = [scale * value for value in (getattr(row, name) for row in rows) if value is not None]
+            self.points.addPoints(x=values, y=[0.0] * len(values), size=size, brush=brush, pen=pen)
+            highest = max(highest, *values, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
 
@@ -162,8 +162,9 @@ class TrialCard(Panel):
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
         self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
-        shown = [(colour, "this trial"), (colour if same else "", "same controller"), (COLOURS.quiet, "others")]
-        self.legend.setText("   ".join(f"{in_colour('●', dot)} {name}" for dot, name in shown if dot))
+        shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
+        shown.append((COLOURS.quiet, "others", len(here) > len(same)))
+        self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self.trace.setVisible(ticks is not None)

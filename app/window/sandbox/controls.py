@@ -32,7 +32,7 @@ REAL = "Real brakes: what you change acts in the next pass, and each pass waits 
 def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
     """What a controller feels like among those of its protocol."""
     gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
-    gains = [one.value(GAIN) for one in controllers.values() if one.kind == "proportional"]
+    gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
     if preset.kind == "none":
         return "Free"
     if preset.kind == "sdof":

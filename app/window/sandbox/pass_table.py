@@ -80,8 +80,8 @@ class PassTable(QTableWidget):
 
     def show_passes(self, passes: Sequence[m.Pass], protocol: Protocol) -> None:
         """The newest last."""
-        whole = [one for one in passes if one.status == "done" and not one.changed]
-        alike = [one for one in whole if one.settings.same_conditions(passes[-1].settings)]
+        whole = [ended for ended in passes if ended.status == "done" and not ended.changed]
+        alike = [ended for ended in whole if ended.settings.same_conditions(passes[-1].settings)]
         dials, controllers = dials_of(protocol), protocol.controllers
         self.setRowCount(len(passes))
         for at, one in enumerate(reversed(passes)):

@@ -30,7 +30,7 @@ IN_SESSION = Shown("A session is open", "Close it on the Run page, then try thin
 
 def choices_key(protocol: Protocol) -> tuple:
     """What of a protocol the page shows."""
-    devices = [(one.name, one.text) for one in protocol.devices]
+    devices = [(device.name, device.text) for device in protocol.devices]
     return devices, protocol.controllers, protocol.paths, protocol.obstacle, protocol.trial
 
 
@@ -101,7 +101,7 @@ class TryPage(Page):
 
     def own_keys(self) -> dict[str, str]:
         guides = self.controls.guides.values()
-        return {one.key: f"{one.feel.text()}: {one.accessibleName()}" for one in guides if one.key} | {
+        return {guide.key: f"{guide.feel.text()}: {guide.accessibleName()}" for guide in guides if guide.key} | {
             "B": "bring the handle back to the start",
             **self.workspace.keys,
         }
@@ -109,7 +109,7 @@ class TryPage(Page):
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """A digit chooses the controller in that place."""
         guides = self.controls.guides.values()
-        guide = next((one for one in guides if one.key and one.key == event.text()), None)
+        guide = next((button for button in guides if button.key and button.key == event.text()), None)
         if guide is None:
             super().keyPressEvent(event)
         else:
@@ -230,6 +230,6 @@ class TryPage(Page):
     def _show_passes(self) -> None:
         now = self.snapshot.sandbox
         if now is not None and self.opened is not None:
-            shown = [one for one in now.passes if one.number > self._cleared]
+            shown = [ended for ended in now.passes if ended.number > self._cleared]
             self.table.show_passes(shown, self.opened.protocol)
             self.clear.setEnabled(bool(shown))

@@ -300,8 +300,8 @@ class Cards:
         """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        there = card is not None or snapshot.stage == m.FINISHED
-        waits = (card, coming, snapshot.blind, opened.folder) if there else None
+        has_notice = card is not None or snapshot.stage == m.FINISHED
+        waits = (card, coming, snapshot.blind, opened.folder) if has_notice else None
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None
@@ -342,9 +342,9 @@ class Cards:
         left = self._over_s - now_s
         button = self.notice.buttons[0]
         button.setEnabled(left <= 0.0)
-        says = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
-        if says != self.notice.title.text():
-            self.notice.title.setText(says)
+        title = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
+        if title != self.notice.title.text():
+            self.notice.title.setText(title)
             if left <= 0.0:
                 self.notice.text.setText(RESTED)
                 button.setFocus()

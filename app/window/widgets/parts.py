@@ -133,7 +133,7 @@ class Figures(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, texts = QPainter(self), [text for text, _ in self.parts]
         room = self.width()
-        size = next((one for one in (self._size, theme.SMALL) if wide(texts, one) <= room), theme.SMALL)
+        size = next((fitting for fitting in (self._size, theme.SMALL) if wide(texts, fitting) <= room), theme.SMALL)
         painter.setFont(theme.font(size))
         x = max(room - wide(texts, size), 0.0) if self._right else 0.0
         for text, colour in self.parts:
@@ -240,8 +240,8 @@ def fill(layout: Box, parts: Sequence[Part], spacing: int, margins: Margins) -> 
     """Put parts into a layout; in a row a widget that takes any width has a share."""
     layout.setSpacing(spacing)
     layout.setContentsMargins(*margins)
-    for one in parts:
-        part, share = one if isinstance(one, tuple) else (one, 0)
+    for given in parts:
+        part, share = given if isinstance(given, tuple) else (given, 0)
         if isinstance(part, int):
             layout.addStretch(part)
         elif isinstance(part, QLayout):
@@ -313,13 +313,13 @@ class Segments(QWidget):
         self._arrange(len(choices))
 
     def _arrange(self, columns: int) -> None:
-        for place, one in enumerate(self._group.buttons()):
-            self._grid.addWidget(one, *divmod(place, columns))
+        for place, button in enumerate(self._group.buttons()):
+            self._grid.addWidget(button, *divmod(place, columns))
             self._grid.setColumnStretch(place, place < columns)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        wide, gap = [one.sizeHint().width() for one in self._group.buttons()], self._grid.spacing()
+        wide, gap = [button.sizeHint().width() for button in self._group.buttons()], self._grid.spacing()
 
         def fit(columns: int) -> bool:
             return sum(max(wide[n::columns]) + gap for n in range(columns)) - gap <= self.width()

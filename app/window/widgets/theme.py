@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen, QPixmap
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.window.widgets import palette
@@ -52,7 +52,7 @@ def scale_text(step: int) -> None:
     global _text_size
     before = TEXT_SIZES[_text_size]
     _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
-    for cached in (font, text_width, written):
+    for cached in (font, text_width):
         cached.cache_clear()
     QApplication.setFont(font())
     for widget in QApplication.allWidgets():
@@ -137,32 +137,18 @@ def text_width(text: str, size: int, bold: bool = False) -> float:
     return QFontMetricsF(font(size, bold)).horizontalAdvance(text)
 
 
-@lru_cache(maxsize=512)
-def written(text: str, size: int, bold: bool, name: str, ratio: float) -> QPixmap:
-    """A short text as a picture: laid out once, then drawn in a fraction of the time. ratio: device px / px."""
+def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
+    """A short text about its middle (px)."""
     metrics = QFontMetricsF(font(size, bold))
-    width, height = round(metrics.horizontalAdvance(text) + 2.0), round(metrics.height())
-    pixmap = QPixmap(round(width * ratio), round(height * ratio))
-    pixmap.setDevicePixelRatio(ratio)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
+    left = middle.x() - 0.5 * text_width(text, size, bold)
     painter.setFont(font(size, bold))
-    painter.setPen(shade(name))
-    painter.drawText(QPointF(1.0, round(metrics.ascent())), text)
-    painter.end()
-    return pixmap
+    painter.setPen(shade(colour))
+    painter.drawText(QPointF(round(left), round(middle.y() + 0.5 * (metrics.ascent() - metrics.descent()))), text)
 
 
-def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, name: str) -> None:
-    """A short text that comes often, about its middle (px)."""
-    pixmap = written(text, size, bold, name, painter.device().devicePixelRatioF())
-    room = pixmap.deviceIndependentSize()
-    painter.drawPixmap(QPointF(round(middle.x() - 0.5 * room.width()), round(middle.y() - 0.5 * room.height())), pixmap)
-
-
-def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: bool, name: str) -> None:
+def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
     """As `write`, from the middle of its left edge (px) on."""
-    write(painter, left + QPointF(0.5 * text_width(text, size, bold), 0.0), text, size, bold, name)
+    write(painter, left + QPointF(0.5 * text_width(text, size, bold), 0.0), text, size, bold, colour)
 
 
 FRAME = (8, 44)  # px across, down. Our choice: what borders and title bar of the common desktops take at most

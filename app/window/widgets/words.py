@@ -161,7 +161,7 @@ def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
 
 def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
     """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
-    return next((i for i, one in enumerate(plan, start=1) if same_cell(one, planned)), planned.run)
+    return next((i for i, trial in enumerate(plan, start=1) if same_cell(trial, planned)), planned.run)
 
 
 def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
@@ -208,8 +208,8 @@ def from_home(folder: Path) -> str:
 
 def show_folder(folder: Path) -> None:
     """In the system's own file manager; of a folder that is not there yet, the first one above that is."""
-    there = next(one for one in (folder, *folder.parents) if one.is_dir())
-    QDesktopServices.openUrl(QUrl.fromLocalFile(str(there)))
+    existing = next(above for above in (folder, *folder.parents) if above.is_dir())
+    QDesktopServices.openUrl(QUrl.fromLocalFile(str(existing)))
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:
