@@ -218,14 +218,14 @@ class DevicePage(QWidget):
         return grid
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
-        """What may be done now."""
+        """Another session or stage: what may be done now."""
         if snapshot.stage != self._snapshot.stage or opened != self._opened:
             self.cards.leave()
         self._opened, self._snapshot = opened, snapshot
         self._refresh()
 
     def show_status(self, status: m.DeviceStatus | None) -> None:
-        """How the device is, about ten times a second."""
+        """The device's newest report, about ten times a second."""
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:

@@ -91,7 +91,7 @@ class Footer(Panel):
 
 
 class MainWindow(QWidget):
-    """The whole window."""
+    """Header, one page at a time, footer."""
 
     participant_asked = Signal()  # show or hide the participant's window
     turn_asked = Signal()  # as `Page.turn_asked`

@@ -103,7 +103,7 @@ class Windows(QObject):
             self.main.show_snapshot(m.Snapshot(m.PREPARING))
 
     def _start_next(self) -> None:
-        """The old session server has ended."""
+        """Start the next session server: the old one has ended."""
         setup, then = self._next
         self.client, self._ending, self._shown_s = Client(setup), None, math.inf
         self.main.show_client(self.client, then)

@@ -236,7 +236,7 @@ class AnalysePage(Page):
         )
 
     def view(self, results: Results) -> View:
-        """How they are shown."""
+        """Devices and switches as the charts take them."""
         devices = tuple(name for name in results.configurations if name in self.devices.chosen)
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()
         return View(devices or results.configurations, results.labels, results.lengths, *on)
@@ -327,7 +327,7 @@ class AnalysePage(Page):
         self._make_room()
 
     def _ring(self) -> None:
-        """The trial that is open, in every chart."""
+        """Ring the open trial in every chart."""
         for plot in self.plots:
             plot.show_ring(trial_of(self.chosen))
 
@@ -343,7 +343,7 @@ class AnalysePage(Page):
             self._ring()
 
     def close_trial(self) -> None:
-        """The charts have the whole page."""
+        """Give the whole page to the charts again."""
         self.chosen = None
         self.side.end()
         self.side.hide()

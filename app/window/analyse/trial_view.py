@@ -167,7 +167,7 @@ class TrialView(Panel):
             self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)
 
     def note_that(self, text: str, bad: bool = False) -> None:
-        """A sentence under the trial."""
+        """Show a sentence under the trial."""
         theme.set_style(self.note, "caution" if bad else "quiet")
         self.note.setText(text)
         self.note.setVisible(bool(text))
@@ -207,11 +207,10 @@ class TrialView(Panel):
 
     @property
     def _over(self) -> bool:
-        """Whether it is at its end."""
         return self.trial is None or self.at >= len(self.trial.ticks) - 1
 
     def go_on(self, seconds: float) -> None:
-        """So much further in the trial (s, > 0)."""
+        """Play so much further (s, > 0)."""
         if (trial := self.trial) is None:
             return
         self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
@@ -313,7 +312,7 @@ class TrialView(Panel):
             act()
 
     def end(self) -> None:
-        """Nothing plays, nothing is computed."""
+        """Stop playing, and the replay."""
         self._stop()
         self._forget_replay()
 

@@ -95,7 +95,7 @@ class LinkageView(ForceView):
         super().show_layer(layer, shown)
 
     def show_text(self, title: str, line: str) -> None:
-        """The line above."""
+        """Write the line above the drawing."""
         self.title, self.line = title, line
         self.update()
 

@@ -203,7 +203,7 @@ class HomePage(Page):
     # --------------------------------------------------------------------------------------- the choices
 
     def _take(self, setup: m.Setup) -> None:
-        """These are the choices now."""
+        """Show these choices."""
         self.chosen = setup
         shipped = {name: name.capitalize() for name in shipped_protocols()}
         files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
@@ -326,7 +326,7 @@ class HomePage(Page):
         return Wanted(label, self.data.session_of(label), self.loaded, operators, problems)
 
     def _refresh(self) -> None:
-        """Whether a session can start, and what the button then does."""
+        """Show whether a session can start, and what the button then does."""
         wanted, is_open, real_device = self._wanted(), self._session_open, bool(self.setup.link)
         snapshot = self.snapshot._replace(checks=self._checks)
         blockers = start_blockers(wanted, is_open, snapshot, real_device)

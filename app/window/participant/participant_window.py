@@ -35,7 +35,7 @@ LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least
 
 
 class ParticipantView(Plane):
-    """The picture."""
+    """Path, handle and text, as the participant sees them."""
 
     def __init__(self) -> None:
         super().__init__(QRectF(-0.15, 0.2, 0.3, 0.25), FROM_AFAR)

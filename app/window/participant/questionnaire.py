@@ -234,7 +234,7 @@ class Instructions(QWidget):
         return True
 
     def leave(self) -> None:
-        """They are over."""
+        """Skip what is left of them."""
         self.at = len(self._pages)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:

@@ -72,7 +72,6 @@ class EnergyPanel(Panel):
         self.ledger.add(rows)
 
     def clear(self) -> None:
-        """A new trial."""
         self.ledger = Ledger()
         self.refresh_text()
 

@@ -268,7 +268,7 @@ class RunPage(Page):
             self.show_panels()
 
     def show_panels(self) -> None:
-        """The panels go on; at the end of a trial up to its last tick."""
+        """Draw the waiting ticks in the panels; at a trial's end up to its last."""
         if self._waiting:
             rows = np.concatenate(self._waiting)
             self._waiting.clear()

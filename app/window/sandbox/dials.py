@@ -34,23 +34,23 @@ class Dial(NamedTuple):
 
     @classmethod
     def of(cls, parameter: Parameter) -> Self:
-        """That of a parameter of controllers."""
+        """The dial of a parameter of controllers."""
         least, most = parameter.slider
         log = least > 0.0
         step = LOG_STEP if log else (most - least) / STEPS
         return cls(parameter.name, parameter.word.capitalize(), parameter.unit, parameter.scale, least, most, step, log)
 
     def setting(self, s: m.SandboxSettings) -> float:
-        """What is set."""
+        """The value that is set."""
         return s.values[self.name] if self.name in s.values else getattr(s, self.name)
 
     def slider_position(self, shown: float) -> int:
-        """Of the slider."""
+        """The slider's position for a shown value."""
         scaled = math.log10(max(shown, self.least) / self.least) if self.log else shown - self.least
         return round(scaled / self.step)
 
     def value_at(self, place: int) -> float:
-        """What is shown there."""
+        """The shown value at a position of the slider."""
         if self.log:
             return float(f"{self.least * 10.0 ** (place * self.step):.2g}")
         return round(self.least + place * self.step, 6)

@@ -79,7 +79,7 @@ class PassTable(QTableWidget):
         super().resizeEvent(event)
 
     def show_passes(self, passes: Sequence[m.Pass], protocol: Protocol) -> None:
-        """The newest last."""
+        """Show these passes, the newest last."""
         whole = [ended for ended in passes if ended.status == "done" and not ended.changed]
         alike = [ended for ended in whole if ended.settings.same_conditions(passes[-1].settings)]
         dials, controllers = dials_of(protocol), protocol.controllers

@@ -29,7 +29,7 @@ IN_SESSION = Shown("A session is open", "Close it on the Run page, then try thin
 
 
 def choices_key(protocol: Protocol) -> tuple:
-    """What of a protocol the page shows."""
+    """What the choices on the page depend on: with another one they are made anew."""
     devices = [(device.name, device.text) for device in protocol.devices]
     return devices, protocol.controllers, protocol.paths, protocol.obstacle, protocol.trial
 
@@ -129,7 +129,7 @@ class TryPage(Page):
         self.canvas.setFocus()
 
     def _set(self) -> None:
-        """A setting has changed."""
+        """Send a changed setting, a little later, and show the gap at once."""
         if not self._timer.isActive():
             self._timer.start()
         self.canvas.show_gap(self.controls.gap_m)

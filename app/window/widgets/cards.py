@@ -114,12 +114,12 @@ class OverlayCard(Panel):
             self.buttons[0].setFocus()
 
     def enter(self) -> None:
-        """Enter was pressed beside the card: as on it."""
+        """Enter was pressed beside the card: press its first button."""
         if self.buttons:
             self.buttons[0].click()
 
     def place(self) -> None:
-        """Into the middle of the parent."""
+        """Stand in the middle of the parent."""
         around = self._around
         self.setFixedWidth(min(self.wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
@@ -223,7 +223,7 @@ class Cards:
         self.put(question, ask.kind)
 
     def show_message(self, title: str, text: str) -> None:
-        """Something that has to be read."""
+        """Show what the user has to read."""
         self.put(OverlayCard(title, text, [("Close  Enter", self.leave)], self._parent))
 
     def show_keys(self, groups: Mapping[str, Mapping[str, str]]) -> None:

@@ -175,7 +175,7 @@ class Trace(TimePlot):
             self.draw()
 
     def clear(self) -> None:
-        """A new trial: nothing to show yet."""
+        """Begin a new trial: there is nothing to show yet."""
         self._keep(0)
         self.scale_to(self.least)
         self.show_all()
@@ -330,7 +330,7 @@ class TimingStrip(Trace):
         return f"{10.0 ** place.y():.0f} µs"
 
     def scale_to(self, highest: float) -> None:
-        """The scale always is the same."""
+        """Keep the scale: it is always the same."""
         self.end = self.DECADES
         self.item.setYRange(0.0, self.DECADES, padding=self.padding)
         self.item.getAxis("left").setTicks([[(0.0, "1"), (2.0, "100"), (4.0, "10⁴")]])

@@ -62,7 +62,7 @@ class Preflight(QWidget):
         self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
-        """Whether all is well."""
+        """Show the checks, and what is wrong."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
             clear(self._row)
@@ -115,7 +115,6 @@ class Checklist(QWidget):
         self._grid.setColumnStretch(2, 1)
 
     def show_checks(self, checks: tuple[m.Check, ...]) -> None:
-        """What was found."""
         if checks == self._shown:
             return
         self._shown = checks

@@ -66,7 +66,7 @@ def scale_text(step: int) -> None:
 
 
 def mono() -> QFont:
-    """For text in columns."""
+    """The typeface of text in columns."""
     chosen = QFont(["DejaVu Sans Mono", "monospace"])
     chosen.setPixelSize(NORMAL)
     return chosen
