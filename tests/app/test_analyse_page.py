@@ -89,7 +89,7 @@ def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
 def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     assert [len(plot.points.points()) for plot in page.plots] == [180, 180, 180]
-    assert "3 participants · 180 trials" in page.summary.text() and page.stack.currentWidget() is page._charts
+    assert "3 participants · 180 trials" in page.summary.text() and page.stack.currentWidget() is page.charts
     assert all(len(plot.chart.boxes) == 10 for plot in page.plots)
 
 
@@ -329,7 +329,7 @@ def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_i
     session = two_trials / "sub-01" / "ses-01"
     page = page_on(qtbot, session)
     begun: list[bytes] = []
-    monkeypatch.setattr(page._export, "begin", lambda module, given: begun.append(given))
+    monkeypatch.setattr(page.export_task, "begin", lambda module, given: begun.append(given))
     QTest.mouseClick(page.report_button, Qt.MouseButton.LeftButton)
     job = pickle.loads(begun[0])
     assert (job.folder, job.report, job.sessions) == (two_trials / "results-1", True, (session,))
@@ -349,7 +349,7 @@ def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data:
 def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     (data / "results-1").mkdir()
     page = page_on(qtbot, data)
-    page._tell("10 files written", "good")  # of an export before
+    page.show_message("10 files written", "good")  # of an export before
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     page.keys()["export"]()
     assert page.cancel_button.isVisible() and not page.export_button.isEnabled()
@@ -368,19 +368,19 @@ def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
 def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypatch, end: str) -> None:
     page = page_on(qtbot, data)
     before = sorted(data.iterdir())
-    begin = page._export.begin
-    monkeypatch.setattr(page._export, "begin", lambda module, given: begin(module="held_export", given=given))
+    begin = page.export_task.begin
+    monkeypatch.setattr(page.export_task, "begin", lambda module, given: begin(module="held_export", given=given))
     monkeypatch.setenv("PYTHONPATH", str(Path(held_export.__file__).parent))
     page.export()
     partial = data / ".results-1.partial"
     qtbot.waitUntil(partial.exists, timeout=120_000)
     if end == "killed":
-        page._export._process.kill()
+        page.export_task._process.kill()
     elif end == "cancelled":
         QTest.mouseClick(page.cancel_button, Qt.MouseButton.LeftButton)
     else:
         page.close()
-        assert page._export._process.poll() is not None
+        assert page.export_task._process.poll() is not None
     said = "Nothing was written" if end == "killed" else "cancelled"
     qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)

@@ -17,6 +17,7 @@ from app.ipc import messages as m
 from app.window.home.data_panel import Recent
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
 from app.window.widgets.page import ANALYSE, RUN, TRY
+from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.protocol import PAPER, load_protocol
 from experiments.session.overview import DataOverview, SessionOverview
@@ -43,7 +44,7 @@ class Shown(PageDriver):
 
     def look(self, *sessions: SessionOverview, operators: int = 0) -> None:
         """The data folder holds these."""
-        self.page.data._looked(DataOverview(self.setup.data_dir, sessions, operators))
+        self.page.data.show_overview(DataOverview(self.setup.data_dir, sessions, operators))
         self.page.show_snapshot(self.page.snapshot)
 
 
@@ -52,6 +53,10 @@ def shown(qtbot, tmp_path: Path):
     made = Shown(qtbot, tmp_path / "data")
     yield made
     made.page.close()
+
+
+def button_of(segments: Segments, text: str) -> QPushButton:
+    return next(button for button in segments.findChildren(QPushButton) if button.text() == text)
 
 
 def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionOverview:
@@ -111,7 +116,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
 
 def test_a_protocol_that_cannot_be_run_says_why_and_starts_nothing(shown: Shown, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text.replace("blocks = 3", "blocks = 0"))
-    shown.page._take_protocol(str(tmp_path / "mine.toml"))
+    shown.page.take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
     assert "blocks must be at least 1" in shown.page.summary.text().replace("\u200b", "")
     assert not shown.page.start.isEnabled() and not shown.page.show_plan.isEnabled()
@@ -120,7 +125,7 @@ def test_a_protocol_that_cannot_be_run_says_why_and_starts_nothing(shown: Shown,
 def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, tmp_path: Path) -> None:
     page = shown.page
     (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text + FORM)
-    page._take_protocol(str(tmp_path / "mine.toml"))
+    page.take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
     assert not page.start.isEnabled() and page.why.text() == "Fill in handedness.\nFill in age."
     for hand, asked in ((OPERATOR, False), (MOUSE, True)):
@@ -162,7 +167,7 @@ def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch)
 
 
 def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
-    assert Recent("folders").paths == [] and shown.page.data._recent.paths == [str(shown.setup.data_dir)]
+    assert Recent("folders").paths == [] and shown.page.data.recent.paths == [str(shown.setup.data_dir)]
     files = [tmp_path / f"{n}.toml" for n in range(8)]
     QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(tmp_path))
     QApplication.setOrganizationName("phd-test")
@@ -192,13 +197,12 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
     monkeypatch.setattr("app.window.home.board_ports.scan_ports", lambda before, mine: found if not mine else ())
-    page.link.show_value(BOARD)
-    page._link_chosen(BOARD)
+    shown.click(button_of(page.link, BOARD))
     shown.until(lambda: "/dev/ttyUSB1" in shown.texts())
     assert "answers, three-brake" in shown.texts()
     shown.until(lambda: "no board is connected" in page.why.text())
     assert not page.start.isEnabled() and page.start.isVisible()
-    assert {check.text for check in page.checks._shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
+    assert {check.text for check in page.checks.shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
     shown.type(page.ports.port, "/tmp/port")
     QTest.keyClick(page.ports.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
@@ -208,8 +212,7 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     page.show_snapshot(before(checks=(m.Check("Device", m.BAD, "not homed"), *WELL[1:])))
     shown.wait()
     assert "connected" in shown.texts() and page.start.isEnabled(), "the first steps of the session home the encoders"
-    page.link.show_value(SIMULATED)
-    page._link_chosen(SIMULATED)
+    shown.click(button_of(page.link, SIMULATED))
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
 
 
@@ -297,7 +300,7 @@ def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_pa
     (inside / "session.json").write_text("{}")
     for chosen in (tmp_path / "other", inside):
         monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_, chosen=chosen: str(chosen))
-        shown.page.data._browse()
+        shown.page.data.browse()
         assert shown.setups[-1] == (shown.setup._replace(data_dir=tmp_path / "other"), None)
     shown.page.show_setup(shown.setups[-1][0])
     shown.wait()
@@ -309,18 +312,18 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
     closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
     shares: list[float] = []
-    data._export.progressed.connect(shares.append)
+    data.export_task.progressed.connect(shares.append)
 
     def export(says: str) -> None:
         data.export("csv", tmp_path)
         assert data.bar.isVisible() and "Exporting as CSV" in shown.texts() and not data.export_as.isEnabled()
-        qtbot.waitUntil(lambda: not data._export.busy and data.bar.isHidden(), timeout=60_000)
+        qtbot.waitUntil(lambda: not data.export_task.busy and data.bar.isHidden(), timeout=60_000)
         assert says in shown.texts()
 
     (tmp_path / "data-csv-1").mkdir()
     export(f"Exported to {tmp_path / 'data-csv-2'}")
     assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
-    data._folder = tmp_path / "none"
+    data.show_folder(tmp_path / "none")
     export("Nothing was exported: ")
     assert "holds no recordings" in shown.texts() and not data.show_export.isVisible()
 

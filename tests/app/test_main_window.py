@@ -431,7 +431,7 @@ def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: S
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
     console, ended = screens.hear(opened(), ready(3)), []
     analyse = console.page(ANALYSE)
-    analyse.side.end, analyse._export.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
+    analyse.side.end, analyse.export_task.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
     assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
 
 

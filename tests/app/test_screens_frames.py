@@ -10,14 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fake_client import PLAN, movement, opened, pulse, ready, running, ticks
-from fake_ticks import ALONG
-from PySide6.QtCore import QEvent, QRectF
+from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
 
 from app.ipc import messages as m
 from app.window.canvas.layers import joints_at
-from app.window.canvas.linkage_view import WHOLE, Workspace
 from app.window.run.energy_panel import Ledger
 from app.window.run.run_page import PANELS_EVERY
 from app.window.widgets.plots import Plot
@@ -137,22 +135,6 @@ def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
                 assert math.dist(at[base], at[elbow]) == pytest.approx(arm.length_1)
                 assert math.dist(at[elbow], at["D"]) == pytest.approx(arm.length_2)
         assert 0 < reached < 300
-
-
-def test_labels_stand_where_they_were_asked_to_be_painted(qtbot) -> None:
-    """Resized between two ticks, the boxes of the labels are those of the new size."""
-    workspace = Workspace()
-    workspace.view.show_places((FOUR,), {1: ALONG})
-    workspace.buttons[WHOLE].setChecked(True)
-    qtbot.addWidget(workspace)
-    workspace.view.show_trial(FOUR, ALONG, (0.0, 0.4))
-    for size in ((760, 620), (1200, 900)):
-        workspace.resize(*size)
-        workspace.grab()
-        view = workspace.view
-        for joint, box in view.labels.boxes.items():
-            mark = view.to_screen(view.instant.joints[joint])
-            assert QRectF(mark, mark).adjusted(-60.0, -60.0, 60.0, 60.0).intersects(box), joint
 
 
 def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot) -> None:

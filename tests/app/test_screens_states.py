@@ -55,7 +55,7 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         console = screens.hear(opened(), ready(12, checks=checks, notes=NOTES))
         settle(console)
         grid = screens.run.panel.grid
-        assert not screens.run.panel._scroll.verticalScrollBar().isVisible()
+        assert not screens.run.panel.scroll_area.verticalScrollBar().isVisible()
         cells = list(grid.cells().values())
         assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
         assert min(cell.height() for cell in cells) > 8.0

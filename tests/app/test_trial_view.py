@@ -140,7 +140,7 @@ def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_i
         return pieces.furthest_px(shown, rows[: view.at + 1])
 
     for _, until in frames(rows, generator):
-        view.go_on(float(rows[until - 1, tick_log.T]) - view._played_s + 1e-6)
+        view.go_on(float(rows[until - 1, tick_log.T]) - view.played_s + 1e-6)
         shown.grab()
     assert view.at == len(rows) - 1 and off_px() < 1.0
     for at in generator.integers(len(rows) // 2, len(rows), 5):

@@ -96,8 +96,8 @@ class AnalysePage(Page):
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
         self.colours = wrapped_label("", size=theme.SMALL)  # which controller is which
         self.colours.setTextFormat(Qt.TextFormat.RichText)
-        self._charts = holder(column((row(*self.plots), 1), self.colours))
-        self.stack = stack(self._charts, self.verdicts, self.empty)
+        self.charts = holder(column((row(*self.plots), 1), self.colours))
+        self.stack = stack(self.charts, self.verdicts, self.empty)
         self.side = TrialView()
         self._concluding = BackgroundTask(self.verdicts.show_conclusions)
         self.side.excluded.connect(self.exclude)
@@ -112,8 +112,8 @@ class AnalysePage(Page):
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
-        self._export, self._cancelled = VerbProcess(self._exported), False
-        self._export.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
+        self.export_task, self._cancelled = VerbProcess(self._exported), False
+        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._lay_out()
         self._show_busy()
         for absent in (self.side, self._foot):
@@ -215,7 +215,7 @@ class AnalysePage(Page):
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
-        self._tell(" ".join(results.problems), "caution")
+        self.show_message(" ".join(results.problems), "caution")
         self._show()
         now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
         if self.chosen is not None and now is not None and now.status != self.chosen.status:
@@ -277,7 +277,7 @@ class AnalysePage(Page):
         if not shown:
             self._show_empty("No questionnaire was answered in these sessions.")
             return
-        self.stack.setCurrentWidget(self._charts)
+        self.stack.setCurrentWidget(self.charts)
         self.caption.setText(" ".join(legend(shown[0], view)))
         named = {
             controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
@@ -379,7 +379,7 @@ class AnalysePage(Page):
     def export(self, report: bool = False) -> None:
         """What is seen, or the reports of the sessions that are seen, into a new folder of the data folder."""
         results, rows = self.results, self.rows
-        if results is None or not rows or self._export.busy or (report and not results.sessions):
+        if results is None or not rows or self.export_task.busy or (report and not results.sessions):
             return
         people = set(people_of(rows))
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
@@ -391,14 +391,14 @@ class AnalysePage(Page):
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
         self._cancelled = False
-        self._export.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
+        self.export_task.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
         self._show_busy()
-        self._tell(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
+        self.show_message(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
 
     def cancel_export(self) -> None:
         """Stop now; nothing is left behind."""
         self._cancelled = True
-        self._export.stop(wait=True)
+        self.export_task.stop(wait=True)
 
     def _exported(self, end: str | InputError) -> None:
         folder = self._job.folder
@@ -407,24 +407,24 @@ class AnalysePage(Page):
             shutil.rmtree(partial_name(self._job.folder), ignore_errors=True)
         self._show_busy()
         failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
-        self._tell(str(end) if done else failed, "good" if done else "caution")
+        self.show_message(str(end) if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
 
-    def _tell(self, text: str, look: str) -> None:
+    def show_message(self, text: str, look: str) -> None:
         theme.set_style(self.message, look)
         self.message.setText(text)
-        self._foot.setVisible(bool(text) or self._export.busy)
+        self._foot.setVisible(bool(text) or self.export_task.busy)
 
     def _show_busy(self) -> None:
         """Whether an export is being written."""
         self.bar.setValue(0)
         self.folder_button.hide()
         for widget in (self.bar, self.cancel_button):
-            widget.setVisible(self._export.busy)
+            widget.setVisible(self.export_task.busy)
         self._allow_export()
 
     def _allow_export(self) -> None:
-        can = bool(self.rows) and not self._export.busy
+        can = bool(self.rows) and not self.export_task.busy
         self.export_button.setEnabled(can)
         self.report_button.setEnabled(can and self.results is not None and bool(self.results.sessions))
 

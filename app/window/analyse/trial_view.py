@@ -62,7 +62,7 @@ class TrialView(Panel):
         super().__init__()
         self.trial: Playback | None = None
         self.at = 0  # the tick that is shown
-        self._whole, self._played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
+        self._whole, self.played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
@@ -213,8 +213,8 @@ class TrialView(Panel):
         """Play so much further (s, > 0)."""
         if (trial := self.trial) is None:
             return
-        self._played_s = min(self._played_s + seconds, float(trial.t[-1]))
-        at = min(int(np.searchsorted(trial.t, self._played_s, side="right")), len(trial.ticks)) - 1
+        self.played_s = min(self.played_s + seconds, float(trial.t[-1]))
+        at = min(int(np.searchsorted(trial.t, self.played_s, side="right")), len(trial.ticks)) - 1
         if at > self.at:
             self.workspace.view.add(trial.ticks[self.at + 1 : at + 1])
             self._show_place(trial, at)
@@ -224,8 +224,8 @@ class TrialView(Panel):
         if (trial := self.trial) is None:
             return
         ticks, t = trial.ticks, trial.t
-        self._played_s = float(np.clip(seconds, 0.0, t[-1]))
-        at = int(np.clip(np.searchsorted(t, self._played_s, side="right") - 1, 0, len(t) - 1))
+        self.played_s = float(np.clip(seconds, 0.0, t[-1]))
+        at = int(np.clip(np.searchsorted(t, self.played_s, side="right") - 1, 0, len(t) - 1))
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         first = tuple(ticks[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
         self.workspace.view.show_trial(trial.device, trial.way, first)
@@ -239,7 +239,7 @@ class TrialView(Panel):
         now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
             self.workspace.view.show_numbers(now)
-        self.clock.setText(f"{self._played_s:.2f} / {trial.t[-1]:.2f} s")
+        self.clock.setText(f"{self.played_s:.2f} / {trial.t[-1]:.2f} s")
         word_of = trial.decisions[int(now[tick_log.DECISION])]
         self.decision.setText("" if trial.blind else f"Decision: {word_of}")
 
@@ -296,8 +296,8 @@ class TrialView(Panel):
         index = self.speed.currentIndex()
         return {
             "Space": ("play or pause", self.play_or_pause),
-            "Left": (f"{STEP_S:g} s back", lambda: self.go_to(self._played_s - STEP_S)),
-            "Right": (f"{STEP_S:g} s on", lambda: self.go_to(self._played_s + STEP_S)),
+            "Left": (f"{STEP_S:g} s back", lambda: self.go_to(self.played_s - STEP_S)),
+            "Right": (f"{STEP_S:g} s on", lambda: self.go_to(self.played_s + STEP_S)),
             "Home": ("to the beginning", lambda: self.go_to(0.0)),
             "End": ("to the end", lambda: self.go_to(math.inf)),
             "Up": ("faster", lambda: self.speed.setCurrentIndex(min(index + 1, len(SPEEDS) - 1))),

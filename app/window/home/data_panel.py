@@ -70,8 +70,9 @@ class DataPanel(Panel):
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave = "", "", False
         self._folder: Path | None = None
-        self._recent = Recent("folders")
-        self._looking, self._export, self._out = BackgroundTask(self._looked), VerbProcess(self._exported), Path()
+        self.recent = Recent("folders")
+        self._looking = BackgroundTask(self.show_overview)
+        self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …")
         self.choose.setMenu(menu := QMenu(self.choose))
@@ -82,12 +83,12 @@ class DataPanel(Panel):
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = wrapped_label("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
-        self.cancel = button("Cancel", self._export.stop, "small")
+        self.cancel = button("Cancel", self.export_task.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.look)
-        self._export.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
+        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -113,7 +114,7 @@ class DataPanel(Panel):
         """The data folder of the session server."""
         if folder != self._folder:
             self._folder, self.overview = folder, None
-            self._recent.add(str(folder))
+            self.recent.add(str(folder))
             self.where.setText(from_home(folder))
             self._looking.forget()
             self.look()
@@ -136,7 +137,7 @@ class DataPanel(Panel):
         if self._folder is not None and not self._looking.busy:
             self._looking.ask(scan_folder, self._folder)
 
-    def _looked(self, overview: DataOverview) -> None:
+    def show_overview(self, overview: DataOverview) -> None:
         if overview != self.overview:
             self.overview = overview
             self._fill()
@@ -158,7 +159,7 @@ class DataPanel(Panel):
             self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
         self.whole.setVisible(overview.done > 0)
         self.export_as.setVisible(overview.done > 0)
-        self.export_as.setEnabled(not self._export.busy)
+        self.export_as.setEnabled(not self.export_task.busy)
         for session in sessions:
             self._rows.addLayout(self._row(session))
             self._rows.addWidget(rule())
@@ -212,12 +213,12 @@ class DataPanel(Panel):
 
     def _offer(self, menu: QMenu) -> None:
         menu.clear()
-        for path in self._recent.paths:
+        for path in self.recent.paths:
             self._entry(menu, path, partial(self._choose, Path(path)), path != str(self._folder))
         menu.addSeparator()
-        self._entry(menu, "Another folder …", self._browse)
+        self._entry(menu, "Another folder …", self.browse)
 
-    def _browse(self) -> None:
+    def browse(self) -> None:
         chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder or Path.home()))
         if chosen:
             self._choose(Path(chosen))
@@ -243,7 +244,7 @@ class DataPanel(Panel):
         self.bar.setValue(0)
         for widget, shown in ((self.exporting, True), (self.bar, True), (self.cancel, True), (self.show_export, False)):
             widget.setVisible(shown)
-        self._export.begin("export", str(self._folder), f"--{form}", str(self._out))
+        self.export_task.begin("export", str(self._folder), f"--{form}", str(self._out))
         self._fill()
 
     def _exported(self, result: str | InputError) -> None:

@@ -85,7 +85,7 @@ class HomePage(Page):
         self.data.close_asked.connect(lambda: self.send(m.Leave()))
         self.data.page_asked.connect(self.page_asked)
         self.data.looked.connect(self._refresh)
-        self.editor.saved.connect(self._take_protocol)
+        self.editor.saved.connect(self.take_protocol)
         for inner in (self.editor, self.device):
             inner.closed.connect(self._show_columns)
 
@@ -221,9 +221,9 @@ class HomePage(Page):
 
     def _protocol_chosen(self) -> None:
         name = self.protocol.value() or QFileDialog.getOpenFileName(self, "Protocol", "", TOML)[0]
-        self._take_protocol(name) if name else self._choose()
+        self.take_protocol(name) if name else self._choose()
 
-    def _take_protocol(self, name: str) -> None:
+    def take_protocol(self, name: str) -> None:
         """A protocol was chosen or saved: options that stood in place of another one's values are gone."""
         if name not in shipped_protocols():
             self._recent.add(name)

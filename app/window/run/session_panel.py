@@ -66,12 +66,12 @@ class SessionPanel(Panel):
         self.notes.setStyleSheet("padding: 2px 4px")
         self.notes.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.notes.hide()
-        self._scroll = scrolled(self.grid)
-        self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._scroll.setFocusPolicy(NO_FOCUS)
-        self._scroll.setMinimumHeight(LEAST_PLAN_PX)
+        self.scroll_area = scrolled(self.grid)
+        self.scroll_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.scroll_area.setFocusPolicy(NO_FOCUS)
+        self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
-            self.head, self.done, (self._scroll, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
+            self.head, self.done, (self.scroll_area, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
             self.start, self.pause, self.abort, self.leave, self.elsewhere, self.redo, self.skip, self.notice,
             self.note, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
@@ -95,7 +95,7 @@ class SessionPanel(Panel):
         """Where the session stands and what can be asked for. reads: the participant has a page of instructions."""
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
-        self._scroll.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
+        self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
         done, lacking = map(len, finished_cells(snapshot.rows))
         self.done.setText(done_of(done, len(opened.plan), lacking) if opened.participant else "")
         self.done.setToolTip(LACKING if lacking else "")

@@ -108,16 +108,16 @@ class Checklist(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("clear")
-        self._shown: tuple[m.Check, ...] = ()
+        self.shown: tuple[m.Check, ...] = ()
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setVerticalSpacing(6)
         self._grid.setColumnStretch(2, 1)
 
     def show_checks(self, checks: tuple[m.Check, ...]) -> None:
-        if checks == self._shown:
+        if checks == self.shown:
             return
-        self._shown = checks
+        self.shown = checks
         clear(self._grid)
         for at, check in enumerate(checks):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
