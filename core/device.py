@@ -136,7 +136,7 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         brakes=build_brakes(brakes),
         braked=file.braked,
         force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file, mechanism, brakes),
-        labels={joint: joint for joint in file.braked} | {j: one.label for j, one in file.coupled.items()},
+        labels={joint: joint for joint in file.braked} | {j: coupling.label for j, coupling in file.coupled.items()},
         command_unit=units.pop() if units else "A",
         assumed=is_assumed(file.provenance) or any(brake.assumed for brake in brakes.values()),
         text=text,
@@ -164,6 +164,11 @@ def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Dev
     )
 
 
+def without_backlash(device: Device) -> Device:
+    """The device with brakes that have no play."""
+    return replace(device, brakes=device.brakes._replace(play=np.zeros(4)))
+
+
 def build_mechanism(file: DeviceFile) -> Mechanism:
     """The linkage as the kernels read it."""
     g, m = file.geometry, file.mass
@@ -173,7 +178,9 @@ def build_mechanism(file: DeviceFile) -> Mechanism:
         (length_1, length_2), (link_1, link_2) = lengths, links
         carried = set(file.braked) - set(file.coupled)
         base_rotor, elbow_rotor = (m.rotor_inertia_kg_m2 if j in carried else 0.0 for j in joints)
-        base_rotor += m.rotor_inertia_kg_m2 * sum(getattr(one, joints[0]) ** 2 for one in file.coupled.values())
+        base_rotor += m.rotor_inertia_kg_m2 * sum(
+            getattr(coupling, joints[0]) ** 2 for coupling in file.coupled.values()
+        )
         com_1, inertia_1 = centre_and_inertia(link_1, length_1)
         com_2, inertia_2 = centre_and_inertia(link_2, length_2)
         moved = inertia_1 + link_1.mass_kg * com_1**2 + (elbow_mass + link_2.mass_kg) * length_1**2

@@ -227,8 +227,8 @@ def _keys(kind: Any, key: str) -> list[str]:
     table = table_in(kind)
     for name in re.sub(r"\[[^\]]*\]", "", key).split(".") if key else ():
         fields = msgspec.structs.fields(table) if table else ()
-        table = next((table_in(one.type) for one in fields if one.name == name), None)
-    return [one.name for one in msgspec.structs.fields(table)] if table else []
+        table = next((table_in(field.type) for field in fields if field.name == name), None)
+    return [field.name for field in msgspec.structs.fields(table)] if table else []
 
 
 def table_in(kind: Any) -> type[msgspec.Struct] | None:

@@ -62,9 +62,9 @@ def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
         else:
             rows.append({A: (1.0, 0.0), B: (0.0, 1.0)}.get(i, (1.0, -1.0) if coaxial else None))
     found = 0
-    for i, one in enumerate(rows):
+    for i, row in enumerate(rows):
         for j, other in enumerate(rows):
-            if i != j and one and other and one[0] * other[1] == one[1] * other[0]:
+            if i != j and row and other and row[0] * other[1] == row[1] * other[0]:
                 found |= 1 << (PLACES * i + j)
     return found
 

@@ -81,7 +81,7 @@ class ObstacleFile(Table, frozen=True):
 
 def build_obstacles(files: Sequence[ObstacleFile]) -> np.ndarray:
     """The edges (n, 7) of all obstacles as the kernels read them. ValueError if they are too many."""
-    edges = [edge for number, one in enumerate(files) for edge in one.edges(number)]
+    edges = [edge for number, file in enumerate(files) for edge in file.edges(number)]
     if len(edges) > MOST_EDGES:
         raise ValueError(f"obstacle: they have {len(edges)} edges together, {MOST_EDGES} at most")
     return np.array(edges).reshape(-1, 7)
@@ -102,9 +102,9 @@ def nearest_obstacle(edges, count, x, y):
     first = 0
     while first < count:
         after = next_obstacle(edges, count, first)
-        one = away_from(edges, first, after, x, y)
-        if one.distance < distance:
-            distance, n_x, n_y = one.distance, one.n_x, one.n_y
+        near = away_from(edges, first, after, x, y)
+        if near.distance < distance:
+            distance, n_x, n_y = near.distance, near.n_x, near.n_y
         first = after
     return Nearest(distance, n_x, n_y)
 

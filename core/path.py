@@ -127,7 +127,7 @@ def gap(piece, i, x, y):
 
 
 @kernel
-def at_corner(x, y, corner_x, corner_y, tx, ty, to_other, outside):
+def at_corner(x, y, corner_x, corner_y, tx, ty, to_other, outside):  # noqa: PLR0913
     """Signed distance (m) and unit tangent at (x, y) where the nearest point is a corner, for one of its two pieces.
 
     t: that piece's tangent at the corner; to_other: the angle from it to the other piece's, rad; outside: +1 where

@@ -12,7 +12,7 @@ from core.mechanism import PLACES, STOP_C, STOP_E, C, E
 
 
 @kernel
-def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
+def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):  # noqa: PLR0913
     """Distance to the nearest stop of each place: gap (PLACES,), negative beyond it; +1e9 where it has none.
 
     In rad for theta stops, in units of sine for the margins. contact_side: +1 where that stop limits + motion.
@@ -52,7 +52,7 @@ def stop_gap(mechanism, distal_side, x, y, theta, gap, contact_side):
 
 
 @kernel
-def elbow_stop(arm, margin, along, s, j, gap, contact_side):
+def elbow_stop(arm, margin, along, s, j, gap, contact_side):  # noqa: PLR0913
     """Gap of one elbow's margin |sin theta| >= margin, and the sense of motion that it limits."""
     # theta has the sign of -side; a stretched elbow (along > 0) stops on the way to 0, a folded one on the way to pi
     gap[j] = -arm.side * s / (arm.length_1 * arm.length_2) - margin

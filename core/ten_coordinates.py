@@ -162,7 +162,7 @@ def rates(bodies: Bodies, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     return np.append(np.linalg.solve(a[:, :HANDLE], -a[:, HANDLE:] @ velocity), velocity)
 
 
-def solve(
+def solve(  # noqa: PLR0913
     bodies: Bodies,
     q: np.ndarray,
     rate: np.ndarray,

@@ -39,7 +39,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.real_trial import RealTrial, load_kernels
 from experiments.trial.tick import RUN
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 from hardware.serial_device import device_at
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
@@ -294,7 +294,7 @@ def stopped_trial() -> Trial:
     path = build_path(path_file, "path")
     device = SimulatedDevice(file, (path.x0, path.y0), protocol.mouse.hand())
     planned = PlannedTrial(0, 0, file.name, preset, segment, 1)
-    trial = Trial(device, planned, path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
+    trial = Trial(device, planned, Conditions(path_file, protocol.controllers[preset], protocol.rules, protocol.trial))
     run = trial.arguments().run
     run["stop"][0], run["end_ticks"][0] = 1, 20
     return trial

@@ -44,8 +44,8 @@ def no_control(controller, field, tick):
 
 #: In the order of their numbers, by which the kernels know them.
 ALGORITHMS: dict[str, Algorithm] = {
-    one.kind: one
-    for one in (
+    algorithm.kind: algorithm
+    for algorithm in (
         Algorithm("none", (), (), no_control, steers=True),
         sdof.ALGORITHM,
         proportional.ALGORITHM,
@@ -57,16 +57,16 @@ NO_CONTROL = 0
 
 #: Every parameter that any algorithm has, each once.
 PARAMETERS: dict[str, Parameter] = {
-    parameter.name: parameter for one in ALGORITHMS.values() for parameter in one.parameters
+    parameter.name: parameter for algorithm in ALGORITHMS.values() for parameter in algorithm.parameters
 }
 
 #: Code -> words. Those that all algorithms share come first, then each algorithm's own.
 DECISIONS: tuple[str, ...] = (
     *SHARED,
-    *(words for one in ALGORITHMS.values() for words in one.decisions),
+    *(words for algorithm in ALGORITHMS.values() for words in algorithm.decisions),
 )
 
-_MOST = max(len(one.parameters) for one in ALGORITHMS.values())
+_MOST = max(len(algorithm.parameters) for algorithm in ALGORITHMS.values())
 
 
 class Preset(NamedTuple):
@@ -83,14 +83,15 @@ class Preset(NamedTuple):
     @property
     def named(self) -> dict[str, float]:
         """Each parameter of its algorithm, SI units."""
-        own = (one.name for one in ALGORITHMS[self.kind].parameters)
+        own = (parameter.name for parameter in ALGORITHMS[self.kind].parameters)
         return dict(zip(own, self.values, strict=True))
 
     @property
     def words(self) -> str:
         """Its algorithm and its parameters, to be read: "proportional, gap 0 mm, gain 5 N s/m"."""
         own = zip(ALGORITHMS[self.kind].parameters, self.values, strict=True)
-        return ", ".join([self.kind, *(f"{one.word} {one.scale * value:g} {one.unit}".rstrip() for one, value in own)])
+        words = (f"{known.word} {known.scale * value:g} {known.unit}".rstrip() for known, value in own)
+        return ", ".join([self.kind, *words])
 
     def replaced(self, **others: float) -> "Preset":
         """The same with other values; those of parameters that its algorithm has not are left out."""
@@ -167,9 +168,9 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
 def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
     """The kernel that decides as the algorithm of the controller does."""
     chain, offset = no_control, 0
-    for number, one in enumerate(algorithms):
-        chain = _numbered(number, offset, one.decide, chain)
-        offset += len(one.decisions)
+    for number, algorithm in enumerate(algorithms):
+        chain = _numbered(number, offset, algorithm.decide, chain)
+        offset += len(algorithm.decisions)
     return chain
 
 

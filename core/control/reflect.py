@@ -35,7 +35,7 @@ NO_ROW = 1e-200
 
 
 @kernel
-def nearest_passive_force(ax, ay, low, high, fx, fy, torque):
+def nearest_passive_force(ax, ay, low, high, fx, fy, torque):  # noqa: PLR0913
     """Fill torque (4,), N m, low_i <= torque_i <= high_i, so that sum a_i torque_i is nearest to f; returns that (N).
 
     ax, ay, low, high: tuples of four; a_i, 1/m, is the tip force of brake i for each N m; a brake with low = high has

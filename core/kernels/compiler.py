@@ -275,7 +275,7 @@ class Part(CPUDispatcher):
 class EntryCompiler:
     """Stands where numba expects a compiler: links a part with all that it calls into one library of machine code."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self, part: Part, typing: Any, target: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
     ) -> None:
         self.part, self.args, self.flags = part, tuple(args), flags

@@ -230,20 +230,17 @@ class Simulation:
         fidelity: str = "ideal",
         integrator: str = "event",
         hand: Hand | None = None,
-        backlash: bool = True,
-        delta_omega: float = DELTA_OMEGA,
-        tolerance: float = 1.0,
     ):
+        """At a tip (m) with a velocity (m/s). Before a run, `tolerance` and `delta_omega` of its state may be set."""
         self.device = device
         self.fidelity = FIDELITIES.index(fidelity)
         self.integrator = INTEGRATORS.index(integrator)
         self.mechanism = pack_mechanism(device.mechanism)
-        self.brakes = pack_brakes(device.brakes, backlash=backlash and fidelity == "mr")
+        self.brakes = pack_brakes(device.brakes, backlash=fidelity == "mr")
         self.hand = hand if hand is not None else new_hand()
         self.step_scratch = new_record(STEP_SCRATCH)
         self.state = new_state(*tip, *velocity)
-        self.state["delta_omega"][0] = delta_omega
-        self.state["tolerance"][0] = tolerance
+        self.state["delta_omega"][0] = DELTA_OMEGA
         start(self.model, self.data)
 
     @property

@@ -19,9 +19,11 @@ import msgspec
 import numpy as np
 
 from core import tick_log
+from core.device import without_backlash
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
+from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
@@ -36,7 +38,7 @@ from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -126,9 +128,12 @@ def machine() -> dict:
             "system": platform.platform(), **versions, **peers}  # fmt: skip
 
 
-def new_simulation(scene: BenchScene, integrator: str, fidelity: str, **options: Any) -> Simulation:
-    """The scene before its first step."""
-    return Simulation(scene.device, START, (0.0, 0.0), fidelity, integrator, scene.hand(), False, **options)
+def new_simulation(scene: BenchScene, integrator: str, fidelity: str, delta_omega: float = DELTA_OMEGA) -> Simulation:
+    """The scene before its first step; delta_omega: the band of `karnopp`, rad/s."""
+    device = without_backlash(scene.device)
+    simulation = Simulation(device, START, (0.0, 0.0), fidelity, integrator, scene.hand())
+    simulation.state["delta_omega"][0] = delta_omega
+    return simulation
 
 
 def simulated(
@@ -260,9 +265,17 @@ def tick_cost(quick: bool) -> dict:
         for planned in make_plan(protocol, str(operator)):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
             trial = Trial(
-                simulations[planned.configuration], planned, protocol.paths[planned.segment],
-                protocol.controllers[int(planned.controller)], protocol.rules, protocol.trial, person, generator,
-            )  # fmt: skip
+                simulations[planned.configuration],
+                planned,
+                Conditions(
+                    protocol.paths[planned.segment],
+                    protocol.controllers[int(planned.controller)],
+                    protocol.rules,
+                    protocol.trial,
+                ),
+                person,
+                generator,
+            )
             trials += 1
             while not trial.finished:
                 start = time.perf_counter()

@@ -46,7 +46,7 @@ from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 OnEvent = Callable[[events.Event, dict[str, Any]], None]
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
@@ -272,12 +272,12 @@ class Session:
             generator = normals(self.protocol.seed, person, planned.segment, planned.repetition)
         file = self.protocol.device(planned.configuration)
         preset, path = self.preset(planned), self.protocol.paths[planned.segment]
-        how = planned, path, preset, self.protocol.rules, self.protocol.trial
+        conditions = Conditions(path, preset, self.protocol.rules, self.protocol.trial)
         trial: Trial
         if sensors:
-            trial = RealTrial(file, *how)
+            trial = RealTrial(file, planned, conditions)
         else:
-            trial = Trial(self.simulation(planned.configuration), *how, self.person, generator)
+            trial = Trial(self.simulation(planned.configuration), planned, conditions, self.person, generator)
         is_practice = planned.block == PRACTICE_BLOCK
         folder = files.PRACTICE if is_practice else files.TRIALS
         (self.folder / folder).mkdir(exist_ok=True)

@@ -92,7 +92,9 @@ def new_simulation(scene: Scene) -> Simulation:
     """The scene's device and hand before the first step."""
     (x, y), (vx, vy) = scene.initial_tip, scene.initial_velocity
     hand = new_hand(scene.force_t, scene.force)
-    return Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand, tolerance=scene.tolerance)
+    simulation = Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand)
+    simulation.state["tolerance"][0] = scene.tolerance
+    return simulation
 
 
 def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progress) -> dict[str, Any]:

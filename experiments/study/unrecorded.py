@@ -29,7 +29,7 @@ from experiments.session.files import read_stored
 from experiments.trial.normals import normals
 from experiments.trial.operator import TICK_S, Person
 from experiments.trial.population import Population
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 #: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
 BLOCK_TICKS = 65_536
@@ -62,7 +62,7 @@ def trial_of(
     """
     noise = normals(protocol.seed, operator, planned.segment, planned.repetition)
     path = protocol.paths[planned.segment]
-    return Trial(device, planned, path, preset, protocol.rules, protocol.trial, person, noise)
+    return Trial(device, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, noise)
 
 
 def study_trials(

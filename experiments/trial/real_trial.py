@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from core import tick_log
-from core.device import Device
+from core.device import Device, without_backlash
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
 from core.faults import after, cause
 from core.mechanism import JOINTS
@@ -25,7 +25,7 @@ from experiments.protocol import load_protocol
 from experiments.trial import tick
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, Sensing, new_sensing
 from experiments.trial.operator import TICK_S
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
@@ -45,9 +45,8 @@ class RealTrial(Trial):
     real = True
     _told = ("_reason", "filled", "_report")
 
-    def __init__(self, device: Device, *how: Any) -> None:
-        """how: as of `Trial`, without person and generator: the hand is a person's."""
-        super().__init__(device, *how)
+    def __init__(self, device: Device, planned: PlannedTrial, conditions: Conditions) -> None:
+        super().__init__(device, planned, conditions)
         self._connected: RealDevice | None = None
         self._last: tuple[int, np.ndarray] | None = None  # sequence and row of the last sample
         self._heard_s = self._ended_s = math.nan
@@ -56,7 +55,7 @@ class RealTrial(Trial):
 
     def _prepare(self, device: Any, middle: tuple[float, float]) -> tuple[Simulation, Sensing, float, Assumptions]:
         """What is known of the device: sensed motion, and the brake model."""
-        model = Simulation(device, middle, fidelity="mr", integrator="event", backlash=False)
+        self.device, model = device, Simulation(without_backlash(device), middle, fidelity="mr")
         return model, new_sensing(device, DEFAULTS), velocity_noise(device, middle), AS_ON_THE_BENCH
 
     def _start(self) -> None:
@@ -216,7 +215,9 @@ def load_kernels() -> None:
     """Compile, or load, what a trial on a real device needs: seconds that no board waits for."""
     protocol = load_protocol()
     device, path = protocol.devices[0], protocol.paths[1]
-    trial = RealTrial(device, PlannedTrial(0, 0, device.name, 1, 1, 1), path, protocol.controllers[1], protocol.rules)
+    trial = RealTrial(
+        device, PlannedTrial(0, 0, device.name, 1, 1, 1), Conditions(path, protocol.controllers[1], protocol.rules)
+    )
     row = np.zeros(tick_log.BENCH_WIDTH)
     x, y, _, _ = point_at(trial.path, 0.0)
     row[tick_log.TIP_X : tick_log.TIP_Y + 1] = x, y

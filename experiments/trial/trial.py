@@ -1,7 +1,7 @@
 """One trial, tick by tick, for every kind of hand: on a simulated device, or in `real_trial` on a real one."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from core.control.algorithm import Controller
 from core.control.controllers import Preset, make_controller
 from core.control.guard import make_around
 from core.control.velocity_field import new_memory
+from core.device import Device
 from core.faults import after, cause
 from core.path import Path, PathFile, build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
@@ -32,6 +33,15 @@ NOISE_DRAWS = 1 << 16
 Changed = tuple[tuple[np.ndarray, ...], dict[str, Any]]
 
 
+class Conditions(NamedTuple):
+    """Under which a trial is run."""
+
+    path: PathFile
+    preset: Preset  # its controller, whatever the plan calls it
+    rules: str
+    how: TrialRules = TrialRules()  # durations, radii and release of the protocol
+
+
 class Trial:
     """One trial of the plan. It can be sent to the process of the control loop and its outcome taken back."""
 
@@ -42,22 +52,17 @@ class Trial:
         self,
         device: Any,
         planned: PlannedTrial,
-        path: PathFile,
-        preset: Preset,
-        rules: str,
-        how: TrialRules = TrialRules(),  # noqa: B008  (it is frozen)
+        conditions: Conditions,
         person: Person | None = None,
         generator: np.random.Generator | Normals | None = None,
     ) -> None:
-        """preset: its controller, whatever `planned` calls it. how: durations, radii and release of the protocol.
-
-        device: a `SimulatedDevice`. person and generator: a simulated operator; None: the hand is a person's.
-        """
+        """device: a `SimulatedDevice`. person and generator: a simulated operator; None: the hand is a person's."""
+        path, preset, rules, how = conditions
         self.planned, self.how = planned, how
         self.path: Path = build_path(path, f"path {planned.segment}")
         middle = point_at(self.path, 0.5 * self.path.length)[:2]
+        self.device: Device
         self.simulation, self.sensing, noise, assumed = self._prepare(device, middle)
-        self.device = self.simulation.device
         self.controller: Controller = make_controller(
             preset, self.device.force_normalised_N, rules, velocity_noise=noise,
             around=make_around(how.around, self.device, sensed(self.device, middle, assumed)),
@@ -80,13 +85,14 @@ class Trial:
         self.start: dict[str, Any] | None = self._start()
 
     def _prepare(self, device: Any, middle: tuple[float, float]) -> tuple[Simulation, Sensing, float, Assumptions]:
-        """Device and sensors as the kernels see them; the noise (m/s) of the motion that its controller sees, and age.
+        """Set `device`. Device and sensors as the kernels see them, noise (m/s) of the motion seen, and its age.
 
         middle (m): of the path.
         """
         device.begin()
-        file, assumed = device.device, self.how.assumptions
-        return device, new_sensing(file, assumed), decision_noise(file, middle, assumed), assumed
+        self.device, assumed = device.device, self.how.assumptions
+        noise = decision_noise(self.device, middle, assumed)
+        return device, new_sensing(self.device, assumed), noise, assumed
 
     def _start(self) -> dict[str, Any] | None:
         """What the trial depends on beside its ticks."""

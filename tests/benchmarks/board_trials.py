@@ -24,7 +24,7 @@ from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice, hello_of
 from hardware.sensing.samples import WINDOW, MotionFilter, Vector, sensing_of
@@ -168,9 +168,12 @@ def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
     """How the trial ends there, and its measures."""
     protocol, planned = setting.protocol, setting.planned
     trial = Trial(
-        SimulatedDevice(setting.device, setting.start), planned, protocol.paths[planned.segment],
-        setting.preset, protocol.rules, protocol.trial, setting.person, setting.generator(),
-    )  # fmt: skip
+        SimulatedDevice(setting.device, setting.start),
+        planned,
+        Conditions(protocol.paths[planned.segment], setting.preset, protocol.rules, protocol.trial),
+        setting.person,
+        setting.generator(),
+    )
     rows = np.empty((LONGEST_TICKS, tick_log.WIDTH))
     return measured(trial, rows[: trial.run(rows)])
 
@@ -180,7 +183,7 @@ def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
     protocol, planned = setting.protocol, setting.planned
     device = with_counts(setting.device, how.counts)
     path_file = protocol.paths[planned.segment]
-    trial = RealTrial(device, planned, path_file, setting.preset, protocol.rules, protocol.trial)
+    trial = RealTrial(device, planned, Conditions(path_file, setting.preset, protocol.rules, protocol.trial))
     operator = EmulatedOperator(setting.person, trial.path, setting.start, setting.generator())
     operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
     bench = BoardInStep(device, operator, setting.start, how)

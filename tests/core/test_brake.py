@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
-from core.device import load_device
+from core.device import load_device, without_backlash
 from core.linkage import tip_force_map
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import MR, STATIC, Grid, Schedule, Simulation, apply
@@ -131,7 +131,8 @@ def test_locked_tip_with_backlash_roams_within_the_play(bench):
     currents = np.array([float(j in bench.braked) for j in "AEBC"])
     theta_0 = bench.angles(np.array(START))
     for backlash in (True, False):
-        simulation = Simulation(bench.device, START, fidelity="mr", backlash=backlash)
+        device = bench.device if backlash else without_backlash(bench.device)
+        simulation = Simulation(device, START, fidelity="mr")
         simulation.state["torque_yield"][0] = 5.3 * currents  # already locked
         hand = spring_hand((0.0, 0.0, 0.0), (200.0, 0.0, 200.0))  # slow, so that the ends of the play are met gently
         simulation.hand.grips[0] = hand.grips[0]
@@ -175,7 +176,8 @@ FORCE = np.column_stack([12.0 * np.sin(2.6 * np.pi * TIMES), 9.0 * np.cos(1.8 * 
 def with_model(signed: float = 0.0, ripple: float = 0.0, backlash: bool = True, step: float = 1e-3):
     """A shaken device and its rows (n, 10)."""
     device = replace(SHIPPED, brakes=SHIPPED.brakes._replace(signed=signed, ripple=ripple))
-    simulation = Simulation(device, (0.0, 0.4), fidelity="mr", hand=new_hand(TIMES, FORCE), backlash=backlash)
+    device = device if backlash else without_backlash(device)
+    simulation = Simulation(device, (0.0, 0.4), fidelity="mr", hand=new_hand(TIMES, FORCE))
     return simulation, simulation.run(1.5, step, CURRENTS)
 
 

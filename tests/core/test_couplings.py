@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from devices import APART, COUPLED, PTER, S1, S4, THREE, UNEQUAL, stops_of, switching, yields
 
+from core.device import without_backlash
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
@@ -62,7 +63,7 @@ def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scen
 @pytest.mark.parametrize("joint", "EC")
 @pytest.mark.parametrize("fidelity", ["ideal", "mr"])
 def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity):
-    simulation = Simulation(bar.device, START, (0.0, 0.0), fidelity, hand=wave_hand(S1), backlash=False)
+    simulation = Simulation(without_backlash(bar.device), START, (0.0, 0.0), fidelity, hand=wave_hand(S1))
     commands = yields(bar, 0.3, **{joint: 5.6})
     if fidelity == "mr":
         commands = yields(bar, 0.0, **{joint: 1.0})

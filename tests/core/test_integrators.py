@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from devices import S1, S4, FiveBar, slope, switching, yields
 
+from core.device import without_backlash
 from core.simulator.hand import wave_hand
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
 from core.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
@@ -25,7 +26,7 @@ def run(
     if fidelity == "mr":
         values = values / 5.6  # A
     hand = wave_hand(S4 if scene == "S4" else S1)
-    simulation = Simulation(bar.device, START, (0.0, 0.0), fidelity, integrator, hand, backlash=False)
+    simulation = Simulation(without_backlash(bar.device), START, (0.0, 0.0), fidelity, integrator, hand)
     n = round(duration / 5e-3)
     rows = simulation.rows(n + 1, Schedule(times, values), Grid(0, n, round(5e-3 / step), step))
     return rows, simulation.ledger()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from devices import BENCH_FOUR, S4, switching
 
-from core.device import Device, load_device
+from core.device import Device, load_device, without_backlash
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import CARRIED
@@ -36,9 +36,8 @@ def moving(name: str, seed: int, jump: float = 1.0) -> tuple[Device, dict]:
 def tips(device: Device, scene: dict, step: float, tolerance: float = 1.0) -> tuple[np.ndarray, Simulation]:
     """Tips (21, 2) over 80 ms."""
     hand = new_hand(forces=scene["force"][None])
-    simulation = Simulation(
-        device, scene["tip"], scene["velocity"], "mr", "event", hand, backlash=False, tolerance=tolerance
-    )
+    simulation = Simulation(without_backlash(device), scene["tip"], scene["velocity"], "mr", "event", hand)
+    simulation.state["tolerance"][0] = tolerance
     rows = simulation.rows(21, Schedule(np.arange(4) * 0.02, scene["currents"]), Grid(0, 20, round(4e-3 / step), step))
     return rows[:, 1:3], simulation
 
@@ -112,7 +111,7 @@ def test_a_rate_that_crosses_an_edge_and_comes_back_within_a_step_is_seen():
     times, torques = switching(BENCH_FOUR, 0.3)
 
     def end(step: float) -> np.ndarray:
-        simulation = Simulation(BENCH_FOUR.device, (0.05, 0.40), fidelity="mr", hand=wave_hand(S4), backlash=False)
+        simulation = Simulation(without_backlash(BENCH_FOUR.device), (0.05, 0.40), fidelity="mr", hand=wave_hand(S4))
         return simulation.rows(61, Schedule(times, torques / 5.6), Grid(0, 60, round(5e-3 / step), step))[:, 1:3]
 
     assert np.abs(end(2.5e-3) - end(2e-5)).max() < 2e-8

@@ -13,7 +13,7 @@ from experiments.study import unrecorded
 from experiments.study.unrecorded import person_of, run_trial, simulation_errors, switched_on
 from experiments.trial.normals import normals
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 PAPER = load_protocol()
 PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
@@ -56,9 +56,12 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
 
     def rows(substeps):
         trial = Trial(
-            switched_on(PROTOCOL.devices[0], PROTOCOL), planned, PROTOCOL.paths[1],
-            PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial, PERSON, normals(1, 1, 1, 1),
-        )  # fmt: skip
+            switched_on(PROTOCOL.devices[0], PROTOCOL),
+            planned,
+            Conditions(PROTOCOL.paths[1], PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial),
+            PERSON,
+            normals(1, 1, 1, 1),
+        )
         trial.refine(substeps)
         return run_trial(trial).copy()
 

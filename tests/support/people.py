@@ -10,7 +10,7 @@ from experiments.protocol import load_protocol
 from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Trial
+from experiments.trial.trial import Conditions, Trial
 
 AVERAGE = load_population()
 
@@ -38,9 +38,12 @@ def bench_trials(person: Person, seed: int, rounds: int = 3) -> list[Motion]:
             cells = [(number, segment) for number in paper.controllers for segment in paper.paths]
             for number, segment in generator.permutation(cells).tolist():
                 trial = Trial(
-                    simulation, PlannedTrial(1, 1, device.name, number, segment, 1), paper.paths[segment],
-                    paper.controllers[number], "settled", person=person, generator=generator.spawn(1)[0],
-                )  # fmt: skip
+                    simulation,
+                    PlannedTrial(1, 1, device.name, number, segment, 1),
+                    Conditions(paper.paths[segment], paper.controllers[number], "settled"),
+                    person=person,
+                    generator=generator.spawn(1)[0],
+                )
                 n = trial.run(rows)
                 if trial.outcome()["status"] == "done":
                     braked = "".join(device.braked)

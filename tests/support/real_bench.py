@@ -17,6 +17,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
 from experiments.trial.operator import Person
 from experiments.trial.real_trial import RealTrial
+from experiments.trial.trial import Conditions
 from hardware.emulated_board.device import EmulatedHand
 from hardware.serial_device import SerialDevice
 
@@ -77,7 +78,7 @@ class RealBench:
         if isinstance(self.hand, Late):
             self.hand.begun = True
         preset = preset or PAPER.controllers[controller]
-        trial = RealTrial(self.device, planned, PATH, preset, rules, how)
+        trial = RealTrial(self.device, planned, Conditions(PATH, preset, rules, how))
         trial.connect(self.link)
         return trial
 
