@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 TICKS = 3000
 TRIAL = f"""
 import hashlib
@@ -28,11 +30,12 @@ print(type(run_ticks.entry).__module__.split(".")[0])
 def trials(plain: str) -> list[str]:
     """Of the first ticks of a trial with each controller: how many, how many in motion, a checksum; whose compiler."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", "PHD_PLAIN_NUMBA": plain}
-    done = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True, text=True, timeout=290)
+    done = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True, text=True, timeout=850)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
 
+@pytest.mark.timeout(900)
 def test_plain_numba_makes_the_same_ticks_to_the_last_bit() -> None:
     ours, plain = trials("0"), trials("1")
     assert (ours.pop(), plain.pop()) == ("core", "numba")
