@@ -208,11 +208,11 @@ class Ring:
         """Seconds since the loop's last tick."""
         return 1e-9 * (time.perf_counter_ns() - int(self.control.loop_beat))
 
-    def take(self) -> np.ndarray:
-        """The ticks that have not been recorded yet, copied: (n, width). They stay until `taken`."""
+    def unrecorded_ticks(self) -> np.ndarray:
+        """The ticks that have not been recorded yet, copied: (n, width). They stay until `mark_recorded`."""
         return self._copy(int(self.control.tail), int(self.control.head))
 
-    def taken(self, n: int) -> None:
+    def mark_recorded(self, n: int) -> None:
         """Let the loop overwrite the oldest n ticks: they are recorded."""
         self.control.tail += n
 

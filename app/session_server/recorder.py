@@ -20,16 +20,16 @@ from core.faults import cause
 from experiments.recording.writer import RecordingWriter
 
 DRAIN_S = 0.02
-Take = Callable[[np.ndarray], None]
+OnTicks = Callable[[np.ndarray], None]
 LIVE = 500  # readings of the ring, 10 s: the percentiles of a running trial are of these
 
 
 class Recorder:
     """Takes every tick of one trial until `close`; the writer stays open until the trial's outcome is known."""
 
-    def __init__(self, ring: Ring, writer: RecordingWriter | None, take: Take | None = None) -> None:
-        """writer: None for a trial that is not kept. take: gets the ticks (n, width), too."""
-        self.writer, self._take = writer, take
+    def __init__(self, ring: Ring, writer: RecordingWriter | None, on_ticks: OnTicks | None = None) -> None:
+        """writer: None for a trial that is not kept. on_ticks: gets the ticks (n, width), too."""
+        self.writer, self._on_ticks = writer, on_ticks
         self.error = ""  # why no more ticks can be recorded: the trial must be ended
         self.trouble: OSError | None = None  # why they, or a line of the journal, could not be written
         self._ring = ring
@@ -95,16 +95,16 @@ class Recorder:
         ending = False
         while not ending:
             ending = self._end.wait(DRAIN_S)
-            rows = self._ring.take()
+            rows = self._ring.unrecorded_ticks()
             if self.writer is not None and not self.error:  # after one: the trial is being ended for it
                 self._try(partial(self.writer.write, rows))
                 if self.writer.lost:
                     self.error = self.error or cause("recording-failed", why="neither disk nor memory has room")
-            if self._take is not None and len(rows):
-                self._take(rows)
+            if self._on_ticks is not None and len(rows):
+                self._on_ticks(rows)
             while not self._writes.empty():
                 self._try(self._writes.get())
-            self._ring.taken(len(rows))
+            self._ring.mark_recorded(len(rows))
             if len(rows):
                 lateness = rows[:, tick_log.LATENESS_US].copy()
                 self._max_us = max(self._max_us, float(lateness.max()))

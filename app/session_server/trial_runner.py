@@ -17,7 +17,7 @@ from app.ipc.ring import (
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop
-from app.session_server.recorder import Recorder, Take, timing_of
+from app.session_server.recorder import OnTicks, Recorder, timing_of
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
@@ -35,10 +35,10 @@ class TrialRun:
     """A trial that the loop runs."""
 
     def __init__(
-        self, ring: Ring, loop: LoopProcess, trial: Trial, writer: RecordingWriter | None, take: Take | None = None,
-        grasp: int = UNTOUCHED,
+        self, ring: Ring, loop: LoopProcess, trial: Trial, writer: RecordingWriter | None,
+        on_ticks: OnTicks | None = None, grasp: int = UNTOUCHED,
     ) -> None:  # fmt: skip
-        """Start it. writer: None for a trial that is not kept. take: gets all ticks, too.
+        """Start it. writer: None for a trial that is not kept. on_ticks: gets all ticks, too.
 
         grasp: how the pointer has the handle.
         """
@@ -47,7 +47,7 @@ class TrialRun:
         self.tip = trial.tip  # where it begins
         self._ring, self._reason, self._decided = ring, "", False
         ring.begin_trial(grasp, None if trial.real else (trial.path.x0, trial.path.y0))
-        self.recorder = Recorder(ring, writer, take)
+        self.recorder = Recorder(ring, writer, on_ticks)
         trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         loop.send(Run(trial))
 
@@ -153,7 +153,7 @@ class TrialRunner:
         return self._idle_timing is not None and self.run is None
 
     def start(
-        self, trial: Trial, writer: RecordingWriter | None, take: Take | None = None, grasp: int | None = None
+        self, trial: Trial, writer: RecordingWriter | None, on_ticks: OnTicks | None = None, grasp: int | None = None
     ) -> TrialRun:
         """Run a trial; the writer is the runner's until the run has ended or is lost.
 
@@ -161,7 +161,7 @@ class TrialRunner:
         """
         if grasp is None:
             grasp = LET_GO if trial.simulation is self._let_go else UNTOUCHED
-        self.run = TrialRun(self._ring, self._loop, trial, writer, take, grasp)
+        self.run = TrialRun(self._ring, self._loop, trial, writer, on_ticks, grasp)
         return self.run
 
     def go_on(self, run: TrialRun) -> None:

@@ -45,8 +45,8 @@ def test_a_ring_that_goes_round_many_times_hands_every_tick_on_once_and_in_order
         n = int(generator.integers(0, SMALL // 2))
         put_ticks(ring, put_so_far, n)
         put_so_far += n
-        rows = ring.take()
-        ring.taken(len(rows))
+        rows = ring.unrecorded_ticks()
+        ring.mark_recorded(len(rows))
         recorded.append(rows)
         shown.append(window.newest())
     for rows in (np.concatenate(recorded), np.concatenate(shown)):
@@ -56,16 +56,16 @@ def test_a_ring_that_goes_round_many_times_hands_every_tick_on_once_and_in_order
 
 def test_a_tick_that_could_not_be_recorded_is_taken_again(ring: Ring) -> None:
     put_ticks(ring, 0, 5)
-    assert len(ring.take()) == 5
-    ring.taken(3)
-    assert ring.take()[:, 0].tolist() == [3.0, 4.0]
+    assert len(ring.unrecorded_ticks()) == 5
+    ring.mark_recorded(3)
+    assert ring.unrecorded_ticks()[:, 0].tolist() == [3.0, 4.0]
 
 
 def test_a_window_that_hung_or_comes_later_gets_the_newest_ticks_and_none_that_is_being_overwritten(ring: Ring) -> None:
     window = Ring(ring.handle)
     for first in range(0, 5 * SMALL, SMALL):
         put_ticks(ring, first, SMALL)
-        ring.taken(SMALL)  # the recorder keeps up
+        ring.mark_recorded(SMALL)  # the recorder keeps up
     put_ticks(ring, 5 * SMALL, 3)
     rows = window.newest()
     assert rows[-1, 0] == 5 * SMALL + 2 and np.all(np.diff(rows[:, 0]) == 1.0)
@@ -172,7 +172,7 @@ def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> 
     running.until(40)
     running.ring.control.stop = 1
     running.end()
-    rows = running.ring.take()
+    rows = running.ring.unrecorded_ticks()
     assert set(rows[:, tick_log.ARM_FORCE_MAX]) == {0.0, force_max}  # so that a replay feels the same hand
     assert running.trial.data.hand.grips["force_max"][0] == force_max
 
@@ -204,7 +204,7 @@ class Running:
         return int(self.ring.control.cause)
 
     def assert_ended_without_current(self) -> None:
-        rows = self.ring.take()
+        rows = self.ring.unrecorded_ticks()
         ended = rows[:, tick_log.PHASE] == tick_log.END
         assert not rows[ended, tick_log.CURRENT : tick_log.CURRENT + 4].any() and ended[-1]
         assert np.allclose(np.diff(rows[:, tick_log.T]), 1e-3)
@@ -245,7 +245,7 @@ def test_a_ring_without_any_room_counts_the_ticks_it_loses_and_overwrites_none(l
 def test_brakes_that_are_off_before_a_trial_never_come_on_in_it(large: Ring) -> None:
     large.switch_off("Esc")
     assert Running(large).end() == BRAKES_OFF
-    assert not large.take()[:, tick_log.CURRENT : tick_log.CURRENT + 4].any()
+    assert not large.unrecorded_ticks()[:, tick_log.CURRENT : tick_log.CURRENT + 4].any()
 
 
 def test_without_memory_for_the_ring_no_server_is_started_and_one_sentence_says_why(monkeypatch, tmp_path) -> None:
