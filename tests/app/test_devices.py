@@ -112,7 +112,7 @@ def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_
     nothing.setattr(doctor, "examine", at_ports)
     assert main(["doctor", "--port", dead_port]) == 1
     out = capsys.readouterr().out
-    assert f"NO  board  {dead_port}: no board answers there\n" in out and "has the board power" in out
+    assert f"NO  board  {dead_port}: no board answers there\n" in out and "that the board has power" in out
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its ports are no files: a file or folder is not there as a port")

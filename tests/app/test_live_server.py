@@ -131,7 +131,7 @@ def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.skipif(bool(attached(list_hid())), reason="a six-axis device is attached")
 def test_a_hand_that_is_not_attached_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
     client = Client(Setup(tmp_path / "data", hand=HID, real_time=False))
-    assert "no six-axis device is attached" in client.refused()
+    assert "no known six-axis device is attached" in client.refused()
     client.stop("")
     assert gone(client.pid) and not (tmp_path / "data").exists()
 

@@ -293,7 +293,7 @@ def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) 
     window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
     window.open()
     window.client.send(m.SetSandbox())
-    assert "leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
+    assert "Leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
 
 
 REFUSED = (

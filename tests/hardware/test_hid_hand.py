@@ -195,7 +195,7 @@ def test_another_device_takes_a_zero_of_its_own(bus, hand, other):
 
 
 def test_nothing_attached_or_nothing_allowed_is_one_sentence():
-    with pytest.raises(InputError, match="no six-axis device is attached"):
+    with pytest.raises(InputError, match="no known six-axis device is attached"):
         HidHand(listing=lambda: [], opening=lambda path: None)
 
     def refused(path: bytes):
