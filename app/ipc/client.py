@@ -47,7 +47,7 @@ class Client:
 
     @property
     def alive(self) -> bool:
-        """Whether the session server lives, as far as was received, and has not refused to serve."""
+        """Whether the session server lives and has not refused to serve."""
         return not (self._refused or self._server.closed)
 
     def refused(self, meanwhile: Callable[[], object] = lambda: None) -> str:
@@ -65,7 +65,7 @@ class Client:
         self._server.send(command)
 
     def receive(self) -> list:
-        """What the session server has sent since the last time: Opened, Snapshot, Pulse."""
+        """Messages of the session server since the last call: Opened, Snapshot, Pulse."""
         if not self._left_core and (core := int(self._ring.control.core)) >= 0:
             leave_core(core)
             self._left_core = True
@@ -82,7 +82,7 @@ class Client:
         return messages
 
     def ticks(self) -> np.ndarray:
-        """The ticks since the last call: (n, WIDTH), of one trial after the other (`t_s` starts again at 0)."""
+        """The ticks since the last call: (n, WIDTH); `t_s` starts at 0 with each trial."""
         return self._ring.newest()[:, : tick_log.WIDTH]
 
     @property
@@ -95,15 +95,15 @@ class Client:
         self._ring.aim(x, y)
 
     def let_go(self) -> None:
-        """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
+        """The pointer has left its workspace: release the handle until the pointer touches it again."""
         self._ring.let_go()
 
     def brakes_off(self, cause: str) -> None:
-        """No currents from the next tick on: the trial ends, until AllowBrakes; also without a session server."""
+        """Switch the brakes off from the next tick on, until AllowBrakes; works without a session server too."""
         self._ring.press_brakes_off(cause)
 
     def stop(self, reason: str) -> None:
-        """End the session server: what runs is aborted for this reason and kept. Waits until that is done."""
+        """End the session server and wait for it; the running trial is aborted for this reason and kept."""
         self.send(Quit(reason))
         self.leave()
         deadline = time.perf_counter() + END_S

@@ -117,7 +117,7 @@ class Confirm(NamedTuple):
 
 
 class PrepareDevice(NamedTuple):
-    """Make the device on the bench ready, or ready again, between two trials: one step of it."""
+    """Do a step that makes the device on the bench ready, between two trials."""
 
     step: str  # CONNECT, HOME, ZERO
 
@@ -157,12 +157,12 @@ class SandboxSettings(NamedTuple):
         return self._replace(values={**self.values, **others})
 
     def same_conditions(self, other: "SandboxSettings") -> bool:
-        """Whether everything but the controller and its parameters is the same: two passes then compare."""
+        """Whether two passes compare: only the controller and its parameters differ."""
         return self._replace(controller=other.controller, values=other.values) == other
 
 
 class SetSandbox(NamedTuple):
-    """Try: pass after pass with these settings, which act at once, in the middle of a pass, too."""
+    """Open Try with these settings, or change them, which acts at once, also during a pass."""
 
     settings: SandboxSettings | None = None  # None: as protocol and device have them
 
@@ -182,8 +182,8 @@ class SaveAsProtocol(NamedTuple):
 
 
 class MoveTo(NamedTuple):
-    """Go on with the open session in another data folder, where its own is gone or full: it is copied there as far as
-    it can be read or is in memory, and closed; `Snapshot.moved` says so.
+    """Move the open session to another data folder: what can be read or is in memory is copied, then it is closed;
+    `Snapshot.moved` says so.
     """
 
     folder: str
@@ -223,7 +223,7 @@ GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
 
 
 class Check(NamedTuple):
-    """One item of the pre-flight row. The start is blocked while any is `bad` or `waiting`."""
+    """One pre-flight check. No trial starts while any is `bad` or `waiting`."""
 
     name: str  # "Device", "Hand", "Loop", "Disk", "Recording"
     state: str  # GOOD, CAUTION, BAD, WAITING
@@ -232,7 +232,7 @@ class Check(NamedTuple):
 
 
 class StepCard(NamedTuple):
-    """A step of the session that comes before the next trial, as a card of the window shows it."""
+    """What the window shows of a step that comes before the next trial."""
 
     title: str
     text: str  # what is to be done, one sentence
@@ -249,7 +249,7 @@ class Refused(NamedTuple):
 
 
 class Opened(NamedTuple):
-    """What does not change while a session is open (or, before one, of the protocol); sent on joining and on Open."""
+    """What does not change while a session is open; sent when a window connects and when a session is opened."""
 
     participant: str  # "" before a session
     protocol: "Protocol"
@@ -316,7 +316,7 @@ class Snapshot(NamedTuple):
 
     @property
     def trial_blocker(self) -> str:
-        """Why no trial can be started now; "": one can. The server refuses by it, the window greys its buttons."""
+        """Why no trial can start; "": one can. The server refuses by it, the window greys its buttons."""
         if self.stage not in (READY, NO_SESSION):
             return self.stage_refusal
         if self.paused:
@@ -331,17 +331,17 @@ class Snapshot(NamedTuple):
 
     @property
     def can_leave(self) -> bool:
-        """Whether the session can be closed: one is open, and no trial of it is running."""
+        """Whether the session can be closed: it is open, and no trial is running."""
         return self.stage not in (PREPARING, NO_SESSION, RUNNING, FAILED)
 
     @property
     def place_known(self) -> bool:
-        """Whether the place of the handle is measured: the device is there and homed."""
+        """Whether the handle's position is measured: the device is connected and homed."""
         device = next((check for check in self.checks if check.name == "Device"), None)
         return device is None or device.state not in (BAD, WAITING) or device.text == BRAKES_OFF
 
     def session_blocker(self, real_device: bool) -> str:
-        """Why no session can be opened now; "": one can. On the bench a session comes before homing and zero."""
+        """Why no session can be opened; "": one can. On the bench a session comes before homing and zeroing."""
         if not real_device:
             return self.trial_blocker
         others = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
@@ -358,10 +358,7 @@ class Proof(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """The loop's lateness over the running (or last) trial, microseconds, and whose fault it is.
-
-    None: the system does not count it.
-    """
+    """The lateness of ticks in the running (or last) trial, and its causes; None: the system does not count it."""
 
     p50_us: float
     p99_us: float
@@ -400,7 +397,7 @@ class Run(NamedTuple):
 
 
 class Connect(NamedTuple):
-    """Reach the board of one of these real devices, the first that it is wired to."""
+    """Connect the board of one of these devices, the first that is found."""
 
     devices: "tuple[Device, ...]"
 
@@ -416,7 +413,7 @@ class TakeZero(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """Brakes may act again: forget the board's faults and the brakes-off, unless it was pressed again since."""
+    """Reset the faults of the board and the brakes-off, unless it was pressed again since."""
 
     presses: int  # of the brakes-off, that were seen (`Ring.presses`)
 
@@ -465,7 +462,7 @@ class DeviceStatus(NamedTuple):
 
 
 class ConnectEnded(NamedTuple):
-    """The boards to be reached have been looked for; the `DeviceStatus` just before says what was found."""
+    """The search for boards has ended; the `DeviceStatus` just before has its result."""
 
 
 class Homed(NamedTuple):

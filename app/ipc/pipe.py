@@ -18,7 +18,7 @@ _END = object()
 
 
 class Pipe:
-    """Sends and receives messages on two threads of its own; `closed` once the other end is gone."""
+    """Sends and receives messages on two threads; `closed` once the other end is gone."""
 
     def __init__(self, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
         """Takes over both files."""
@@ -32,7 +32,7 @@ class Pipe:
         self._writer.start()
 
     def send(self, message: object) -> None:
-        """Send now or, while there is no room, later and in order; nothing is lost while the other end lives."""
+        """Send, later if there is no room now, in order; nothing is lost while the other end lives."""
         self._waiting += 1
         self._outbox.put(pickle.dumps(message))
 
@@ -61,7 +61,7 @@ class Pipe:
         return messages
 
     def close(self) -> None:
-        """Send what waits, then close: the other end sees that nothing more will come."""
+        """Send what waits, then close."""
         self._outbox.put(None)
 
     def _read(self, incoming: IO[bytes]) -> None:
@@ -85,7 +85,7 @@ class Pipe:
 
 
 class Child(Pipe):
-    """A process of this program that we start, at the other end of its standard input and output."""
+    """A process of this program that we start, connected by its standard input and output."""
 
     def __init__(self, module: str, *arguments: str, **options: Any) -> None:
         """Run `main` of a module. options: as for Popen."""
@@ -120,9 +120,9 @@ class Child(Pipe):
 def start_python(
     module: str, *arguments: str, environment: dict[str, str] | None = None, **options: Any
 ) -> subprocess.Popen:
-    """Run `main` of a module of this program in a new process, wherever we were started from.
+    """Run `main` of a module of this program in a new process, from any folder.
 
-    Not `-m`: what it pickles is of that module. environment: is added to ours; options: as for Popen.
+    Not by `-m`, so that what it pickles belongs to that module. environment: added to ours; options: as for Popen.
     """
     program_cores()  # handed down
     path = os.environ.get("PYTHONPATH", "")

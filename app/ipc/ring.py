@@ -98,11 +98,11 @@ class Ring:
 
     @property
     def inherited(self) -> dict[str, Any]:
-        """Options for `start_python` with which a process that gets our `handle` can map the ring, too."""
+        """Options for `start_python` with which a child process can map the ring by our `handle`."""
         return {} if sys.platform == "win32" else {"pass_fds": (int(self.handle),)}
 
     def _map(self, handle: str, size: int) -> mmap.mmap:
-        """The memory; it has no name in any folder and goes with the last process that has it."""
+        """Shared memory without a name in any folder; it ends with the last process that has it."""
         if sys.platform == "win32":  # where memory is inherited by a name of its own
             self.handle = handle or f"phd-{secrets.token_hex(16)}:{size}"
             name, _, bytes_there = self.handle.partition(":")
@@ -129,11 +129,11 @@ class Ring:
         self.control.aim_count = count + 1
 
     def let_go(self) -> None:
-        """The pointer has left its workspace: the hand lets the handle go until the pointer touches it again."""
+        """The pointer has left its workspace: release the handle until the pointer touches it again."""
         self.aim(math.nan, math.nan)
 
     def press_brakes_off(self, cause: str) -> None:
-        """The brakes-off is pressed: an `allow` that was asked for before this press does not end it."""
+        """Press the brakes-off; an `allow` that was requested before does not end it."""
         self.control.presses += 1
         self.switch_off(cause)
 
@@ -159,7 +159,7 @@ class Ring:
         return Cause(why, code) if code else why or "no cause given"
 
     def newest(self) -> np.ndarray:
-        """The ticks since the last call, copied: (n, width). The oldest are left out if there were too many."""
+        """The ticks since the last call, copied: (n, width); without the oldest if there were too many."""
         head, size = int(self.control.head), len(self.rows)
         rows = self._copy(max(self._shown, head - size), head)
         overwritten = int(self.control.head) - size - (head - len(rows)) + 1  # meanwhile; one may be half written
@@ -169,9 +169,9 @@ class Ring:
     # the session server
 
     def begin_trial(self, grasp: int = UNTOUCHED, home: tuple[float, float] | None = None) -> None:
-        """Before the loop gets one to run. grasp: how the pointer has the handle.
+        """Prepare the ring for a trial. grasp: how the pointer holds the handle.
 
-        home: where the hand brings a handle that is let go outside the movement, m; None: it coasts.
+        home: where the hand returns a handle that is let go outside the movement, m; None: it coasts.
         """
         control = self.control
         control.comes_home = int(home is not None)
@@ -209,7 +209,7 @@ class Ring:
         return 1e-9 * (time.perf_counter_ns() - int(self.control.loop_beat))
 
     def unrecorded_ticks(self) -> np.ndarray:
-        """The ticks that have not been recorded yet, copied: (n, width). They stay until `mark_recorded`."""
+        """The ticks not yet recorded, copied: (n, width). They stay until `mark_recorded`."""
         return self._copy(int(self.control.tail), int(self.control.head))
 
     def mark_recorded(self, n: int) -> None:

@@ -66,9 +66,9 @@ class Scheduling(NamedTuple):
 
 
 def take_scheduling(real_time: bool = True) -> Scheduling:
-    """The best scheduling there is, for the calling thread, which is the loop.
+    """Take the best scheduling for the calling thread, which is the loop.
 
-    real_time = False leaves the privileged ways out: to measure what a user without them gets.
+    real_time = False leaves out what needs a privilege: to measure what a user without it gets.
     """
     gc.collect()
     gc.freeze()
@@ -120,7 +120,7 @@ def _process_cores() -> list[int]:
 
 
 def _own_core() -> int:
-    """Keep the calling thread to the last core that we may use, unless it is the only one."""
+    """Keep the calling thread on the last core that we may use, unless it is the only one."""
     cores = program_cores()
     if len(cores) < 2:
         return -1
@@ -141,7 +141,7 @@ def _fifo() -> bool:
 
 
 def _short_slice(libc: ctypes.CDLL) -> bool:
-    """Whether the default scheduler (Linux 6.12 and later) says that it has taken our slice."""
+    """Whether the default scheduler (Linux 6.12 and later) grants our slice."""
     calls = _ATTRIBUTES.get(platform.machine())
     if calls is None:
         return False
@@ -161,7 +161,7 @@ STEAL = 7  # place in a line of /proc/stat
 
 
 def read_proc(path: str) -> str:
-    """A file of Linux. OSError: it has none, or this is another system (under Wine one sees the files of Linux)."""
+    """Read a file of Linux's /proc. OSError: there is none (under Wine one sees the files of Linux)."""
     if sys.platform != "linux":
         raise FileNotFoundError(path)
     return Path(path).read_text(encoding="utf-8")
@@ -181,7 +181,7 @@ class LostTime(NamedTuple):
 
 
 def lost_time(pid: int, core: int, read: Callable[[str], str] = read_proc) -> LostTime:
-    """Of the loop's process (0: not known) and its core (-1: it has none of its own)."""
+    """Time lost by the loop's process (0: not known) and its core (-1: it has none of its own)."""
     waited = switches = None
     if pid:
         with contextlib.suppress(OSError, ValueError, IndexError):  # not Linux, or the process has ended
@@ -195,7 +195,7 @@ def lost_time(pid: int, core: int, read: Callable[[str], str] = read_proc) -> Lo
 
 
 def stolen_share(read: Callable[[str], str] = read_proc) -> float | None:
-    """The share of all cores' time that the host has kept since the machine started."""
+    """The share of all cores' time that the host has taken since the machine started."""
     counted = _jiffies(-1, read)
     return None if counted is None else counted[STEAL] / max(1, sum(counted[: STEAL + 1]))
 
@@ -217,7 +217,7 @@ def _jiffies(core: int, read: Callable[[str], str]) -> list[int] | None:
 if sys.platform == "win32":
 
     def _kernel32() -> Any:
-        """Windows' own functions; what they are given as a handle or a mask has the size of a pointer."""
+        """Windows' own functions, with handles and masks of the size of a pointer."""
         kernel32 = ctypes.WinDLL("kernel32")
         for get in (kernel32.GetCurrentProcess, kernel32.GetCurrentThread):
             get.restype = ctypes.c_void_p
@@ -241,7 +241,7 @@ if sys.platform == "win32":
         return Scheduling(False, kept, core, f"default{', highest priority of a thread' if highest else ''}")
 
     def _multimedia() -> bool:
-        """Whether the service for multimedia takes the calling thread as one of those that must not be late."""
+        """Whether Windows' multimedia service gives the calling thread priority."""
         avrt, task = ctypes.WinDLL("avrt"), ctypes.c_uint32()
         avrt.AvSetMmThreadCharacteristicsW.restype = ctypes.c_void_p
         avrt.AvSetMmThreadPriority.argtypes = (ctypes.c_void_p, ctypes.c_int)

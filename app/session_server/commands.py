@@ -41,7 +41,7 @@ def do(state: State, command: object) -> None:
 
 
 def refused(state: State, command: "CommandRule") -> str:
-    """Why a command cannot be done now, in one sentence; "": the table allows it."""
+    """Why the table does not allow a command now; "": it does."""
     if command.session and state.storage.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
     if command.stages and state.stage not in command.stages:

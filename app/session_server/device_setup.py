@@ -69,7 +69,7 @@ class SimulatedSetup:
         return check_device(True, why_off), check_hand(self.hand, self._pushes.read() if self._pushes else None)
 
     def allow(self, presses: int) -> None:
-        """Currents may flow again, if the brakes-off was not pressed again after those presses."""
+        """Allow currents again, unless the brakes-off was pressed more often than `presses`."""
         if self._ring.presses == presses:
             self._ring.allow()
 
@@ -92,7 +92,7 @@ class SimulatedSetup:
         return tried
 
     def take_handle(self, device: SimulatedDevice) -> None:
-        """Before a trial: where a force is the hand it alone moves the handle, no spring of the pointer."""
+        """Before a trial: where a force is the hand, it alone moves the handle, without the pointer's spring."""
         if self._pushes is not None:
             grip = device.hand.grips
             grip["spring"][0] = 1
@@ -122,9 +122,9 @@ class RealSetup:
         self._send(self._connect)
 
     def step(self, device: Device) -> str:
-        """What is next before this device can be used. A board that is lost is no step: it comes back itself.
+        """The next step before this device can be used; none for a lost board, which reconnects by itself.
 
-        The loop must have the device as the session has it: the file may be another one by now.
+        The loop must have the device as the session has it: the file may have changed.
         """
         status = self.status or DeviceStatus()
         if status.device != device.name or not any(same_files(device, other) for other in self._connect.devices):
@@ -172,7 +172,9 @@ class RealSetup:
         return progress.session.protocol.device(progress.coming.configuration)
 
     def take_answers(self, answers: list[object], write: Write, notify: Callable[..., None]) -> None:
-        """What the loop answers of the device. write: into the journal; notify: to the experimenter."""
+        """Handle the loop's answers about the device. write: into the journal; notify: shows the experimenter a
+        sentence.
+        """
         for answer in answers:
             self._busy &= isinstance(answer, DeviceStatus)
             match answer:
@@ -234,7 +236,7 @@ def same_files(a: Device, b: Device) -> bool:
 
 
 def person_at(setup: Setup, protocol: Protocol, participant: str) -> Person | None:
-    """The simulated operator that has this participant's place, if one moves the handle."""
+    """The simulated operator with this participant's number; None: a person moves the handle."""
     if setup.hand != OPERATOR:
         return None
     seeds = np.random.SeedSequence([protocol.seed, participant_index(participant)])

@@ -12,10 +12,10 @@ BENCH_HUNG_S = 10.0
 
 
 class LoopProcess(Child):
-    """A control loop in a process of its own, on the server's ring; `closed` once it is dead."""
+    """A control loop in its own process; `closed` once it is dead."""
 
     def __init__(self, ring: Ring, real_time: bool = True, port: str = "") -> None:
-        """Start it; its first answer is Prepared. real_time: it tries scheduling that needs a privilege.
+        """Start it; its first answer is Prepared. real_time: try scheduling that needs a privilege.
 
         port: of a real device; "": the device is simulated.
         """
@@ -26,7 +26,7 @@ class LoopProcess(Child):
 
     @property
     def hung(self) -> bool:
-        """Whether it runs a trial and has had no tick for long, or has a board and did not look at it for long."""
+        """Whether it has had no tick for too long in a trial, or no answer from its board for too long."""
         silent_s = self._ring.loop_silent_s
         return (self._running and silent_s > HUNG_S) or (self._beats and silent_s > BENCH_HUNG_S)
 
@@ -36,7 +36,7 @@ class LoopProcess(Child):
         super().send(job)
 
     def receive(self, wait_s: float = 0.0) -> list:
-        """What it has answered since the last time; waits at most `wait_s` for the first answer."""
+        """Its answers since the last call; waits at most `wait_s` for the first."""
         answers = super().receive(wait_s)
         for answer in answers:
             self._running &= not isinstance(answer, Done)

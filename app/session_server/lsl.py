@@ -118,7 +118,7 @@ class Outlets:
         return zeros + t
 
     def _offset_s(self) -> float:
-        """LSL's clock less the loop's, by the quickest of some looks: a look that is held up is wrong by as long."""
+        """LSL's clock less the loop's, by the quickest of some readings: a delayed reading is wrong by its delay."""
         looks = []
         for _ in range(LOOKS):
             before_s, lsl_s, after_s = time.perf_counter(), self._clock(), time.perf_counter()

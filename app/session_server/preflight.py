@@ -68,7 +68,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
 
 
 def check_hand(hand: str, reading: "HidReading | None") -> Check:
-    """hand: of `INPUTS`. reading: of a six-axis device; None: the hand is another one."""
+    """hand: of `INPUTS`. reading: of a six-axis device; None: another hand."""
     if reading is None:
         return Check("Hand", GOOD, INPUTS[hand].title.lower())
     if reading.connected:
@@ -77,7 +77,7 @@ def check_hand(hand: str, reading: "HidReading | None") -> Check:
 
 
 def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None) -> Check:
-    """tried: how it kept its deadlines for a moment without work; None: not yet. last: over the last trial, if any."""
+    """tried: lateness without work, before the first trial; None: not measured yet. last: of the last trial."""
     if dead:
         return Check("Loop", WAITING, "starting again")
     if tried is None or scheduling is None:
@@ -92,15 +92,15 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
 
 
 def check_disk(folder: Path) -> Check:
-    """Whether the data folder, which need not exist yet, can be written to, has room, and is not too slow.
+    """Whether the data folder, which need not exist yet, can be written to, has room, and is fast enough.
 
-    A write is brought to the disk as a session does it, `LOOKS` times. The same rule for a session and `phd doctor`.
+    Times `LOOKS` writes as a session makes them. One rule for sessions and `phd doctor`.
     """
     return measure_disk(folder)[0]
 
 
 def measure_disk(folder: Path) -> tuple[Check, float]:
-    """The same, and the seconds that it takes to bring a write to the disk (0: it cannot be written to)."""
+    """The same check, and the seconds that a write takes to reach the disk (0: it fails)."""
     existing = folder
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
@@ -207,9 +207,9 @@ class DiskWatch:
 
 
 def check_recording(broken: str, not_written: str, last: str, streams: int) -> Check:
-    """broken: why no more can be recorded, or ""; last: what was last recorded and verified, "run 12", or "".
+    """broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
 
-    not_written: what the disk has not taken yet, or ""; streams: recordings that are whole, but no Parquet files yet.
+    not_written: what could not be written yet, or ""; streams: recordings that are not yet Parquet files.
     """
     if broken:
         return Check("Recording", BAD, "failed", f"{broken}.")

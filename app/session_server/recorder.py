@@ -25,7 +25,7 @@ LIVE = 500  # readings of the ring, 10 s: the percentiles of a running trial are
 
 
 class Recorder:
-    """Takes every tick of one trial until `close`; the writer stays open until the trial's outcome is known."""
+    """Records every tick of one trial until `close`; the writer stays open until the outcome is known."""
 
     def __init__(self, ring: Ring, writer: RecordingWriter | None, on_ticks: OnTicks | None = None) -> None:
         """writer: None for a trial that is not kept. on_ticks: gets the ticks (n, width), too."""
@@ -76,7 +76,7 @@ class Recorder:
         return np.concatenate([np.empty(0), *self._lateness])
 
     def timing(self, scheduling: str) -> Timing | None:
-        """The lateness of all ticks; while the trial runs, the percentiles of its last 10 s. None: there are none."""
+        """The lateness of all ticks (of a running trial: percentiles of its last 10 s); None: no ticks yet."""
         if not self._lateness:
             return None
         live = not self._end.is_set()

@@ -91,7 +91,7 @@ class Sandbox:
         self._measured: list[tuple[Pass, Future[Metrics]]] = []
 
     def _prepare(self) -> None:
-        """Build the simulated device, whose kernels may have to be compiled; then load what the measures need."""
+        """Build the simulated device, compiling its kernels if necessary; then load what the measures need."""
         try:
             if not self.real:
                 self.simulation = self._ready_simulation()
@@ -155,7 +155,7 @@ class Sandbox:
             self._run.hand_back()
 
     def save(self, path: Path) -> None:
-        """The settings as a protocol file, with all the protocol's controllers. InputError: nothing was written."""
+        """Save the settings as a protocol file with all the protocol's controllers. InputError: nothing was written."""
         p, s = self._protocol, self.settings
         device = p.device(s.device)
         chosen, mouse = {**p.controllers, s.controller: self._preset(s)}, p.mouse
@@ -295,7 +295,7 @@ class Sandbox:
         self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
 
     def _ready_simulation(self) -> SimulatedDevice:
-        """The simulated device of the settings; another one has the handle where it stands, if it reaches there."""
+        """The simulated device of the settings; a new one takes over the handle's position if it can reach it."""
         p, s, old = self._protocol, self.settings, self.simulation
         if old is not None and old.device.name == s.device:
             return old
@@ -313,7 +313,7 @@ class Sandbox:
         return device if self.real else self._protocol.assumptions.applied_to(device)
 
     def _controller(self, s: SandboxSettings, device: Device, noise: float = 0.0) -> Controller:
-        """As the settings have it; noise: of the velocity that it sees, m/s. InputError for numbers that cannot be."""
+        """The controller of the settings; noise: of the velocity that it sees, m/s. InputError: impossible numbers."""
         force = device.force_normalised_N * s.brake_strength
         path = build_path(self._protocol.paths[s.path], "path")
         seen = sensed(device, point_at(path, 0.5 * path.length)[:2], self._assumed(s))
@@ -321,7 +321,7 @@ class Sandbox:
         return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
 
     def _tuned(self, device: Device, s: SandboxSettings) -> Device:
-        """The device with the brakes that the sliders give it, which the guard reckons with."""
+        """The device with the brakes of the sliders, for the guard."""
         play = device.brakes.play if self._own_backlash() else np.full(4, math.radians(s.backlash_deg))
         return dataclasses.replace(
             device, brakes=device.brakes._replace(k=device.brakes.k * s.brake_strength, play=play)
@@ -335,7 +335,7 @@ class Sandbox:
         return self._protocol.controllers[s.controller].replaced(**s.values)
 
     def _tune(self, trial: Trial) -> None:
-        """Controller, brakes and spring of the settings, while everything that moves stays as it is."""
+        """Give a trial the controller, brakes and spring of the settings; its motion goes on."""
         before, self._now = self._now, self.settings
         s, assumed = self._now, self._assumed(self._now)
         if not isinstance(trial.simulation, SimulatedDevice):  # its controller knows the noise of its sensing
@@ -355,6 +355,6 @@ class Sandbox:
         return self.settings.backlash_deg == self._initial(self.settings.device, self.settings.path).backlash_deg
 
     def _damping(self) -> float:
-        """Of the hand, N s/m: its damping ratio is the protocol's, whatever the spring."""
+        """Damping of the hand, N s/m, at the protocol's damping ratio for any spring."""
         mouse = self._protocol.mouse
         return mouse.damping_N_s_m * math.sqrt(self.settings.spring_N_m / mouse.stiffness_N_m)

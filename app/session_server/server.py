@@ -106,8 +106,10 @@ class SessionServer:
             run.stop(WINDOW_GONE)
 
     def _has_lost_its_hand(self) -> bool:
-        """Our choice: a pointer goes with its window, and without a window no person can be led to the start: such a
-        trial is ended and comes again. One that another hand is moving goes on to its end.
+        """Whether the running trial must be stopped, and repeated, because the window is gone.
+
+        Our choice: the pointer goes with its window, and without a window no person can be led to the start. A trial
+        that another hand moves goes on to its end.
         """
         phase = self._ring.last(tick_log.PHASE)
         return INPUTS[self._state.setup.hand].by_pointer or phase in (tick_log.APPROACH, tick_log.HOLD)
@@ -126,7 +128,7 @@ class SessionServer:
 
 
 def main() -> None:
-    """The process: commands from the standard input, answers on the standard output."""
+    """The process: reads commands from standard input, writes answers to standard output."""
     setup, ring = Setup.from_json(sys.argv[1]), Ring(sys.argv[2])
     window = Pipe(open(os.dup(0), "rb"), open(os.dup(1), "wb"))
     early = tempfile.TemporaryFile()  # takes what should not happen, before the data folder is ours
@@ -153,9 +155,9 @@ def main() -> None:
 
 
 def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
-    """Lock the data folder and read the protocol of new sessions; `left` undoes that, and what is empty then is gone.
+    """Lock the data folder and read the protocol of new sessions; `left` undoes it and removes what is empty.
 
-    InputError or OSError if it cannot be served.
+    InputError or OSError if the folder cannot be served.
     """
     from experiments.session.files import LOCK
 
@@ -170,7 +172,7 @@ def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
 
 
 def _hold_lock(data_dir: Path) -> "BaseFileLock":
-    """The folder's lock. A server whose window is gone finishes its trial first: that is waited for."""
+    """Lock the folder; waits for a server whose window is gone and which finishes its trial."""
     from experiments.session.files import hold_lock
 
     while True:
@@ -191,7 +193,7 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
 
 
 def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
-    """Errors that should not happen go into the data folder from now on. OSError."""
+    """Write unexpected errors into the data folder from now on. OSError."""
     left.callback(_close_log, path, early)
     log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
@@ -201,7 +203,7 @@ def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
 
 
 def read_protocol(setup: Setup) -> "Protocol":
-    """The protocol of new sessions. InputError if it cannot be run, or not for the participant named."""
+    """The protocol of new sessions. InputError if it cannot be run, or not by the named participant."""
     from experiments.protocol import load_protocol
     from experiments.session import files
 
@@ -233,7 +235,7 @@ def _close_log(log: Path, early: BinaryIO) -> None:
 
 
 def _remove_empty(data_dir: Path, new: list[Path], sessions: set[Path]) -> None:
-    """If no session has come to those there were, remove what is new: lock, folder and its parents, where empty."""
+    """Remove the new lock, folder and parents that are empty, if no session was added."""
     if set(data_dir.glob("sub-*")) - sessions:
         return
     for path in new:

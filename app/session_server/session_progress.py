@@ -26,7 +26,7 @@ MOST_NAMED = 8  # trials in one sentence
 
 
 class Asked(NamedTuple):
-    """What the questions are about: a block, or a controller, of a configuration."""
+    """What the questions are about: a block or a controller of a configuration."""
 
     configuration: str
     block: int = 0
@@ -56,7 +56,7 @@ class SessionProgress:
         self.rigged = self.coming.configuration if self.coming else ""  # the configuration of a simulated device
 
     def apply_event(self, event: Event, at: str, about: dict[str, Any]) -> None:
-        """A line of the journal, from an earlier day or of now (ISO time): what it changes."""
+        """Apply a line of the journal, new or of an earlier day (ISO time)."""
         self.newest_line[event.name] = about
         if event is ENDED:
             since_s = (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds()
@@ -92,7 +92,7 @@ class SessionProgress:
         return max(0.0, breaks.least_s - (time.perf_counter() - self._rest_from_s)) if breaks else 0.0
 
     def without_valid_trial(self) -> str:
-        """At the end of the plan: its trials that have no result, in one sentence; "" before, or if all have one."""
+        """At the end of the plan: which trials have no result, in one sentence; "": not at the end, or none."""
         session = self.session
         if self.coming is not None:
             return ""
@@ -108,7 +108,7 @@ class SessionProgress:
         return f"The plan is done, but {len(without)} of its {len(session.plan)} trials have no result: {named}."
 
     def seconds_left(self) -> float | None:
-        """Of the whole session: the median length of its trials so far, and planned breaks; None: not known yet."""
+        """Estimated time of the rest of the session: median trial length and planned breaks; None: not known yet."""
         if not self._lengths:
             return None
         session, waiting = self.session, open_trials(self.session.plan, self.session.rows)
@@ -129,7 +129,7 @@ class SessionProgress:
         self.last_end_s = self._rest_from_s = now
 
     def _to_ask(self) -> Asked | None:
-        """The first finished block or controller whose questions wait; none where all was skipped."""
+        """The first finished block or controller with open questions; None: there is none."""
         session, asks = self.session, self.session.protocol.questionnaire
         if not asks.on or not is_person(session.hand):  # there is no person to answer
             return None

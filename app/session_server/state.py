@@ -126,9 +126,7 @@ class State:
         self._notice, self._notice_bad = sentence, bad
 
     def announce_wait(self, what: str) -> None:
-        """Before the disk is given something: where it is slow the window hears so, since nothing is answered until it
-        has taken it. what: "the trial is opened".
-        """
+        """Show the window that a slow disk is about to be waited for. what: "the trial is opened"."""
         if self._disk.slow or self._slow_s > SLOW_SYNC_S:
             self._waits_for = f"Waiting for the disk: {what}."
             self.show()

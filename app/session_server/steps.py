@@ -74,7 +74,7 @@ STEPS = (
 
 
 def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[SessionStep, StepCard] | None:
-    """The first step that is due, and what is to be done then; None: the next trial may start, or none is left."""
+    """The first due step and its card; None: the next trial may start, or none is left."""
     return next(((step, card) for step in STEPS if (card := step.due(progress, device)) is not None), None)
 
 

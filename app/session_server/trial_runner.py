@@ -57,13 +57,13 @@ class TrialRun:
         return f"Run {self.planned.run}" if self.planned.block else "Practice"
 
     def stop(self, reason: str, decided: bool = False) -> None:
-        """End it at its next tick, brakes off; the first reason stands. decided: the experimenter asked for it."""
+        """End the trial at its next tick, brakes off; the first reason stands. decided: by the experimenter."""
         if not self._reason:
             self._reason, self._decided = reason, decided
         self._ring.control.stop = END_TRIAL
 
     def hand_back(self) -> None:
-        """Let the loop give the trial back between two ticks, to be changed; one that ends meanwhile ends."""
+        """Ask the loop for the trial between two ticks, to change it; a trial that ends meanwhile ends."""
         self._ring.control.stop = self._ring.control.stop or HAND_BACK
 
     @property
@@ -88,7 +88,7 @@ class TrialRun:
             self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
 
     def finish(self, session: Session) -> TrialRow:
-        """Close and verify the recording and make its row. OSError or InputError if it is not whole."""
+        """Close and verify the recording and make its row. OSError or InputError if the recording is not whole."""
         if self.recorder.error:
             raise OSError(self.recorder.error)
         assert self.recorder.writer is not None
@@ -103,7 +103,7 @@ class TrialRun:
                 self.recorder.writer.abandon()
 
     def rescue(self, session: Session) -> None:
-        """The loop is gone: every tick that it has run becomes a recovered recording; the cell is open again."""
+        """After the loop is lost: store all its ticks as a recovered recording; the cell is open again."""
         self.abandon_recording()
         if (writer := self.recorder.writer) is not None:
             if not writer.is_stored():
@@ -112,7 +112,7 @@ class TrialRun:
 
     @property
     def unsaved(self) -> RecordingWriter | None:
-        """Its recording, if the disk does not have it, or not all of it, and memory has; None: nothing can be saved."""
+        """The recording, if it is whole in memory but not on the disk; else None."""
         writer = self.recorder.writer
         return writer if writer is not None and writer.in_memory and not writer.is_stored() else None
 
@@ -180,7 +180,7 @@ class TrialRunner:
         return answers
 
     def watch(self) -> tuple[TrialRun | None, str]:
-        """The run that has come to its end or was handed back, if one has, and "" or why the loop was lost with it."""
+        """The run that has ended or was handed back, if any; and why the loop was lost with it, or ""."""
         if self.run is not None and self.run.recorder.error:
             self.run.stop(self.run.recorder.error)
         ended = None
@@ -217,7 +217,7 @@ class TrialRunner:
 
     @property
     def timing(self) -> Timing | None:
-        """The loop's lateness over the running trial, or the last, or the time without one."""
+        """The lateness over the running trial, else the last one, else without work."""
         now = self.run.recorder.timing(self._scheduling_words) if self.run else None
         return now or self._last_timing or self._idle_timing
 
