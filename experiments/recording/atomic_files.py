@@ -52,9 +52,7 @@ def retry_while_locked(do: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def rename(path: Path, target: Path) -> None:
-    """Give a file or folder another name in one step. A file of that name is replaced on POSIX systems, an OSError on
-    Windows.
-    """
+    """Rename a file or folder in one step. An existing file is replaced on POSIX systems, an OSError on Windows."""
     retry_while_locked(os.rename, path, target)
 
 
@@ -65,7 +63,7 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def refusing(path: Path, what: str) -> Iterator[None]:
-    """Turns an OSError that is the path's fault into the InputError "PATH: WHAT (reason)"; a full disk stays one."""
+    """Turn an OSError that is the path's fault into the InputError "PATH: WHAT (reason)"; a full disk stays an OSError."""
     try:
         yield
     except OSError as error:
@@ -76,7 +74,7 @@ def refusing(path: Path, what: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def reading_stored(path: Path) -> Iterator[None]:
-    """Turns what can go wrong with a file that the program has stored into an InputError with its path."""
+    """Turn any error of reading a stored file into an InputError with its path."""
     try:
         yield
     except OSError as error:
@@ -95,7 +93,7 @@ def refuse_existing_files(files: Iterable[Path]) -> None:
 
 
 def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -> None:
-    """Make a folder, or take one that is empty but for files of these names; InputError for any other."""
+    """Make a folder, or accept one that is empty but for files of these names; else InputError."""
     with refusing(folder, "cannot be used"):
         folder.mkdir(parents=True, exist_ok=True)
         if {path.name for path in folder.iterdir()} - set(besides):
@@ -109,10 +107,10 @@ def partial_name(target: Path) -> Path:
 
 @contextlib.contextmanager
 def new_folders(places: Sequence[Path], needs: str) -> Iterator[list[Path]]:
-    """A folder to be filled for each place; all get their names at the end, or none is left after an error.
+    """Yield a folder to be filled for each place; all get their names at the end, or none is left after an error.
 
-    needs: what needs a new folder, for the refusal. InputError if something stands at a place, other than an empty
-    folder, or nothing can be made there. OSError if a disk is full.
+    needs: what needs a new folder, for the refusal. InputError if a place is taken by anything but an empty folder, or
+    cannot be made. OSError if a disk is full.
     """
     filled = [partial_name(place) for place in places]
     try:
@@ -139,20 +137,20 @@ def first_free(folder: Path, name: str) -> Path:
 
 
 def write_new_file(file: Path, content: bytes, sync: bool = False) -> None:
-    """Write a file, whole or not at all. InputError if it is there already or cannot be there."""
+    """Write a new file, whole or not at all. InputError if it exists or cannot be written there."""
     refuse_existing_files([file])
     with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
         give_new_name(partial, file)
 
 
 def replace_file(file: Path, content: bytes, sync: bool = True) -> None:
-    """Write a file, whole or not at all, in place of the one of that name. InputError if it cannot be there."""
+    """Write a file, whole or not at all, replacing an existing one. InputError if it cannot be written there."""
     with refusing(file, "cannot be written"), written_beside(file, content, sync) as partial:
         retry_while_locked(os.replace, partial, file)
 
 
 def write_new_files(contents: Mapping[Path, bytes]) -> None:
-    """Write new files and the folders that they need, all or none. InputError if one cannot be there."""
+    """Write new files and their folders, all or none. InputError if one cannot be written there."""
     refuse_existing_files(contents)
     folders = {place for file in contents for place in file.parents if not place.exists()}
     written: list[Path] = []
@@ -193,7 +191,7 @@ def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Pat
 
 
 def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None:
-    """Write `data` at the end, byte `end`, of a file that is open for writing: all of it; or nothing, and OSError."""
+    """Append `data` at byte `end` of an open file, whole; or nothing, and OSError."""
     written = 0
     try:
         while written < len(data):
@@ -219,7 +217,7 @@ def give_new_name(partial: Path, target: Path) -> None:
 
 
 def set_aside(path: Path, word: str) -> Path:
-    """Give a file the first free name of path.WORD, path.WORD-2, ..: nothing is overwritten; the new name."""
+    """Rename a file to the first free name of path.WORD, path.WORD-2, ..; returns it."""
     number = 1
     while True:
         target = path.with_name(f"{path.name}.{word}" + (f"-{number}" if number > 1 else ""))

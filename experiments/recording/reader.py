@@ -32,7 +32,7 @@ _UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, Va
 
 
 def read_recording(path: str | Path) -> Recording:
-    """A recording from its stream (.arrows) or its Parquet file; look at `complete` and `damaged`.
+    """Read a recording from its stream (.arrows) or its Parquet file; check `complete` and `damaged`.
 
     Damage is no error: what is whole is returned. InputError if there is no such file or it is of another kind.
     """
@@ -110,7 +110,7 @@ def _read_stream(path: Path) -> Recording:
 
 
 def _outcome(text: bytes) -> dict[str, Any]:
-    """How a trial ended, as it was given to the writer. ValueError if it is no JSON object."""
+    """The outcome of a trial as the writer stored it. ValueError if it is no JSON object."""
     outcome = _json(text)
     if not isinstance(outcome, dict) or not _are_texts(outcome.get("warnings", [])):
         raise ValueError("the outcome is not as the writer stores it")
@@ -154,7 +154,7 @@ _Batch = tuple[pa.RecordBatch, dict[bytes, bytes], int]
 
 
 def _next_whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
-    """The first batch that is whole among those whose message begins at byte `at` or behind it."""
+    """The first whole batch whose message begins at byte `at` or later."""
     while at >= 0:
         if (found := _whole_batch(header, data, at)) is not None:
             return found
@@ -180,7 +180,7 @@ def _whole_batch(header: bytes, data: bytes, at: int) -> _Batch | None:
 
 
 def _is_cut(data: bytes, at: int) -> bool:
-    """Whether the message at byte `at` is by its own length longer than what is left: cut off, rather than damaged."""
+    """Whether the message at byte `at` is cut off (longer than what is left), not damaged."""
     try:
         pa.ipc.read_message(pa.BufferReader(memoryview(data)[at:]))
     except _UNREADABLE:
@@ -243,7 +243,7 @@ def as_arrays(batches: list[pa.RecordBatch], schema: pa.Schema, words: dict[str,
 
 
 def is_sealed(message: bytes, digits: bytes | None, start: int = 0) -> bool:
-    """Whether `digits`, the checksum that the message carries (after byte `start`), is that of its bytes."""
+    """Whether `digits`, the checksum in the message (after byte `start`), is that of its bytes."""
     if digits is None or len(digits) != len(SEAL):
         return False
     at = message.find(digits, start)

@@ -36,7 +36,7 @@ TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
 
 
 class Sensors(NamedTuple):
-    """What a device on the bench has, whose raw signals are recorded beside everything else."""
+    """The sensors of a device on the bench, whose raw signals are recorded too."""
 
     encoders: str  # letters of their joints, "AB"
     force_channels: int
@@ -65,7 +65,7 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def footer_at(parquet: bytes) -> int:
-    """The byte of a Parquet file at which its footer begins, which holds its metadata."""
+    """The byte at which the footer of a Parquet file, with its metadata, begins."""
     return max(len(parquet) - 8 - int.from_bytes(parquet[-8:-4], "little"), 0)
 
 
@@ -108,7 +108,7 @@ class Recording:
 
 
 def recording_of(rows: np.ndarray, braked: str, path: Path = Path()) -> Recording:
-    """Ticks (n, tick_log.WIDTH) of a simulated device as a recording that was never on a disk."""
+    """Ticks (n, tick_log.WIDTH) of a simulated device as a recording in memory."""
     columns = {
         name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
         for name, place in recording_columns(braked)

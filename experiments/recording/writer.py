@@ -52,13 +52,13 @@ OTHER = "other"  # how a file is marked that stood where a stream from memory be
 
 
 class RecordingWriter:
-    """Writes the ticks of one trial to a new file, batch by batch; closed, the stream has its end record.
+    """Writes the ticks of one trial to a new file, batch by batch; `close` adds the end record.
 
-    As a context manager it closes on a normal exit; on an exception it keeps what it has and leaves the end out.
-    Disk full or unplugged, file or folder gone: OSError, once, from the call of `write` or `flush` that notices it, and
-    from `close`. The file then ends with its last whole batch, has no end record, and gets no more; every tick, those
-    before included, is in memory, further ones as well, until `save` brings them to a disk that takes them.
-    Not for the control loop itself: a call can wait for the disk.
+    As a context manager it closes on a normal exit; after an exception it keeps what it has, without an end record. If
+    the disk is full or unplugged, or the file is gone: OSError, once, from the call of `write` or `flush` that notices
+    it, and from `close`. The file then ends with its last whole batch and gets no more. All ticks, earlier and later
+    ones, stay in memory until `save` writes them to a disk that is well again. Not for the control loop itself: a call
+    can wait for the disk.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class RecordingWriter:
     def close(self, outcome: dict[str, Any] | None = None) -> None:
         """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds.
 
-        A recording that lacks ticks gets no end record: it will read as cut off. OSError: the file is not whole.
+        A recording that lacks ticks gets no end record, so it reads as cut off. OSError: the file is not whole.
         """
         if self._open:
             outcome_json = as_json(outcome or {}, "outcome")
@@ -155,7 +155,7 @@ class RecordingWriter:
             raise self.trouble
 
     def abandon(self) -> None:
-        """Keep what there is and leave the end record out: the recording will read as cut off."""
+        """Keep what there is, without an end record: the recording reads as cut off."""
         if not self._open:
             return
         try:
@@ -176,14 +176,14 @@ class RecordingWriter:
         return self._memory is not None
 
     def is_stored(self) -> bool:
-        """Whether a closed recording is where it belongs, as a stream or as Parquet already."""
+        """Whether a closed recording is at its place, as a stream or as Parquet."""
         return self.trouble is None and any(map(os.path.exists, (self.path, self.path.with_suffix(PARQUET_SUFFIX))))
 
     def save(self, path: Path | None = None) -> None:
-        """Bring a recording that is closed or abandoned from memory to its place, whole, over the part that is there.
+        """Write a closed or abandoned recording from memory to its place, whole, over the part that is there.
 
-        path: its place from now on; None: where it was begun. A file of other content is set aside. InputError or
-        OSError: it cannot be written, and nothing has changed.
+        path: its place from now on; None: the first one. A file with other content is set aside. InputError or OSError:
+        it cannot be written, and nothing has changed.
         """
         path = path or self.path
         if self._memory is None:
@@ -268,7 +268,7 @@ class RecordingWriter:
         self._append(seal(self._drain_sink()))
 
     def _append(self, message: bytes) -> None:
-        """Append a whole message to memory, and to the file; or nothing of it to the file."""
+        """Append a whole message to memory and, whole or not at all, to the file."""
         if self._memory is not None:
             self._memory.append(message)
             self._memory_bytes += len(message)
@@ -291,13 +291,13 @@ class RecordingWriter:
         self.longest_sync_s = max(self.longest_sync_s, self._last_sync - began)
 
     def _check_place(self) -> None:
-        """OSError if the file is not where it was made: its folder was deleted, or its disk taken away."""
+        """OSError if the file is gone from its place: its folder was deleted, or its disk removed."""
         found = os.stat(self.path)
         if os.name == "posix" and not os.path.samestat(found, os.fstat(self._file)):  # Windows keeps a file in use
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.path))
 
     def _attempt(self, do: Callable[[], object]) -> None:
-        """Something with the file, unless it gets no more; where that fails, it gets no more from now on."""
+        """Do something with the file, unless it has failed before; note a failure."""
         if self.trouble is not None:
             return
         try:
@@ -318,10 +318,10 @@ def _before_first_batch(stream: bytes) -> bytes:
 
 
 def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
-    """Turn a closed, undamaged stream into Parquet, compare the two, remove the stream; what the new file holds.
+    """Turn a closed, undamaged stream into Parquet, compare the two and remove the stream; the new recording.
 
-    Never overwrites: a Parquet file that is there already must hold the same (then only the stream is removed).
-    InputError if the stream is cut, damaged, or the other file differs; the stream then stays.
+    Never overwrites: an existing Parquet file must hold the same (then only the stream is removed). InputError if the
+    stream is cut or damaged, or the other file differs; the stream then stays.
     """
     path = Path(path)
     if path.suffix != STREAM_SUFFIX:
@@ -337,10 +337,9 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
 
 
 def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> Recording:
-    """Write a recording as Parquet and read it back to compare; one that is there already must hold the same.
+    """Write a recording as Parquet and read it back to compare; what was read back.
 
-    What was read back. InputError if the file that is there differs (neither is touched); OSError if it cannot be
-    written.
+    An existing file must hold the same, else InputError (neither is touched). OSError if it cannot be written.
     """
 
     def is_the_same(other: Recording) -> bool:
@@ -387,7 +386,7 @@ def make_schema(
 ) -> pa.Schema:  # fmt: skip
     """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
 
-    columns: of a recording that an earlier version wrote, with fewer; None: all that there are now.
+    columns: of a recording by an earlier version, which has fewer; None: all.
     """
     about = {"form": FORM, "braked": braked, "text": column_words(decisions), "metadata": metadata}
     if sensors:
@@ -407,16 +406,16 @@ def as_json(about: dict[str, Any], what: str) -> str:
 
 
 def arrow_array(values: np.ndarray) -> pa.Array:
-    """Numbers without gaps, as they lie in memory.
+    """Numbers without gaps as an Arrow array on the same memory.
 
-    `pa.array` imports pandas where it is installed, to ask whether the numbers are a part of its.
+    `pa.array` would import pandas, where it is installed, to check their type.
     """
     kind = pa.from_numpy_dtype(values.dtype)
     return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
 
 
 def arrow_words(words: Sequence[str]) -> pa.Array:
-    """Texts, as `arrow_array` makes numbers."""
+    """Texts as an Arrow array; see `arrow_array`."""
     encoded = [word.encode() for word in words]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))

@@ -36,14 +36,14 @@ def new_key(controllers: Iterable[int]) -> dict[str, int]:
 
 
 def write_key(session: Path, key: Mapping[str, int], sync: bool = True) -> str:
-    """Store the key of a session that is being created; its SHA-256. OSError if it cannot be written."""
+    """Store the key of a new session; its SHA-256. OSError if it cannot be written."""
     data = json.dumps({"controllers": key, "salt": secrets.token_hex(16)}, indent=1).encode() + b"\n"
     replace_file(session / KEY, data, sync)  # there is none, or one of a session that a crash left half created
     return hashlib.sha256(data).hexdigest()
 
 
 def read_key(session: Path, sha256: str) -> dict[str, int]:
-    """The key of a session. InputError if it is not there or not the one that session.json names."""
+    """Read the key of a session. InputError if it is missing or not the one that session.json names."""
     path = session / KEY
     with reading_stored(path):
         data = path.read_bytes()
@@ -53,9 +53,9 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
 
 
 def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
-    """A planned trial or a row with its controller in place of the code; as it is where the key has no such code.
+    """A planned trial or row with its controller in place of the code; unchanged if the key lacks the code.
 
-    A row is then without a name: the key has none (`trials_table.named`).
+    A row then has no controller name: the key has none (`trials_table.named`).
     """
     number = key.get(str(thing.controller), thing.controller)
     if number == thing.controller:

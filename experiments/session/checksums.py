@@ -52,7 +52,7 @@ def sealed(about: Mapping[str, Any]) -> bytes:
 
 
 def read_sealed(path: Path) -> dict[str, Any]:
-    """What a JSON file says; under `CHECKSUM` its checksum, unless an earlier version wrote it.
+    """Read a JSON file; under `CHECKSUM` its checksum, unless an earlier version wrote it.
 
     InputError: it cannot be read, is no JSON object, or does not match its checksum.
     """
@@ -193,7 +193,7 @@ class NotedEnd(NamedTuple):
 
 
 def noted_end(session: Path) -> NotedEnd | None:
-    """What was noted of a session, to be read before its journal; None: nothing. InputError: it is damaged."""
+    """The noted end of a journal, to be read before the journal; None: there is none. InputError: it is damaged."""
     path = session / END
     if not path.exists():
         return None
@@ -216,8 +216,8 @@ def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
 def note_end(session: Path, read: Lines, sync: bool = True) -> None:
     """Note how long the journal of a session is. The caller holds the lock.
 
-    A journal that falls short of an earlier note keeps that, and so its fault. Where the disk does not take it, the
-    earlier note stays: it guards less, and nothing wrong.
+    A journal shorter than an earlier note keeps that note, and so its fault. If the note cannot be written, the earlier
+    one stays, which is true too.
     """
     with contextlib.suppress(InputError, OSError):
         end = noted_end(session)

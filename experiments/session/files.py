@@ -57,7 +57,7 @@ def run_path(session: Path, run: int, suffix: str, folder: str = TRIALS) -> Path
 
 
 def runs_on_disk(session: Path, folder: str = TRIALS) -> dict[int, dict[str, Path]]:
-    """Run number -> suffix -> its file, of every run that has a stream or a Parquet file; by rising number."""
+    """Run number -> suffix -> file of every run with a stream or a Parquet file, by rising number."""
     found: dict[int, dict[str, Path]] = {}
     for path in session.glob(f"{folder}/run-*"):
         if path.suffix in (STREAM_SUFFIX, PARQUET_SUFFIX) and (match := re.fullmatch(r"run-(\d+)", path.stem)):
@@ -77,12 +77,12 @@ def runs_used(session: Path, folder: str = TRIALS) -> set[int]:
 
 
 def is_half_created(session: Path) -> bool:
-    """Whether a crash came before the session was stored: there is nothing to keep."""
+    """Whether a crash came before the session was stored, so that there is nothing to keep."""
     return not (session / STORED).exists() and not (session / TABLE).exists() and not runs_used(session)
 
 
 def remove_empty(session: Path) -> None:
-    """Remove the folders of a session that came to nothing, where there is nothing in them."""
+    """Remove the empty folders of a session that was not created."""
     for folder in (session / TRIALS, session, session.parent):
         with contextlib.suppress(OSError):  # there is something, or it is gone
             folder.rmdir()
@@ -95,9 +95,9 @@ def refuse_existing(data_dir: Path, participant: str) -> None:
 
 
 def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
-    """The first of the protocol's participants without a session; where it names none, the first number of two digits.
+    """The first participant of the protocol without a session; if it names none, the first free number of two digits.
 
-    InputError if each of them has one.
+    InputError if each of them has a session.
     """
     for label in participants or (f"{number:02d}" for number in count(1)):
         if not session_folder(data_dir, label).exists():
@@ -106,9 +106,9 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
 
 
 def sessions_in(folder: Path) -> list[Path]:
-    """Every session of a data folder; or the session that the folder itself is.
+    """Every session of a data folder; or the folder itself, if it is a session.
 
-    InputError if there is no such folder or it holds files, but none of a study or session.
+    InputError if there is no such folder, or it holds files but no study or session.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
@@ -134,9 +134,9 @@ class _HeldLock(filelock.FileLock):
 
 
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
-    """The folder's lock, held until it is released, `with` it ends, or the process ends.
+    """Take the folder's lock, until it is released, `with` it ends, or the process ends.
 
-    InputError if a live process holds it, after `wait_s`.
+    InputError if a live process still holds it after `wait_s`.
     """
     lock = _HeldLock(folder / LOCK)
     try:
@@ -215,7 +215,7 @@ def refuse_trial(trial: PlannedTrial | TrialRow, protocol: Protocol, where: str)
 
 
 def person_of(session: Path, stored: StoredSession) -> Person | None:
-    """The simulated operator of a stored session; None: a person, at the mouse or device. InputError: not readable."""
+    """The simulated operator of a stored session; None: a person. InputError: it cannot be read."""
     about = stored.about["person"]
     with reading_stored(session / STORED):
         person = Person(**about) if about else None
@@ -226,7 +226,7 @@ def person_of(session: Path, stored: StoredSession) -> Person | None:
 
 
 def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
-    """Whose session, the newest besides this participant's, was run by another protocol; "": it is the same one."""
+    """The participant of the newest other session, if that was run by another protocol; else ""."""
     others = [path for path in data_dir.glob(f"sub-*/ses-01/{STORED}") if path.parents[1].name != f"sub-{participant}"]
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True):
         with contextlib.suppress(InputError), reading_stored(path):  # one that cannot be read does not count
@@ -236,14 +236,14 @@ def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
 
 
 def controller_names(session: Path) -> dict[int, str]:
-    """Controller -> its name in the session's protocol; none where that cannot be read (`phd verify` says why)."""
+    """Controller -> its name in the session's protocol; empty if that cannot be read (`phd verify` says why)."""
     with contextlib.suppress(InputError):
         return {number: preset.name for number, preset in read_stored(session).protocol.controllers.items()}
     return {}
 
 
 def rows_of(session: Path) -> list[TrialRow]:
-    """The rows of a session's table; none if there is no table yet. A table without names gets those of the session."""
+    """The rows of a session's table, with names of controllers; empty if there is no table yet."""
     table = session / TABLE
     rows = read_table(table) if table.exists() else []
     if all(row.controller_name is not None for row in rows):
@@ -308,7 +308,7 @@ class StudyPlan:
 
 
 def refuse_study(folder: Path) -> None:
-    """InputError if the folder is a study's: its tables and statistics are of its simulated operators alone."""
+    """InputError if the folder holds a study, whose tables are of simulated operators alone."""
     if (folder / STUDY).exists():
         raise InputError(f"{folder}: holds a study, which takes no other session; choose another data folder")
 
@@ -338,7 +338,7 @@ def read_study(folder: Path) -> StudyPlan:
 
 
 def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:
-    """InputError if what was asked for is not what the study was begun with.
+    """InputError if the options differ from those with which the study was begun.
 
     asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
     """
@@ -354,7 +354,7 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
 
 
 def _content(name: str, thing: Any) -> tuple[object, str]:
-    """What is compared of a thing (the texts of its files, or the plain value), and how a refusal names it."""
+    """What is compared of an option (texts of files, or the value), and its name in a refusal."""
     if isinstance(thing, Protocol | Population):
         return thing.text, f"another {name} ({thing.name})"
     if isinstance(thing, tuple):

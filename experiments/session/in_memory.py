@@ -33,7 +33,7 @@ class InMemory:
         self._missed = self._not_there(session, rows)  # recordings that were missing when the session was opened
 
     def add_event(self, event: events.Event, about: dict[str, Any]) -> None:
-        """A line of the journal. about: its fields, and `time` if it is of another time than now."""
+        """Add a line of the journal. about: its fields, with `time` if not now."""
         fields = dict(about)
         self._lines.append(events.Entry(event, fields.pop("time", "") or events.now(), fields))
 
@@ -61,10 +61,10 @@ class InMemory:
         return f"{gone[0]} is gone{_with_recordings(len(missing))}"
 
     def put_into(self, target: Path, old: Path, rows: Sequence[TrialRow], sync: bool) -> int:
-        """Bring the session into an empty folder: recordings and journal as they stand in the old one where that can
-        be read, else, and everything else, from here. How many recordings of the rows stay behind.
+        """Copy the session into an empty folder: recordings and journal from the old one if they can be read, all else
+        from memory. Returns how many recordings could not be copied.
 
-        InputError or OSError: the new folder does not take it.
+        InputError or OSError: the new folder cannot be written to.
         """
         for name, content in self._files.items():
             write_new_file(target / name, content, sync)
@@ -102,7 +102,7 @@ class InMemory:
         write_new_file(place, content, sync)
 
     def _not_there(self, session: Path, rows: Sequence[TrialRow]) -> set[str]:
-        """Recordings that the rows name and the folder does not have, as a stream or as Parquet."""
+        """Recordings that the rows name and the folder lacks, as a stream and as Parquet."""
         on_disk: set[str] = set()
         with contextlib.suppress(OSError):
             on_disk = {Path(name).stem for name in os.listdir(session / files.TRIALS) if not name.startswith(".")}
@@ -120,7 +120,7 @@ def discard(session: Path) -> None:
 
 
 def refuse_place(data_dir: Path, participant: str) -> Path:
-    """Where a session would stand in another data folder. InputError if that cannot take it."""
+    """The folder of a session in another data folder. InputError if it cannot be there."""
     folder = files.session_folder(data_dir, participant)
     files.refuse_study(data_dir)
     if os.path.lexists(folder):

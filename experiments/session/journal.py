@@ -100,7 +100,7 @@ def now() -> str:
 
 
 def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", **about: object) -> None:
-    """Append one line with its checksums (`checksums`); a line that a crash cut off is ended first. time: if not now.
+    """Append one line with its checksums (`checksums`), after ending a line that a crash cut off. time: if not now.
 
     OSError, and no half line, on a full disk. TypeError: the event has other fields.
     """
@@ -127,10 +127,10 @@ class Journal(NamedTuple):
 
 
 def read_journal(folder: Path) -> Journal:
-    """Every event of a session that can be read and believed, in order, and what is wrong with the rest.
+    """Read every valid event of a session, in order, and what is wrong with the rest.
 
-    Left out are lines that do not match their checksum or cannot be read, and events that are not declared or whose
-    fields are not as declared. InputError if the journal is there and cannot be read at all.
+    Left out are lines that do not match their checksum or cannot be read, and events that are not declared or have
+    other fields. InputError if the journal exists and cannot be read at all.
     """
     path = folder / NAME
     if not path.exists():
@@ -189,7 +189,7 @@ def read_events(folder: Path) -> list[Entry]:
 
 
 def close_journal(folder: Path, sync: bool = True) -> None:
-    """Note where the journal ends, so that it is noticed if its last lines are lost. The caller holds the lock."""
+    """Note where the journal ends, so that lost last lines are noticed. The caller holds the lock."""
     if (folder / NAME).exists():
         with reading_stored(folder / NAME):
             read = read_lines((folder / NAME).read_bytes())
@@ -221,7 +221,7 @@ class JournalSummary:
         return controller_names(self.session)
 
     def row(self, row: TrialRow) -> TrialRow:
-        """A row, from its recording or of a skipped trial, as it stands in the table."""
+        """A row as it stands in the table."""
         row = unblinded(row, self.key) if self.key is not None else blinded(row)
         if row.controller_name is None:
             row = named(row, self.names)
@@ -270,7 +270,7 @@ MARKS = {
 def mark_run(
     folder: Path, rows: Sequence[TrialRow], run: int, event: Event, reason: str, sync: bool = True
 ) -> list[TrialRow]:
-    """Journal that a run of these rows is redone or excluded; the rows, with its status changed.
+    """Journal that a run is redone or excluded; the rows with its new status.
 
     InputError if there is no such run, its status does not allow it, or an exclusion has no reason.
     """
@@ -287,9 +287,9 @@ def mark_run(
 
 
 def exclude_run(folder: Path, run: int, reason: str) -> None:
-    """Exclude a run of a session that is not open, for a reason; the tables follow.
+    """Exclude a run of a session that is not open, and rewrite the tables.
 
-    InputError: a live process has the session, the disk does not take it, or the run does not count anyway.
+    InputError: a live process has the session, it cannot be written, or the run does not count anyway.
     """
     data_dir = folder.parents[1]
     try:
@@ -312,9 +312,9 @@ def exclusion_of(folder: Path, run: int) -> str:
 
 
 def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:
-    """A table's rows as the journal wants them.
+    """The rows of a table, updated by the journal.
 
-    What a coded row left out comes from its recording. A stream that has become Parquet since is named as that.
+    What a coded row lacks comes from its recording. A stream that has become Parquet is named as Parquet.
     """
 
     def as_journalled(row: TrialRow) -> TrialRow:
@@ -329,7 +329,7 @@ def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: Journal
 
 
 def rows_without_recording(session: Path, journal: JournalSummary) -> list[TrialRow]:
-    """Rows of trials that have no recording: skipped ones, and those of which a crash left not one tick to read."""
+    """Rows of trials without a recording: skipped ones, and those of which a crash left no tick."""
     rows = [unmeasured_row(session, event, "skipped") for event in journal.skipped.values()]
     for run, event in journal.begun.items():
         lost = any(session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*"))
@@ -339,6 +339,6 @@ def rows_without_recording(session: Path, journal: JournalSummary) -> list[Trial
 
 
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
-    """The row of a trial of which nothing was measured, from its place in the plan as the journal has it."""
+    """The row of a trial without measures, from its place in the plan."""
     participant = session.parent.name.removeprefix("sub-")
     return TrialRow(participant, *(event[name] for name in PlannedTrial._fields), status)

@@ -74,7 +74,7 @@ def _stamp(path: Path) -> int:
 
 @lru_cache(maxsize=1000)
 def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
-    """None: a crash came before the session was stored. stored, table: stamps of its files, by which it is kept."""
+    """None: a crash came before the session was stored. stored, table: stamps of its files, for the cache."""
     if not stored:
         return None
     changed_s, participant = 1e-9 * max(stored, table), folder.parent.name.removeprefix("sub-")

@@ -103,7 +103,7 @@ def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
 
 
 def device_of(recording: Recording, stored: StoredSession | None) -> Device:
-    """The device as its session stored it; a recording by itself: the shipped device of that name."""
+    """The device as its session stored it; without a session the shipped device of that name."""
     name = str(recording.metadata.get("configuration", ""))
     if stored is None:
         return load_device(name)
@@ -128,7 +128,7 @@ def errors(ticks: np.ndarray) -> np.ndarray:
 
 
 def fill_field(path: Way, rows: np.ndarray) -> None:
-    """Into ticks (n, tick_log.WIDTH) that lack it: as if the hand had never turned back; NaN outside `move`."""
+    """Fill columns that old ticks (n, tick_log.WIDTH) lack, as if the hand had never turned back; NaN outside `move`."""
     rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
     rows[:, tick_log.TRAVEL_SENSE] = 1.0
     moves = rows[:, tick_log.PHASE] == tick_log.MOVE
@@ -151,7 +151,7 @@ class Comparison(NamedTuple):
 
 
 def read_comparison(path: Path, summary: str) -> Comparison:
-    """A replay from the table that `phd replay --out` has written and the summary that it has printed."""
+    """Read a replay from the table and the summary of `phd replay --out`."""
     about, ticks = json.loads(summary), _replayed_ticks(path)
     then, now = ({name: change[when] for name, change in about["metrics"].items()} for when in ("before", "after"))
     recorded = None if about["compared_way"] is None else then

@@ -42,7 +42,7 @@ class Rescue:
 
     @contextmanager
     def rescuing(self, session: Path) -> Iterator[None]:
-        """An InputError about one file of a session is noted, and the rescue of the others goes on."""
+        """Note an InputError about one file of a session, and go on with the others."""
         try:
             yield
         except InputError as error:
@@ -50,10 +50,10 @@ class Rescue:
 
 
 def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
-    """Recover every session of a data folder; what was done, by file names relative to it, and what is left.
+    """Recover every session of a data folder; what was done, by file names in it, and what is left.
 
-    `faults`: what `verify` still finds. InputError, and nothing is touched, if a live process has the study or one
-    of its sessions.
+    `faults`: what `verify` still finds. InputError, and nothing is changed, if a live process has the study or a
+    session.
     """
     folder = Path(folder)
     sessions = files.sessions_in(folder)
@@ -74,7 +74,7 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
 
 
 def _recover_pooled_table(folder: Path, done: Rescue) -> None:
-    """Rewrite the table of all participants where it lags; one that names trials that no session has stays."""
+    """Rewrite the table of all participants if it is out of date, unless it names trials that no session has."""
     pooled = []
     try:
         pooled = read_table(folder / files.TABLE)
@@ -138,7 +138,7 @@ def as_recovered(stream: Recording) -> Recording:
 
 
 def _recover_table(session: Path, done: Rescue) -> None:
-    """Add the rows that are missing, then change those that lag behind the journal."""
+    """Add missing rows, then update those that differ from the journal."""
     table = session / files.TABLE
     try:
         rows, is_spoilt = read_table(table) if table.exists() else [], False

@@ -63,7 +63,7 @@ class Participant(NamedTuple):
 
 
 class Session:
-    """One participant's session in progress; it holds the session's lock until `close` or the end of the process."""
+    """One participant's session in progress; holds its lock until `close` or the end of the process."""
 
     _known: InMemory | None = None  # of its folder; None: the session is being created
 
@@ -200,10 +200,10 @@ class Session:
         return len(self.plan) - len(self._waiting)
 
     def next_planned(self) -> PlannedTrial | None:
-        """The next trial of the plan, or the practice that comes before it; None: the plan is finished.
+        """The next trial of the plan, or the practice before it; None: the plan is finished.
 
-        It takes the next free run number if its own is used up, by a crash or because it is done again: same cell of
-        the plan, another recording. A simulated operator does not practise.
+        It gets the next free run number if its own is used, by a crash or a repetition: same cell of the plan, another
+        recording. A simulated operator does not practise.
         """
         if not (waiting := self._waiting):
             return None
@@ -218,7 +218,7 @@ class Session:
         return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
 
     def next_practice(self) -> PlannedTrial:
-        """A practice trial (block 0) in the configuration that comes next, due or not. InputError if nothing comes."""
+        """A practice trial (block 0) in the next configuration, due or not. InputError if no trial comes."""
         if not (waiting := self._waiting):
             raise InputError("all trials of the plan are done, there is nothing to practise for")
         configuration = waiting[0].configuration
@@ -264,7 +264,7 @@ class Session:
     def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
         """Open a trial, or a practice trial (block 0), and its recording.
 
-        sensors: of the device on the bench, on which it is to be run; None: on the simulated device.
+        sensors: of the device on the bench; None: the device is simulated.
         """
         generator = None
         if self.person:  # the same noise for every controller and configuration
@@ -297,11 +297,11 @@ class Session:
     def finish(
         self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
     ) -> TrialRow:
-        """Close the recording, verify it, take the measures from what was recorded, add the row to the table.
+        """Close and verify the recording, measure it, and add the row to the table.
 
-        cut_short: a trial that was ended was not ended by the experimenter: it is "stopped", and its cell comes again.
-        raw_will_do: where the disk does not take the Parquet file, the stream is the recording until
-        `recover_interrupted`. OSError if the disk does not take what is needed: `recover_interrupted` writes it later.
+        cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. raw_will_do: if
+        the Parquet file cannot be written, the stream is the recording until `recover_interrupted`. OSError if what is
+        needed cannot be written: `recover_interrupted` writes it later.
         """
         outcome = trial.outcome()
         if cut_short and outcome["status"] == "aborted":
@@ -345,15 +345,15 @@ class Session:
             raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
 
     def take_lock_again(self) -> None:
-        """Take the lock of a folder that was gone and is back. InputError if another process has it by now."""
+        """Take the lock of a folder that is back. InputError if another process has it."""
         self._lock.release()
         self._lock = files.hold_lock(self.folder)
 
     def move_to(self, data_dir: Path, unsaved: RecordingWriter | None = None) -> int:
-        """Go on in another data folder: with what can be read of this one, and with what is known of the rest.
+        """Move to another data folder, with what can be read of this one and what is in memory.
 
-        Trials whose recordings stay behind keep their rows. How many these are. unsaved: a recording in memory, which
-        goes along. InputError or OSError: nothing has changed, and nothing is left there.
+        Returns how many recordings could not be copied; their trials keep their rows. unsaved: a recording in memory,
+        which moves too. InputError or OSError: nothing has changed, and nothing is left there.
         """
         assert self._known is not None
         folder = refuse_place(data_dir, self.participant)
@@ -377,7 +377,7 @@ class Session:
     # ------------------------------------------------------------------------------------ what the experimenter decides
 
     def skip(self, reason: str) -> TrialRow:
-        """Leave the coming trial, or practice trial, out: its cell gets no recording and is not run again; its row."""
+        """Do not run the coming trial or practice trial, now or later; its row."""
         planned = self.next_planned()
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
@@ -390,7 +390,7 @@ class Session:
         return row
 
     def redo(self, run: int, reason: str, at_end: bool = False) -> TrialRow:
-        """Have the cell of a run done again: its recording stays, its row becomes `redone`; that row.
+        """Repeat the cell of a run: the recording stays, the row becomes `redone`; that row.
 
         It comes next, or at the end of its configuration. InputError if there is no such run, or its cell is open.
         """
@@ -401,7 +401,7 @@ class Session:
         return row
 
     def exclude(self, run: int, reason: str) -> TrialRow:
-        """Take a run out of every result but the table: its recording stays, its row becomes `excluded`; that row.
+        """Take a run out of every result but the table: the recording stays, the row becomes `excluded`; that row.
 
         Its cell is not run again. InputError if there is no such run, it does not count, or no reason is given.
         """
@@ -414,7 +414,7 @@ class Session:
         return next(row for row in rows if row.run == run)
 
     def unblind(self, who: str) -> None:
-        """Open the key: codes become controllers in the tables, from now on; who did it is journalled first.
+        """Open the key, so that the tables show controllers; who did it is journalled first.
 
         InputError if the session is not blind, or no name is given.
         """
@@ -456,7 +456,7 @@ class Session:
         }
 
     def _about(self, key_sha256: str) -> dict[str, Any]:
-        """What session.json holds. key_sha256: of the key of a blind session, whose plan holds codes; else empty."""
+        """The content of session.json. key_sha256: of the key of a blind session, else empty."""
         return self._common() | {
             "created": datetime.now(UTC).isoformat(timespec="milliseconds"),
             "hand": self.hand,
@@ -471,7 +471,7 @@ class Session:
         }
 
     def _metadata(self, trial: Trial, preset: Preset) -> dict[str, Any]:
-        """The metadata of a recording; the controller stays out while the session is blind."""
+        """The metadata of a recording; without the controller while the session is blind."""
         path = trial.path
         about = self._common() | trial.planned._asdict() | {
             "start_m": (path.x0, path.y0),
@@ -500,7 +500,7 @@ def preset_from_json(about: dict[str, Any]) -> Preset:
 
 
 def operators_from_json(about: dict[str, Any]) -> Operators | None:
-    """The population of the simulated operator, as session and recordings have it; None: a person, or not stored."""
+    """The population of the simulated operator as stored; None: a person, or not stored."""
     stored = about.get("operators")
     return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
 

@@ -45,9 +45,8 @@ TOLERANCE = 1e-6
 def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
 
-    `warnings` likewise: recordings that are whole, of motion that the simulator's own energy ledger contradicts; and
-    `notes`: what is no fault, and should be known.
-    InputError if there is no such folder or it holds no session but other files.
+    `warnings`: whole recordings whose motion the simulator's energy ledger contradicts. `notes`: no faults, but worth
+    knowing. InputError if there is no such folder, or it holds other files but no session.
     """
     folder = Path(folder)
     sessions = files.sessions_in(folder)
@@ -165,7 +164,7 @@ class _SessionCheck:
             self._fault(NAME, f"says that the session was opened with another key than {KEY}")
 
     def _check_files(self, of_run: dict[str, Path]) -> Recording | None:
-        """Check the files of one trial; the recording that its row must match, None where there is none to trust."""
+        """Check the files of one trial; the recording that its row must match, None: none can be trusted."""
         result = None
         for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX):
             if (path := of_run.get(suffix)) is None:
@@ -198,7 +197,7 @@ class _SessionCheck:
         self.warnings += [(name, text) for text in recording.outcome.get("warnings", ())]
 
     def _right_row(self, recording: Recording) -> TrialRow | None:
-        """The row that a whole recording gives, checked against its name, the session and the journal; None: none."""
+        """The row of a whole recording, checked against its name, the session and the journal; None: it has none."""
         try:
             right = recorded_row(recording, self.session, self.journal)
         except InputError as error:
@@ -235,7 +234,7 @@ class _SessionCheck:
             self._fault(files.TABLE, f"has no row for run {right.run} ({right.recording}): recover it")
 
     def _check_rows_without_recording(self) -> None:
-        """Rows without a recording against the journal, both ways; rows whose recording is gone."""
+        """Compare rows without a recording with the journal, both ways; name recordings that are gone."""
         bare = {row.run: row for row in rows_without_recording(self.session, self.journal)}
         for run, right in bare.items():
             if run in self.rows:

@@ -22,7 +22,7 @@ ZERO: Four = (0, 0, 0, 0)
 
 
 class Readings(NamedTuple):
-    """What the board's inputs read at a tick. For each joint, in the order A, E, B, C; 0 where there is nothing."""
+    """The inputs of the board at a tick, for each joint in the order A, E, B, C; 0: no such input."""
 
     counts: Four = ZERO
     force: tuple[int, ...] = ()  # counts, one a channel
@@ -40,7 +40,7 @@ FULL_BOARD = m.Hello(
 
 
 class Watch:
-    """Looks at every tick's readings; remembers how long something has been wrong."""
+    """Checks the readings of every tick, and counts how long something has been wrong."""
 
     def __init__(self, hello: m.Hello) -> None:
         self._encoders = joints_of(hello.encoders)
@@ -88,7 +88,7 @@ class Age(Enum):
 
 
 class Freshness:
-    """Judges the commands of one connection. The two clocks need not agree: only differences count."""
+    """Judges the commands of one connection, by differences of the two clocks alone."""
 
     def __init__(self) -> None:
         self.last = 0  # sequence number of the last command that was taken in
@@ -96,7 +96,7 @@ class Freshness:
         self._quickest: tuple[int, int] | None = None  # us: when it came, and board time less host time then
 
     def judge(self, sequence: int, host_us: int, now_us: int) -> Age:
-        """What this command is; changes nothing but the memory of how long commands take."""
+        """Judge a command; only the memory of travel times changes."""
         if self._any and not 0 < (sequence - self.last) % WRAP < WRAP // 2:
             return Age.OLD
         took = now_us - host_us
@@ -114,7 +114,7 @@ class Freshness:
 
 
 class BoardEvent(Enum):
-    """What can happen to a board: a message from the host, or something of its own."""
+    """What can happen to a board: a message of the host, or an event of its own."""
 
     HELLO = "AskHello"
     LIMITS = "SetLimits"
@@ -229,7 +229,7 @@ class Board:
         self._flags = Flag(0)
 
     def receive(self, data: bytes, now_us: int) -> bytes:
-        """Take in bytes from the host; the bytes to answer. In Boot nothing is heard."""
+        """Handle bytes from the host; the bytes to answer. Nothing is heard in Boot."""
         answers = b""
         for payload in self.decoder.feed(data):
             message = m.unpack(payload)
@@ -246,7 +246,7 @@ class Board:
         return answers
 
     def tick(self, readings: Readings, now_us: int) -> bytes:
-        """One tick at SAMPLE_HZ: watch everything, and the bytes to send (a fault report, a sample)."""
+        """Do one tick at SAMPLE_HZ; the bytes to send (a fault report, a sample)."""
         self._readings = readings
         if self.state == State.BOOT:
             if now_us - self._started_us >= START_US:
@@ -271,9 +271,9 @@ class Board:
         return out
 
     def lose_power(self, now_us: int, noticed: bool = True) -> None:
-        """Brown-out: the supply fell; currents are zero, and the board restarts with the fault latched.
+        """Brown-out: the currents are zero, and the board restarts with the fault latched.
 
-        Not noticed: neither latched nor counted, by a board that counts its starts in a memory that forgets.
+        noticed = False: neither latched nor counted, as by a board that forgets its number of starts.
         """
         self._change(BoardEvent.BROWN_OUT)
         self._low_at_start = noticed
@@ -372,7 +372,7 @@ class Board:
         return [m.Refused(m.TYPES[type(message)], reason)]
 
     def _watch(self, now_us: int) -> None:
-        """The watchdog: trips while there is still a tick left, so that currents are zero at 50 ms at the latest."""
+        """The watchdog, a tick early, so that currents are zero at 50 ms at the latest."""
         if self.state == State.ACTIVE and now_us - self._commanded_us > m.WATCHDOG_US - TICK_US:
             self._fail(BoardEvent.WATCHDOG, Fault.WATCHDOG)
 
@@ -416,12 +416,12 @@ _EVENTS = {
 
 
 def _event_of(message: tuple | None) -> BoardEvent | None:
-    """The event that a message is; None where it is none of a host's (unknown, or our own echoed back by something)."""
+    """The event of a message; None: no host sends it (unknown, or our own, echoed)."""
     if isinstance(message, m.Command):
         return BoardEvent.ON if message.mode else BoardEvent.OFF
     return _EVENTS.get(type(message))
 
 
 def _int32(value: int) -> int:
-    """A count, or a difference of counts, that goes round as the board's 32-bit counters do."""
+    """A count, or a difference of counts, wrapped as in the board's 32-bit counters."""
     return (value + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -63,7 +63,7 @@ class EmulatedHand(Protocol):
 
 
 class HeldHand:
-    """A hand that pulls the handle by a spring to where an order sent it, or does not hold it.
+    """A hand that pulls the handle by a spring to an ordered place, or does not hold it.
 
     Assumed: 400 N/m, 20 N s/m, at most 40 N, an arm of 1 kg.
     """
@@ -90,7 +90,7 @@ class HeldHand:
 
 
 def pair(value: object, name: str, most: float) -> tuple[float, float]:
-    """Two numbers of at most `most`, from an order. InputError where they are not."""
+    """Two numbers of at most `most` from an order, else InputError."""
     if isinstance(value, list) and len(value) == 2:
         if all(isinstance(number, int | float) and abs(number) <= most for number in value):  # false for NaN
             return float(value[0]), float(value[1])
@@ -98,7 +98,7 @@ def pair(value: object, name: str, most: float) -> tuple[float, float]:
 
 
 class EmulatedDevice:
-    """The simulated device at the board's wires, with its sensors and the hand that holds it."""
+    """The simulated device behind the board, with its sensors and the hand."""
 
     def __init__(self, device: Device, hello: Hello, hand: EmulatedHand, tip: tuple[float, float], seed: int) -> None:
         """InputError where the handle cannot be at `tip` (m)."""
@@ -118,7 +118,7 @@ class EmulatedDevice:
         return float(self.motion[0]), float(self.motion[1])
 
     def sense(self, currents: Four, faults: Iterable[LineFault]) -> Readings:
-        """The hand's next tick begins; what the sensors read while these currents (mA) flow."""
+        """Begin the next tick of the hand; the readings while these currents (mA) flow."""
         self.hand.tick(*self.tip)
         self._simulated.settle(1e-3 * np.array(currents), self._ticks * TICK_S)
         return self.sensors.read(self.tip, self.hand_force, self.acceleration, currents, faults)
@@ -174,12 +174,12 @@ class EmulatedSensors:
         self.at_power_up[:] = self.theta
 
     def draw_anew(self, seed: int) -> None:
-        """The noise begins again: of each tick six loads (N, N m) and four currents (mA)."""
+        """Restart the noise: for each tick six loads (N, N m) and four currents (mA)."""
         random = np.random.default_rng([seed, 2])
         self._noise = (tick for _ in count() for tick in self.noise * random.standard_normal((1024, 10)))
 
     def home_counts(self) -> Four:
-        """What the counters should stand at now: angle times counts per radian, whole."""
+        """The counts at the present angles: angle times counts per radian, whole."""
         return tuple(np.rint(self.theta * self._wiring.steps).astype(int).tolist())
 
     def read(

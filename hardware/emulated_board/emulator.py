@@ -83,12 +83,12 @@ class Emulator:
         return plug
 
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
-        """A device behind a board that was just powered up; the handle is at `tip`, m."""
+        """Wire a device to a board that was just powered up; tip: of the handle, m."""
         self.board, self._home = Board(hello_of(device, f"{EMULATED}{self._seed}")), self._homed
         self.device = EmulatedDevice(device, self.board.hello, hand, tip, self._seed)
 
     def rewire(self, name: str) -> None:
-        """Emulate a re-rig: another device, with the handle where it was. InputError: it cannot be emulated here."""
+        """Emulate a re-rig to another device, with the handle where it was. InputError: it cannot be emulated here."""
         if name not in self._devices:
             raise InputError(f"only {', '.join(self._devices)} can be emulated here, not {name!r}")
         if name.encode()[:24] != self.board.hello.device:

@@ -51,7 +51,7 @@ class LineFault(NamedTuple):
 
 
 def read_fault(text: str, now_s: float = 0.0) -> LineFault:
-    """The fault that a text asks for; its start counts from `now_s`. InputError where it makes no sense."""
+    """Read a fault; its start counts from `now_s`. InputError if it makes no sense."""
     match = _WRITTEN.match(text)
     if not match or match["kind"] not in KINDS:
         raise InputError(f"fault {text!r}: must be KIND[=VALUE][@START][+LENGTH] with a kind of {', '.join(KINDS)}")
@@ -83,7 +83,7 @@ def _number(value: str | None, text: str, most: float) -> float:
 
 
 class Line:
-    """One direction of the wire: frames in, frames out later, or never, or twice, or damaged. Order is kept."""
+    """One direction of the wire, in order: frames come out later, never, twice or damaged."""
 
     def __init__(self, faults: list[LineFault], seed: int, direction: int) -> None:
         """faults: the list itself; faults that are added to it later act too. direction: 0 or 1."""

@@ -36,7 +36,7 @@ def emulated_ports() -> dict[str, int]:
 
 
 def _is_taken(orders: int) -> bool:
-    """Whether a program has this UDP port; a board that was killed has left its folder behind."""
+    """Whether a program has this UDP port; a board that was killed leaves its folder behind."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((LOOPBACK, orders))
@@ -81,7 +81,7 @@ class Terminal:
 
 
 class TcpPort:
-    """A TCP port of this computer, with the methods of `Terminal`; a second host at a time is sent away."""
+    """A TCP port of this computer, with the methods of `Terminal`; a second host is refused."""
 
     def __init__(self, folder: Path, number: int = 0) -> None:
         """number: 0: a free one. InputError: another program has it."""
