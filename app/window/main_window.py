@@ -18,7 +18,7 @@ from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.widgets import theme
-from app.window.widgets.cards import Cards
+from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
@@ -36,6 +36,18 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording
+#: title, text, stay, go
+CLOSE = (
+    "A trial is being recorded",
+    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
+    "Keep recording", "Abort and close",
+)  # fmt: skip
+UNSAVED = (
+    "Not everything is on the disk",
+    "Close the window? What is in memory alone would be lost: {}. Bring the folder back, make room on the disk, or go "
+    "on in another data folder first.",
+    "Cancel", "Lose it and close",
+)  # fmt: skip
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
@@ -315,6 +327,14 @@ class MainWindow(QWidget):
 
     # ------------------------------------------------------------------------------------------- the end
 
+    def _ask_to_close(self, unsaved: str) -> None:
+        """unsaved: what would be lost; "": the running trial would be ended."""
+        title, text, stay, go = UNSAVED if unsaved else CLOSE
+        buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
+        card = OverlayCard(title, text.format(unsaved), buttons, self._stack)
+        card.key("Alt+C", self.close_anyway)
+        self.cards.put(card, "abort")
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """While something is recorded, or not on the disk, ask first."""
         recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice
@@ -323,7 +343,7 @@ class MainWindow(QWidget):
             event.ignore()
             self.showNormal() if self.isMinimized() else self.show()
             self.raise_()
-            self.cards.ask_to_close(self.close_anyway, unsaved)
+            self._ask_to_close(unsaved)
             return
         event.accept()
         for page in self.pages.values():

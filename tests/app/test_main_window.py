@@ -31,8 +31,8 @@ from sessions import session_of
 
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
+from app.window.run.session_cards import REDO
 from app.window.widgets import words
-from app.window.widgets.cards import REDO
 from app.window.widgets.page import ANALYSE, HOME, RUN
 from app.window.widgets.plots import Graph
 from core import tick_log

@@ -12,7 +12,7 @@ from screens import Screens, cut_texts, settle
 from app.cli import main
 from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
-from app.window.widgets.cards import ABORT
+from app.window.run.session_cards import ABORT
 from app.window.widgets.keys import KEYS
 from app.window.widgets.page import RUN, TRY
 from app.window.widgets.theme import show_fitted

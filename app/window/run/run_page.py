@@ -14,10 +14,10 @@ from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
 from app.window.run.energy_panel import EnergyPanel
+from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
 from app.window.run.session_panel import SessionPanel, can_be_redone
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
-from app.window.widgets.cards import ABORT, REDO, SKIP, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import column, holder, row, stack, text_label, wrapped_label
 from app.window.widgets.plots import TimingStrip, Traces
@@ -68,7 +68,7 @@ class RunPage(Page):
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
         self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
-        self.cards = Cards(self._centre)
+        self.cards = SessionCards(self._centre)
         self._connect()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

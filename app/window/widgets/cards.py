@@ -1,6 +1,5 @@
-"""Which card is up: a question that the experimenter has asked for, else what the session waits for."""
+"""Cards over a part of the window: a message, or a question that is answered by a button, a reason or own words."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -8,9 +7,7 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
-from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.page import ANALYSE, HOME, RUN, Page
 from app.window.widgets.parts import (
     KeyButton,
     Panel,
@@ -22,9 +19,6 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import LEAVE, clock
-from experiments.plan import counted
-from experiments.session.files import finished_cells
 
 WIDTH_PX, KEYS_PX = 400, 960
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
@@ -40,37 +34,6 @@ class Ask(NamedTuple):
     reasons: tuple[str, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
     own: str = "Another reason"  # what one's own words are
-
-
-ABORT = Ask(
-    "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
-    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
-    (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
-)  # fmt: skip
-REDO = Ask(
-    "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
-    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
-)  # fmt: skip
-SKIP = Ask(
-    "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
-    ("the participant asked", "short of time", "something is wrong with this condition"),
-)  # fmt: skip
-UNBLIND = Ask(
-    "unblind", "Open the key?",
-    "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
-    own="Who asks",
-)  # fmt: skip
-RESTED = "Go on when the participant is ready."
-CLOSE = (
-    "A trial is being recorded",
-    "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
-)
-
-UNSAVED = (
-    "Not everything is on the disk",
-    "Close the window? What is in memory alone would be lost: {}. Bring the folder back, make room on the disk, or go "
-    "on in another data folder first.",
-)
 
 
 class OverlayCard(Panel):
@@ -121,7 +84,8 @@ class OverlayCard(Panel):
     def place(self) -> None:
         """Stand in the middle of the parent."""
         around = self._around
-        self.setFixedWidth(min(self.wide, max(around.width() - 2 * theme.GAP, 280)))
+        wide = max(self.wide, self.minimumSizeHint().width())  # its buttons are never cut
+        self.setFixedWidth(min(wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
         self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
@@ -193,17 +157,12 @@ class Question(OverlayCard):
 
 
 class Cards:
-    """One question and one notice at most; the question lies on top."""
+    """One question at most over a part of the window."""
 
     def __init__(self, parent: QWidget) -> None:
         self._parent = parent
         self.question: OverlayCard | None = None
         self._kind = ""  # of the question
-        self.notice: OverlayCard | None = None
-        self._waits: tuple | None = None  # what the notice is about
-        self._over_s: float | None = None  # when the break may end
-
-    # questions
 
     def put(self, question: OverlayCard, kind: str = "") -> None:
         """Show a question, in place of another one."""
@@ -243,23 +202,6 @@ class Cards:
         card.inside.addLayout(columns)
         self.put(card)
 
-    def ask_to_leave(self, close: Callable[[], None]) -> None:
-        buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
-        self.put(OverlayCard("Close the session?", LEAVE, buttons, self._parent), "leave")
-
-    def ask_to_close(self, close: Callable[[], None], unsaved: str = "") -> None:
-        """unsaved: what would be lost; "": the running trial would be ended."""
-        title, text = (UNSAVED[0], UNSAVED[1].format(unsaved)) if unsaved else CLOSE
-        do = "Lose it and close" if unsaved else "Abort and close"
-        card = OverlayCard(
-            title,
-            text,
-            [("Keep recording  Enter" if not unsaved else "Cancel  Enter", self.leave), (f"{do}  Alt+C", close)],
-            self._parent,
-        )
-        card.key("Alt+C", close)
-        self.put(card, "abort")
-
     def leave(self) -> bool:
         """Take the question away; whether there was one."""
         question, self.question, self._kind = self.question, None, ""
@@ -271,15 +213,10 @@ class Cards:
         self.take_focus()
         return True
 
-    def _typing(self) -> bool:
-        """Whether the user is typing: a notice that comes must not take the next letters for an answer."""
-        at = self._parent.window().focusWidget()
-        return isinstance(at, QLineEdit) and at.isVisible()
-
     def take_focus(self) -> None:
-        """The keyboard is the card's that is up."""
-        if (card := self.question or self.notice) is not None:
-            card.take_focus()
+        """Give the keyboard to the card that is up."""
+        if self.question is not None:
+            self.question.take_focus()
 
     def withdraw(self, kinds: set[str]) -> None:
         """Take the question away if it is one of these."""
@@ -287,64 +224,5 @@ class Cards:
             self.leave()
 
     def press_main(self) -> bool:
-        """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
-        if self.question is not None:
-            return True
-        if self.notice is not None:
-            self.notice.enter()
-        return self.notice is not None
-
-    # notices
-
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> None:
-        """What the session waits for; page: sends what the buttons ask for."""
-        coming = snapshot.coming.configuration if snapshot.coming else ""
-        card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        has_notice = card is not None or snapshot.stage == m.FINISHED
-        waits = (card, coming, snapshot.blind, opened.folder) if has_notice else None
-        if waits == self._waits:
-            return
-        self._waits, self._over_s = waits, None
-        if self.notice is not None:
-            self.notice.hide()
-            self.notice.deleteLater()
-            self.notice = None
-        if waits is not None:
-            self.notice = self._make(opened, snapshot, page)
-            self.notice.appear(focused=self.question is None and not self._typing())
-            if self.question is not None:
-                self.question.raise_()
-
-    def _make(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> OverlayCard:
-        if (card := snapshot.card) is not None:
-            if card.wait_s or snapshot.stage == m.BREAK:
-                self._over_s = time.perf_counter() + card.wait_s
-            buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
-            if card.device_page:
-                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
-            return OverlayCard(card.title, card.text, buttons, self._parent)
-        kept = sum(bool(row.recording) for row in snapshot.rows)
-        are = "is" if kept == 1 else "are"
-        text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
-        lacking = len(finished_cells(snapshot.rows)[1])
-        if lacking:
-            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted), – (skipped) or e (excluded)."
-        buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
-        if snapshot.blind:
-            buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
-        buttons.append(("Next participant", lambda: page.send(m.Leave())))
-        return OverlayCard("Session complete", text, buttons, self._parent)
-
-    def show_time(self, now_s: float) -> None:
-        """The countdown of a break."""
-        if self._over_s is None or self.notice is None:
-            return
-        left = self._over_s - now_s
-        button = self.notice.buttons[0]
-        button.setEnabled(left <= 0.0)
-        title = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
-        if title != self.notice.title.text():
-            self.notice.title.setText(title)
-            if left <= 0.0:
-                self.notice.text.setText(RESTED)
-                button.setFocus()
+        """The space bar: whether there is a card that stands in the way of a start."""
+        return self.question is not None

@@ -1,0 +1,116 @@
+"""The cards of a session: what the experimenter asks for, and on notices what the session waits for."""
+
+import time
+from collections.abc import Callable
+
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.ipc import messages as m
+from app.window.widgets.cards import Ask, Cards, OverlayCard
+from app.window.widgets.page import ANALYSE, HOME, RUN, Page
+from app.window.widgets.words import LEAVE, clock
+from experiments.plan import counted
+from experiments.session.files import finished_cells
+
+ABORT = Ask(
+    "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
+    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
+    (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
+)  # fmt: skip
+REDO = Ask(
+    "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
+)  # fmt: skip
+SKIP = Ask(
+    "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
+    ("the participant asked", "short of time", "something is wrong with this condition"),
+)  # fmt: skip
+UNBLIND = Ask(
+    "unblind", "Open the key?",
+    "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
+    own="Who asks",
+)  # fmt: skip
+RESTED = "Go on when the participant is ready."
+
+
+class SessionCards(Cards):
+    """A notice besides the question, which lies on top of it."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.notice: OverlayCard | None = None
+        self._waits: tuple | None = None  # what the notice is about
+        self._over_s: float | None = None  # when the break may end
+
+    def ask_to_leave(self, close: Callable[[], None]) -> None:
+        buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
+        self.put(OverlayCard("Close the session?", LEAVE, buttons, self._parent), "leave")
+
+    def _typing(self) -> bool:
+        """Whether the user is typing: a notice that comes must not take the next letters for an answer."""
+        at = self._parent.window().focusWidget()
+        return isinstance(at, QLineEdit) and at.isVisible()
+
+    def take_focus(self) -> None:
+        if self.question is None and self.notice is not None:
+            self.notice.take_focus()
+        super().take_focus()
+
+    def press_main(self) -> bool:
+        """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
+        if self.question is None and self.notice is not None:
+            self.notice.enter()
+        return self.question is not None or self.notice is not None
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> None:
+        """What the session waits for; page: sends what the buttons ask for."""
+        coming = snapshot.coming.configuration if snapshot.coming else ""
+        card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
+        has_notice = card is not None or snapshot.stage == m.FINISHED
+        waits = (card, coming, snapshot.blind, opened.folder) if has_notice else None
+        if waits == self._waits:
+            return
+        self._waits, self._over_s = waits, None
+        if self.notice is not None:
+            self.notice.hide()
+            self.notice.deleteLater()
+            self.notice = None
+        if waits is not None:
+            self.notice = self._make(opened, snapshot, page)
+            self.notice.appear(focused=self.question is None and not self._typing())
+            if self.question is not None:
+                self.question.raise_()
+
+    def _make(self, opened: m.Opened, snapshot: m.Snapshot, page: Page) -> OverlayCard:
+        if (card := snapshot.card) is not None:
+            if card.wait_s or snapshot.stage == m.BREAK:
+                self._over_s = time.perf_counter() + card.wait_s
+            buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
+            if card.device_page:
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
+            return OverlayCard(card.title, card.text, buttons, self._parent)
+        kept = sum(bool(row.recording) for row in snapshot.rows)
+        are = "is" if kept == 1 else "are"
+        text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
+        lacking = len(finished_cells(snapshot.rows)[1])
+        if lacking:
+            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted), – (skipped) or e (excluded)."
+        buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
+        if snapshot.blind:
+            buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
+        buttons.append(("Next participant", lambda: page.send(m.Leave())))
+        return OverlayCard("Session complete", text, buttons, self._parent)
+
+    def show_time(self, now_s: float) -> None:
+        """The countdown of a break."""
+        if self._over_s is None or self.notice is None:
+            return
+        left = self._over_s - now_s
+        button = self.notice.buttons[0]
+        button.setEnabled(left <= 0.0)
+        title = f"Break · {clock(left)}" if left > 0.0 else "The break is over"
+        if title != self.notice.title.text():
+            self.notice.title.setText(title)
+            if left <= 0.0:
+                self.notice.text.setText(RESTED)
+                button.setFocus()
