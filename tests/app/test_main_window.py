@@ -120,7 +120,7 @@ def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_b
 
 def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
-    assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "run 5" in screens.run.cards.question.title.text()
+    assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "trial 5" in screens.run.cards.question.title.text()
     assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO.reasons[1])]
     assert screens.run.cards.question is None
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))

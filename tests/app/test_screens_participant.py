@@ -114,7 +114,7 @@ def test_a_long_text_becomes_smaller_and_leaves_the_next_one_as_large_as_before(
 def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:
     screens.hear(opened(), ready(0))
     assert len(screens.participant.view.outline)
-    for stage, word in ((m.BREAK, "Take a break"), (m.RERIG, "One moment"), (m.FINISHED, "Thank you")):
+    for stage, word in ((m.BREAK, "Take a break"), (m.RERIG, "One moment"), (m.FINISHED, "Thank you!")):
         screens.hear(ready(9, stage=stage))
         assert screens.participant.view.shown.large == word and not len(screens.participant.view.outline)
     screens.hear(ready(9, paused=True))
