@@ -27,7 +27,7 @@ from experiments.protocol import Protocol, load_protocol
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Sensors
 from experiments.session.session import Participant, Session
-from experiments.trial.trial import Trial
+from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.device import HeldHand
 from hardware.serial_device import SerialDevice
 from hardware.wire.messages import State
@@ -173,7 +173,7 @@ class Case:
         trial, writer = session.begin(planned, sensors)
         sent: list = []
         self.run = TrialRun(self.ring, SimpleNamespace(send=sent.append), trial, writer)
-        self.running: Trial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
+        self.running: RealTrial = pickle.loads(pickle.dumps(sent[0].trial))  # as it comes through the pipe
         self.course = self.steps()
         self.running.exchange = self.exchange
         try:
@@ -194,7 +194,7 @@ class Case:
         before = self.board.ticks
         if self.server_lives:
             self.ring.control.server_beat = round(1e9 * self.bench.now())
-        made = Trial.exchange(self.running)
+        made = RealTrial.exchange(self.running)
         if self.board.ticks == before:
             self.bench.pass_time(4)
         self.ticks += len(made)
