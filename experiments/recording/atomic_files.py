@@ -63,7 +63,7 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def refusing(path: Path, what: str) -> Iterator[None]:
-    """Turn an OSError that is the path's fault into the InputError "PATH: WHAT (reason)"; a full disk stays an OSError."""
+    """Turn an OSError that is the path's fault into the InputError "PATH: WHAT (reason)"; a full disk stays one."""
     try:
         yield
     except OSError as error:

@@ -128,7 +128,7 @@ def errors(ticks: np.ndarray) -> np.ndarray:
 
 
 def fill_field(path: Way, rows: np.ndarray) -> None:
-    """Fill columns that old ticks (n, tick_log.WIDTH) lack, as if the hand had never turned back; NaN outside `move`."""
+    """Fill what old ticks (n, tick_log.WIDTH) lack, as if the hand had never turned back; NaN outside `move`."""
     rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
     rows[:, tick_log.TRAVEL_SENSE] = 1.0
     moves = rows[:, tick_log.PHASE] == tick_log.MOVE
