@@ -12,11 +12,11 @@ from core.simulator.solver_numbers import DELTA_OMEGA
 START = (0.05, 0.40)
 
 
-def scene(bar, step, integrator="karnopp", wave=S1, commands=None, duration=1.0, delta_omega=DELTA_OMEGA):
-    """A simulation after a run under a waving hand, and its rows."""
-    simulation = Simulation(bar.device, START, hand=wave_hand(wave), integrator=integrator)
+def scene(bar, step, integrator="karnopp", wave=S1, commands=None, fidelity="ideal", delta_omega=DELTA_OMEGA):
+    """A simulation after a second under a waving hand, and its rows."""
+    simulation = Simulation(bar.device, START, fidelity=fidelity, integrator=integrator, hand=wave_hand(wave))
     simulation.state["delta_omega"][0] = delta_omega
-    return simulation, simulation.run(duration, step, yields(bar, 0.3) if commands is None else commands)
+    return simulation, simulation.run(1.0, step, yields(bar, 0.3) if commands is None else commands)
 
 
 def test_no_torque_exceeds_its_yield(bench):
