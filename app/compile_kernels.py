@@ -15,7 +15,7 @@ from core.kernels.cache import cache_place, tellers
 
 
 def compile_trials() -> None:
-    """A trial of a simulated operator on one path, with its measures; then a trial on a real device."""
+    """Run a trial of a simulated operator on one path, with its measures; then load what a real device needs."""
     from experiments.plan import PlannedTrial
     from experiments.protocol import load_protocol
     from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
@@ -30,7 +30,7 @@ def compile_trials() -> None:
 
 
 def compile_scene_and_loop() -> None:
-    """A step of a scene, with which every integrator is compiled; then the control loop."""
+    """Run a step of a scene, which needs every integrator; then the control loop."""
     from app.loop.loop import run_stopped_trial
     from core.device import load_device
     from core.simulator.simulation import Simulation
@@ -40,9 +40,9 @@ def compile_scene_and_loop() -> None:
 
 
 def main() -> int:
-    """Compile all of it and keep it on disk; a bar shows how far it is. Exit code 1 where the second process failed.
+    """Compile everything and store it, with a progress bar. Exit code 1 if the second process failed.
 
-    Where it would be gone with this process nothing is compiled.
+    Nothing is compiled where it could not be stored.
     """
     if INTERPRETED:
         return 0

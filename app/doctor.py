@@ -77,7 +77,7 @@ def libraries() -> Check:
 
 
 def run_python(code: str) -> subprocess.CompletedProcess:
-    """Python code, in a process of its own: Qt ends the process where it cannot work; a schedule stays with it."""
+    """Run Python code in its own process: Qt ends a process where it cannot work, and scheduling stays with it."""
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 

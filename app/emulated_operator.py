@@ -30,10 +30,10 @@ def drawn_operator(path: Path, seed: int) -> "EmulatedOperator":
 
 
 class EmulatedOperator:
-    """Holds the handle: goes from start to end, rests, and comes back to the start."""
+    """Moves the handle from start to end, rests, and returns to the start."""
 
     def __init__(self, person: Person, path: Path, tip: tuple[float, float], generator: np.random.Generator) -> None:
-        """tip: where the handle is, m. generator: of reaction, noise and tremor, drawn in the order of a trial's."""
+        """tip: of the handle, m. generator: of reaction, noise and tremor, drawn in the order of a trial's."""
         self._person, self._path, self._tip, self._random = person, path, tip, generator
         self.hand = new_hand()
         self._grips = self.hand.grips.view(np.ndarray)  # a plain array: calls from Python take longer with the other
@@ -53,10 +53,10 @@ class EmulatedOperator:
         self._phase_tick += 1
 
     def obey(self, order: dict) -> None:
-        """Orders; InputError where they make no sense.
+        """Follow an order; InputError if it makes no sense.
 
-        {"path": {..}}: from now on this one; {"wait": true}: at the start until {"go": true}; {"away": true}: it lets
-        go of the handle until {"away": false}.
+        {"path": {..}}: follow this path from now on; {"wait": true}: wait at the start until {"go": true}; {"away":
+        true}: let go of the handle until {"away": false}.
         """
         if unknown := set(order) - {"path", "wait", "go", "away"}:
             raise InputError(f"the operator does not know the order {min(unknown)!r}")
@@ -81,7 +81,7 @@ class EmulatedOperator:
         self.phase, self._phase_tick, self._there = phase, 0, 0
 
     def go_on(self, x: float, y: float) -> None:
-        """Enter the next phase where the handle has been long enough at the start, or at the end."""
+        """Enter the next phase once the handle has been at the start, or at the end, for long enough."""
         path = self._path
         if self.phase == APPROACH:
             self._there = self._there + 1 if math.hypot(x - path.x0, y - path.y0) <= START_RADIUS_M else 0

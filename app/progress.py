@@ -32,7 +32,7 @@ print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelR
 
 
 class ProgressBar:
-    """A progress bar for what takes over a second; called with the share done. Where stderr is no terminal: lines."""
+    """A bar for work of more than a second, called with the share done; lines where stderr is no terminal."""
 
     CELLS = 30
     LINE_S = 10.0  # between two lines
@@ -90,7 +90,7 @@ class ProgressBar:
 
 
 class CompileProgress:
-    """Shows which of how many kernels is being compiled, and adds up how long that takes (s)."""
+    """Shows which kernel of how many is being compiled, and adds up the time (s)."""
 
     def __init__(self) -> None:
         self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
@@ -117,7 +117,7 @@ def watch_compiling() -> CompileProgress:
 
 
 class ScreenCheck:
-    """Whether there is a screen: tried in a process of its own, beside whatever else has to be prepared."""
+    """Checks in another process whether there is a screen, while other things are prepared."""
 
     def __init__(self, purpose: str, without: str = "") -> None:
         """purpose: ends "there is no screen to ..."; without: what can be done all the same.
@@ -133,10 +133,10 @@ class ScreenCheck:
         )  # fmt: skip
 
     def check(self) -> None:
-        """Wait for the answer. InputError if there is no screen.
+        """Wait for the result. InputError: there is no screen.
 
-        On one with little room (a small one at 200 %) all is drawn smaller, so that nothing is cut; before a window is
-        made, for Qt reads the scale once.
+        On a small screen (or one at 200 %) everything is scaled down to fit; before a window is made, for Qt reads the
+        scale once.
         """
         answer, _ = self._tried.communicate()
         if self._tried.returncode != 0:

@@ -78,9 +78,9 @@ def main() -> int:
 
 
 def keep_bytecode() -> None:
-    """Keep compiled Python in .venv where the environment forbids it beside the sources, as many containers do.
+    """Store compiled Python in the .venv if the environment forbids it beside the sources, as many containers do.
 
-    Without any, every process compiles all that it imports: 2.5 s of a processor each time.
+    Without it every process compiles all that it imports: 2.5 s of a processor.
     """
     if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
         os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = str(VENV / "bytecode")
@@ -105,7 +105,7 @@ def is_ready(kind: str) -> bool:
 
 
 def stamp_now() -> str:
-    """What a finished set-up writes into its stamp: the place (a .venv cannot be moved), then checksums of the pins."""
+    """The stamp of a finished set-up: the place (a .venv cannot be moved), then checksums of the pins."""
     sums = [hashlib.sha256((ROOT / name).read_bytes()).hexdigest() for name in PINS]
     return "\n".join([place(), *sums]) + "\n"
 
@@ -167,7 +167,7 @@ def make_venv() -> None:
 
 
 def fill(kind: str) -> bool:
-    """Install what is pinned, and compile the kernels beside; whether pip succeeded."""
+    """Install the pinned packages and compile the kernels meanwhile; whether pip succeeded."""
     keep_bytecode()
     extras = "[test]" if kind == "test" else ""
     if not pip_install(*KERNEL_PACKAGES):
@@ -184,14 +184,14 @@ QUIET: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": sys.stderr, "clo
 
 
 def pip_install(*what: str) -> bool:
-    """As pinned; whether it succeeded. Not byte-compiled: Python does that with what it imports, a third of it."""
+    """Install as pinned; whether that succeeded. Python compiles what it imports later, a third of it all."""
     options = "--quiet --disable-pip-version-check --progress-bar off --no-compile -c constraints.txt".split()
     return subprocess.call([PYTHON, "-m", "pip", "install", *options, *what], cwd=ROOT, **QUIET) == 0
 
 
 @contextlib.contextmanager
 def one_at_a_time() -> Iterator[None]:
-    """A process that comes second waits, and finds the set-up done. A pip whose set-up was killed is waited for too."""
+    """Wait for another process that sets up, or for its pip if it was killed."""
     with open(ROOT / ".venv.lock", "w", encoding="utf-8") as lock:
         os.set_inheritable(lock.fileno(), not WINDOWS)
         waiting = False
@@ -229,7 +229,7 @@ def install_qt_libraries() -> None:
 
 
 def install_test_programs() -> None:
-    """A screen and a compiler; without them, the tests that need them are skipped."""
+    """Install a screen and a compiler; without them the tests that need them are skipped."""
     for programs, packages, what, skipped in TEST_PROGRAMS:
         if not all(map(shutil.which, programs)):
             try:
@@ -256,7 +256,7 @@ def is_there(library: str) -> bool:
 
 
 def install(purpose: str, packages: Sequence[str]) -> None:
-    """Install Debian packages where allowed, else end with the exact command to type."""
+    """Install Debian packages, or end with the exact command to type."""
     names = " ".join(packages)
     if shutil.which("apt-get") is None:
         stop(f"{purpose}: missing here, and there is no apt-get. The Debian packages are: {names}", TO_INSTALL)

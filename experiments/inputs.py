@@ -43,7 +43,7 @@ INPUTS = {
 
 
 def is_person(hand: str) -> bool:
-    """Whether a person moves the handle; a kind of hand that is not in the table counts as one."""
+    """Whether a person moves the handle; an unknown kind of hand counts as one."""
     return hand not in INPUTS or INPUTS[hand].person
 
 

@@ -73,7 +73,7 @@ def _cells(protocol: Protocol, coded: bool | None) -> list[Cell]:
 def make_plan(protocol: Protocol, participant: str, coded: bool | None = None) -> tuple[PlannedTrial, ...]:
     """All trials of a participant, in order; the same arguments give the same plan.
 
-    The first participant meets the devices as given, the second from the second on, .. coded: as in `_cells`.
+    The first participant begins with the first device, the second with the second, .. coded: as in `_cells`.
     """
     index = participant_index(participant)
     generator = np.random.default_rng(np.random.SeedSequence([protocol.seed, index]))
@@ -214,7 +214,7 @@ def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial]) -> 
 
 
 def plan_summary(protocol: Protocol) -> str:
-    """What a participant's session is made of, how many trials that gives, and about how long it takes."""
+    """The factors of a participant's session, its trials, and about how long it takes."""
     plan = make_plan(protocol, "1")
     parts = {"device": protocol.devices, "controller": protocol.controllers, "path": protocol.paths}
     factors = [counted(len(of), name) for name, of in parts.items()]
@@ -229,12 +229,12 @@ def counted(number: int, name: str) -> str:
 
 
 def grouped(number: float) -> str:
-    """A number as a person reads it: from a thousand on whole, with thin gaps between the thousands."""
+    """A number for people: whole from a thousand on, with thin gaps between the thousands."""
     return f"{number:,.0f}".replace(",", "\u202f") if abs(number) >= 1e3 else f"{number:g}"
 
 
 def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
-    """How many trials a session has, and how long it takes: breaks at their least, the rest at the assumed pace."""
+    """Trials and duration of a session: shortest breaks, everything else at the assumed pace."""
     configurations = len(protocol.devices)
     each = len(plan) // configurations
     breaks = sum(break_after(protocol, done, each - done) for done in range(1, each)) * configurations

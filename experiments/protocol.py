@@ -57,7 +57,7 @@ T = TypeVar("T")
 
 
 class TrialRules(TrialFile, frozen=True):
-    """How a trial goes, as a trial reads it: with release (None: off), assumptions, slave and obstacles."""
+    """The rules of a trial: with release (None: off), assumptions, slave and obstacles."""
 
     release: Release | None = Release()
     assumptions: Assumptions = Assumptions()
@@ -108,7 +108,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def low_gain_unknown(self) -> bool:
-        """Whether its low gain is given by the rule "no vibration", and the number has not been found yet."""
+        """Whether the low gain follows the rule "no vibration" and has not been found yet."""
         return self.assumptions.low_gain == NO_VIBRATION and "low_gain_found" not in self.overrides
 
     def refuse_unknown_low_gain(self) -> None:
@@ -137,14 +137,14 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return controller if isinstance(controller, str) else self.controllers[controller].name
 
     def refuse_stranger(self, participant: str) -> None:
-        """InputError if the protocol names its participants, and this is none of them."""
+        """InputError if the protocol names its participants and this is none of them."""
         if self.participants and participant not in self.participants:
             raise InputError(
                 f"participant {participant}: is none of the {self.name} protocol's ({', '.join(self.participants)})"
             )
 
     def refuse_answers(self, form: Mapping[str, str | float]) -> None:
-        """InputError if an answer of a participant's form is none that the protocol asks for."""
+        """InputError if the protocol does not ask for an answer of this form."""
         for name, answer in form.items():
             kind = self.form.get(name)
             if kind is None:
@@ -223,7 +223,7 @@ def read_picture(path: Path, where: str) -> bytes:
 
 
 def _device(reference: str | Path | Device, folder: Path, where: str) -> tuple[str, Device]:
-    """How a refusal names a device (by its file, where it came from one), and the device."""
+    """The name of a device for a refusal (its file, if it has one), and the device."""
     if isinstance(reference, Device):
         return f"device {reference.name}", reference
     device = load_device(reference, folder, f"{where}: unknown device")
@@ -346,7 +346,7 @@ def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]
 def _assumed(
     controllers: dict[int, Preset], assumptions: Assumptions, found: float | None, where: str
 ) -> dict[int, Preset]:
-    """The controllers under the assumptions; found: the low gain (N s/m) by the rule "no vibration"."""
+    """The controllers under the assumptions; found: the low gain (N s/m) of the rule "no vibration"."""
     controllers = {number: assumptions.controller(preset) for number, preset in controllers.items()}
     gain = assumptions.low_gain
     if gain is None:
@@ -364,7 +364,7 @@ def _low_gain_controller(controllers: Mapping[int, Preset]) -> int | None:
 
 
 def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathFile], where: str) -> None:
-    """InputError if a device, given with its name for the refusal, would run into a stop on a path."""
+    """InputError if a device (given with its name for the refusal) would hit a stop on a path."""
     for named, device in devices:
         for number, path in paths.items():
             places = outline(path, REACH_SPACING_M)
@@ -378,13 +378,13 @@ def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathF
 
 
 def presets_of(protocol: Protocol) -> list[Preset]:
-    """The controllers as they stand in the protocol's file, whatever is assumed or asked for in their place."""
+    """The controllers of the protocol's file, without assumptions and options."""
     file = parse_toml(protocol.text, ProtocolFile, protocol.name)
     return [controller.preset() for controller in file.controller]
 
 
 def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
-    """Everything that the protocol is, as plain dictionaries: its text, what was asked for instead, its devices."""
+    """A protocol as plain dictionaries: its text, the options, its devices."""
     return {
         "name": protocol.name,
         "text": protocol.text,
@@ -404,7 +404,7 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
 
 
 def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
-    """The protocol that was stored. InputError, or KeyError and TypeError where something is missing."""
+    """A stored protocol. InputError, or KeyError and TypeError if something is missing."""
     file = parse_toml(about["text"], ProtocolFile, f"{where}: protocol")
     devices = []
     for stored in about["devices"]:

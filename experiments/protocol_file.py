@@ -56,7 +56,7 @@ class Release(Table, frozen=True):
 
 
 class Cues(Table, frozen=True):
-    """Durations of the move that earn the participant a "slower" (shorter ones) or a "faster" (longer ones)."""
+    """Shorter moves than one and longer ones than the other earn the participant a "slower" or a "faster"."""
 
     too_fast_s: Positive
     too_slow_s: Positive
@@ -91,7 +91,7 @@ class MouseHand(Table, frozen=True):
 
 
 class Questionnaire(Table, frozen=True):
-    """Whether the participant answers a short questionnaire, and after what: so that answers belong to a condition."""
+    """Whether and when the participant answers a short questionnaire."""
 
     on: bool = False
     each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
@@ -120,7 +120,7 @@ class InstructionPage(NamedTuple):
 
 
 class Settings(Table, frozen=True, kw_only=True):
-    """The keys that an experiment has as they stand in its file. To add one: its line here."""
+    """The keys of an experiment, as in its file. To add one: its line here."""
 
     name: Text
     rules: Rules = "settled"
@@ -207,6 +207,6 @@ class Overrides(Table, frozen=True):
 
 
 def plain_text(value: str, key: str) -> None:
-    """For `__post_init__`: a ValueError unless the text can stand in tables and file names."""
+    """For `__post_init__`: ValueError if the text cannot stand in tables and file names."""
     if not value.isprintable() or value != value.strip() or any(letter in ';"/\\' for letter in value):
         raise ValueError(f'{key} must be plain text without ; " / or \\, not {value!r}')

@@ -87,10 +87,10 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
 
 
 def whole_text(protocol: Protocol, name: str, about: str) -> str:
-    """The protocol as it is run, as one file of this name that needs no other; about: the comment at its top.
+    """A protocol as one file of this name that needs no other; about: the comment at its top.
 
-    What was asked for in place of its file stands in it, devices and brakes too. Left out are instructions, a
-    translation, and the calibration of a force sensor: a simulated operator has no use for them.
+    Options, devices and brakes are part of it. Instructions, a translation and the calibration of a force sensor are
+    left out: a simulated operator needs none.
     """
     brakes: dict[str, dict[str, Any]] = {}  # by their text
     devices = []
@@ -120,7 +120,7 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
-    """What the protocol's file holds, but for what may stand in other files: devices, instructions, a translation."""
+    """The content of a protocol's file without what may stand in other files: devices, instructions, a translation."""
     left_out = ("instruction", "device", "brake")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
     if protocol.language not in shipped_languages():
@@ -137,7 +137,7 @@ def _controller(number: int, preset: Preset) -> dict[str, Any]:
 def _device_files(
     path: Path, device: Device, strength: float, backlash_deg: float | None
 ) -> tuple[dict[str, str], Device]:
-    """The files of a device with other brakes, by their names, and the device that they make."""
+    """The files of a device with other brakes, by name, and that device."""
     about, brakes = tomllib.loads(device.text), {}
     for number, (reference, text) in enumerate(device.brake_texts.items(), start=1):
         brake = tomllib.loads(text)
@@ -158,10 +158,7 @@ def _device_files(
 
 
 def points_of(path: Mapping[str, Any]) -> list[Pair]:
-    """The points (m) by which a path, as it stands in a file, is drawn: ends, corners, and the middle of an arc.
-
-    None where it is not a path.
-    """
+    """The points (m) that draw a path: ends, corners, and the middle of an arc; empty if it is no path."""
     try:
         found = path_from({key: value for key, value in path.items() if key != "number"}, "path")
     except InputError:
@@ -176,7 +173,7 @@ def points_of(path: Mapping[str, Any]) -> list[Pair]:
 
 
 def path_through(kind: str, points: Sequence[Pair]) -> dict[str, Any]:
-    """The path of a kind through points (m), as it stands in a file. InputError where there is none."""
+    """The path of a kind through points (m), as a file has it. InputError if there is none."""
     rounded = [[round(x, 6), round(y, 6)] for x, y in points]
     if len(points) < POINTS[kind]:
         raise InputError(f"path: {kind} needs {POINTS[kind]} points")

@@ -18,7 +18,7 @@ REWIRE_S = 0.2  # an emulated board is wired to another device and has started. 
 
 
 def check_hello(hello: Hello, device: Device) -> None:
-    """InputError, in one sentence, where this board is not what the device file says."""
+    """InputError if this board does not match the device file."""
     where = f"the board ({hello.serial.decode(errors='replace') or 'without a number'})"
     if hello.version != VERSION:
         raise InputError(f"{where} speaks version {hello.version} of the protocol, this program version {VERSION}")
@@ -49,7 +49,7 @@ def _listed(counts: tuple[int, ...]) -> str:
 
 
 def limits_of(hello: Hello, device: Device) -> SetLimits:
-    """What the board shall enforce: the currents of the brake files, and a speed for each encoder."""
+    """The limits for the board: the currents of the brake files, and a speed for each encoder."""
     speeds = tuple(round(SPEED_MAX / (2.0 * math.pi) * n) for n in hello.counts_per_rev)
     return SetLimits(currents_of(device), speeds)
 
@@ -69,7 +69,7 @@ def shortened(device: Device) -> str:
 
 
 def rewire_emulated(hello: Hello, port: str, device: Device) -> bool:
-    """Ask an emulated board of this user to be wired to a device; False: it is a real board, or another user's."""
+    """Ask an emulated board of this user to be wired to a device; False: it is another board."""
     number = emulated_ports().get(port)
     if not hello.serial.startswith(EMULATED.encode()) or number is None:
         return False

@@ -59,7 +59,7 @@ class Attached(NamedTuple):
 
     @property
     def who(self) -> tuple[str, str]:
-        """What stays the same when it is plugged in again; two of one kind without a number look the same."""
+        """What identifies a device that is plugged in again; two of one kind without a number look the same."""
         return self.ids, self.serial
 
 
@@ -79,7 +79,7 @@ def layouts() -> Layouts:
 
 
 def attached(listed: list[dict]) -> list[Attached]:
-    """The known six-axis devices in what `hid.enumerate()` lists (one device may be listed once per usage)."""
+    """The known six-axis devices in the list of `hid.enumerate()`, which may have a device several times."""
     by_ids = {ids: layout for layout in layouts().layout for ids in layout.devices}
     found = {}
     for entry in listed:
@@ -92,7 +92,7 @@ def attached(listed: list[dict]) -> list[Attached]:
 
 
 def decode(layout: Layout, report: bytes, counts: dict[str, int]) -> bool:
-    """Put the axes that a report carries into `counts`; False if it carries none (buttons, other lengths)."""
+    """Put the axes of a report into `counts`; False: it has none (buttons, other lengths)."""
     if not report or layout.length.get(str(report[0])) != len(report):
         return False
     for axis, (number, byte) in layout.axes.items():
@@ -125,7 +125,7 @@ def open_hid(path: bytes) -> Any:
 
 
 class HidHand:
-    """The newest deflection of one six-axis device, as a force in the plane of the handle."""
+    """The newest deflection of a six-axis device as a force in the plane of the handle."""
 
     def __init__(
         self, push: Callable[[float, float], None] = lambda fx_N, fy_N: None,
@@ -149,9 +149,9 @@ class HidHand:
         self._thread.start()
 
     def read(self) -> HidReading:
-        """The hand now, along x and y within `FORCE_FULL_N`: what a device reports beyond its full scale is garbage.
+        """The hand now, along x and y within `FORCE_FULL_N`; more than full scale is an error of the device.
 
-        No force while the device is away, or silent although it was deflected.
+        No force while the device is unplugged, or silent although it was deflected.
         """
         full = layouts().full_scale_counts
         with self._lock:

@@ -77,7 +77,7 @@ class Connection:
         self.wire.write(encode_frame(m.pack(message)))
 
     def read(self) -> list[tuple]:
-        """The messages that have come, samples among them once limits were set; waits some ms for the first byte."""
+        """The messages that have arrived (samples once limits were set); waits some ms for the first byte."""
         messages = []
         for payload in self._decoder.feed(self.wire.read()):
             message = (self._layout.unpack(payload) if self._layout else None) or m.unpack(payload)
@@ -88,7 +88,7 @@ class Connection:
         return messages
 
     def ask(self, question: tuple, kind: type[Answer], patience_s: float = ANSWER_S) -> Answer:
-        """The board's answer of this kind; what else comes meanwhile is dropped. DeviceError: refused, or none came."""
+        """The board's answer of this kind; other messages are dropped. DeviceError: refused, or no answer."""
         end = self._clock() + patience_s
         again, late = -math.inf, False
         while not late:
@@ -129,7 +129,7 @@ def refusal(question: tuple, reason: int) -> str:
 
 
 def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
-    """mA for currents (4,), A: each within 0 and its limit, 0 where it is not finite; and whether one was put right.
+    """mA for currents (4,), A: each between 0 and its limit, 0 if not finite; and whether one was changed.
 
     The last line before the wire.
     """
@@ -140,7 +140,7 @@ def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
 
 @dataclass
 class Health:
-    """Counted since the device was opened, for the device page and for each recording."""
+    """Counters since the device was opened, for the device page and each recording."""
 
     samples: int = 0
     lost: int = 0  # samples that never came
@@ -223,13 +223,13 @@ class SerialDevice:
 
     @property
     def zeroed(self) -> bool:
-        """Whether the zero of this board, since its last start, is known; a board without force sensor needs none."""
+        """Whether the zero of this board is known since its last start; none is needed without a force sensor."""
         return self.sensing is not None and (self.sensing.zero.samples > 0 or self.force_channels == 0)
 
     # ----------------------------------------------------------------------------------------- from first to last
 
     def open(self) -> None:
-        """Reach the force sensor, then the board, which does not wait. InputError: not there, or another board."""
+        """Connect the force sensor, then the board, which does not wait. InputError: not there, or another board."""
         if self._net_force:
             self._force_sensor = NetFT(self._net_force)
         try:
@@ -252,7 +252,7 @@ class SerialDevice:
             raise
 
     def _shake_hands(self, connection: Connection) -> Reached:
-        """DeviceError: no answer, or refused. InputError: another board than the device file says."""
+        """DeviceError: no answer, or refused. InputError: the board does not match the device file."""
         device, hello = self.device, connection.hello()
         if wired_to(hello) != shortened(device) and rewire_emulated(hello, connection.wire.name, device):
             hello = connection.hello()
@@ -265,9 +265,9 @@ class SerialDevice:
         return Reached(connection, BoardSensing(device, hello, before, fault), limits_mA)
 
     def _known(self, connection: Connection, hello: Hello) -> tuple[BoardSensing | None, str]:
-        """What is known of this board, if it has had power since; and what is wrong if it says so but has not.
+        """What is known of this board if it has had power since; and what is wrong if it wrongly says so.
 
-        A board that gives the same number of starts after a power-up is found out by its clock.
+        A board that repeats its number of starts after a power-up is found out by its clock.
         """
         before = self.sensing
         if before is None or (before.hello.serial, before.hello.starts) != (hello.serial, hello.starts):

@@ -53,7 +53,7 @@ def bench(args: argparse.Namespace) -> None:
 
 
 def bench_other(args: argparse.Namespace, option: str) -> None:
-    """How the cost of a study grows with its trials, or how late the control loop's ticks are."""
+    """Measure how the cost of a study grows with its trials, or how late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError(f"{option}: takes neither --out nor --quick")
     from app.verbs import growth, loop_lateness

@@ -111,7 +111,7 @@ def copy_python(folder: Path) -> None:
 
 
 def libraries() -> list[str]:
-    """What the program needs, and what that needs in turn: names of installed distributions."""
+    """Names of the installed distributions that the program needs, directly or not."""
     from packaging.requirements import Requirement
 
     from app.doctor import wanted_libraries

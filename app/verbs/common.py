@@ -76,7 +76,7 @@ def whole_number_of(at_least: int, at_most: float = math.inf) -> Callable[[str],
 
 
 def number_between(above: float, below: float, wanted: str) -> Callable[[str], float]:
-    """The type of an argument: a number between two others, without them; a refusal says that it must be `wanted`."""
+    """The type of an argument: a number between two others, exclusive; `wanted` describes it in a refusal."""
 
     def number(text: str) -> float:
         with contextlib.suppress(ValueError):
@@ -109,7 +109,7 @@ def devices_of(args: argparse.Namespace) -> list:
 
 
 def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compiles: bool = False) -> Any:
-    """Make the verb's one call, with a bar; compiles: another bar shows first which kernels are compiled."""
+    """Call a function with a progress bar; compiles: another bar shows the kernels compiled before."""
     if compiles:
         watch_compiling()
     with contextlib.closing(ProgressBar(doing)) as progress:

@@ -42,7 +42,7 @@ class Cost(NamedTuple):
 
 
 def measure_all(progress: Progress = no_progress) -> list[dict]:
-    """Make a study of each size and run every command on it; a row each. InputError if one fails."""
+    """Make a study of each size and run every command on it; a row each. InputError if a command fails."""
     found: list[Cost] = []
     with tempfile.TemporaryDirectory(prefix="phd-growth-") as folder:
         for n, people in enumerate(PEOPLE):

@@ -30,7 +30,7 @@ WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a tri
 
 
 def measure_all(seconds: float, progress: Progress = no_progress) -> list[dict]:
-    """`measure` with and without the real-time privilege, if there is one, each alone and beside a process per core."""
+    """`measure` with and without the real-time privilege, if there is one, alone and beside a process per core."""
     cores = len(program_cores()) or os.cpu_count() or 1
     found: list[dict] = []
     for real_time in (True, False):
@@ -44,8 +44,8 @@ def measure_all(seconds: float, progress: Progress = no_progress) -> list[dict]:
 def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Progress = no_progress) -> dict:
     """Run the loop for this time: its lateness (us), missed ticks, and its scheduling.
 
-    busy: processes beside it that do nothing but compute. real_time: try scheduling that needs a privilege.
-    OSError if the loop dies or does not answer.
+    busy: processes beside it that only compute. real_time: try scheduling that needs a privilege. OSError if the loop
+    dies or does not answer.
     """
     most, ticks, pieces, tick_us, tick_max_us = round(1000 * seconds), 0, [], 0.0, 0.0
     ring = Ring()
@@ -87,7 +87,7 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
 
 
 def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
-    """Watch the loop until something is over. OSError if the loop is lost, or it takes too long."""
+    """Watch the loop until `over`. OSError if the loop is lost, or it takes too long."""
     deadline = time.perf_counter() + WAIT_S
     while not over():
         ring.beat()
@@ -133,7 +133,7 @@ def cpu_load(n: int) -> Iterator[None]:
 
 
 def main() -> None:
-    """The process of `cpu_load`: compute as long as its parent lives, on any core as a foreign program would."""
+    """A process of `cpu_load`: compute, on any core, until the parent ends."""
     leave_core(-1)
     end_with(int(sys.argv[1]))
     number = 1

@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int | None:
 
 
 def port_of(args: argparse.Namespace) -> str:
-    """The port that --link names, which need not be there; "": none. InputError: it names none, or does not go with
-    --input or --force.
+    """The port of --link, which need not exist; "": none. InputError: it is none, or does not go with --input or
+    --force.
     """
     if args.link == "sim":
         if args.force:
@@ -118,7 +118,7 @@ def port_of(args: argparse.Namespace) -> str:
 
 
 def reached(port: str, force: str) -> str:
-    """As `Setup.link`. InputError: there is no such port, or no such force sensor answers."""
+    """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
     if not port:
         return ""
     from hardware.serial_port import find_port, is_missing

@@ -79,7 +79,7 @@ class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
     def __init__(self, folder: Path, shift_dates: bool = False) -> None:
-        """shift_dates: by days of each participant's own, drawn anew and not kept, to before 1925."""
+        """shift_dates: to before 1925, by days drawn for each participant and not stored."""
         self.folder, self._shift_dates = folder, shift_dates
         self._shifts: dict[str, timedelta] = {}  # subject -> of its dates
         self._hands: dict[str, str] = {}  # subject -> hand

@@ -70,9 +70,9 @@ _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
 
 
 def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
-    """What a column of a recording means. InputError if it is not described: another version wrote it.
+    """The meaning of a column of a recording. InputError: another version wrote it.
 
-    command_unit: of what was commanded to the brakes, where it was no current.
+    command_unit: of what was commanded to the brakes, if that was no current.
     """
     if name not in RECORDING:
         raise InputError(f"recording: column {name} is not described, it cannot be exported")
@@ -84,10 +84,10 @@ def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
 
 
 def controller_levels(rows: Iterable[TrialRow], sessions: Iterable[Path]) -> dict[str, dict[str, str]]:
-    """What the cells of the columns `controller` and `controller_name` stand for: column -> cell -> words.
+    """The meaning of the cells of `controller` and `controller_name`: column -> cell -> words.
 
-    From the protocols that the sessions (.../sub-01/ses-01) were run by, which may number other controllers alike; of a
-    blind session no more than the code.
+    From the protocols of the sessions (.../sub-01/ses-01), which may number different controllers alike; for a blind
+    session only the code.
     """
     presets: dict[str, Mapping[int, Preset]] = {}
     for folder in sessions:
@@ -106,7 +106,7 @@ def controller_levels(rows: Iterable[TrialRow], sessions: Iterable[Path]) -> dic
 
 
 def scale_column(name: str) -> DictionaryEntry:
-    """What a scale of the questionnaire means; one of another version is only named."""
+    """The meaning of a scale of the questionnaire; one of another version is only named."""
     return SCALES.get(name) or DictionaryEntry(f"answer on the scale {name}, 0 to 100")
 
 
@@ -231,10 +231,10 @@ def write_answers_and_notes(
 
 
 def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
-    """The answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json. Nothing without answers.
+    """Write the answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json; nothing without answers.
 
-    A participant has one row there, so a column is a scale after one block: "three-brake_block-1_effort", or after one
-    controller: "three-brake_controller-3_effort".
+    A column is a scale after one block, "three-brake_block-1_effort", or one controller: "three-
+    brake_controller-3_effort".
     """
     if not answers:
         return

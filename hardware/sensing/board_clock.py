@@ -74,8 +74,7 @@ class ClockModel:
     def went_on(self, board_us: int, asked_s: float) -> bool:
         """Whether a board that says `board_us`, asked at host time `asked_s`, has had power since its newest sample.
 
-        Its clock has not gone back, and stood at zero before that sample: else it was powered up in between. A board
-        that never said a time went on.
+        Else its clock has gone back, or began after that sample. A board that never said a time went on.
         """
         if board_us < self._newest_us:
             return False
@@ -107,11 +106,11 @@ def fit_line(points: np.ndarray) -> ClockFit:
 
 
 class FreshnessWatch:
-    """Whether the board still takes for fresh what is sent: the host's end of docs/protocol.md, "Commands".
+    """Whether the board still takes commands for fresh: the host's end of docs/protocol.md, "Commands".
 
-    A board calls a command late by its own clock and the host's. Where the host's clock stood still (a virtual machine
-    that was paused, a suspend that was given up), every command is late from then on, for minutes. Only a new
-    connection helps: with it freshness begins anew, and the currents are zero until some are asked for.
+    A board calls a command late by both clocks. If the host's clock stood still (a paused virtual machine, an aborted
+    suspend), every command is late from then on, for minutes. Only reconnecting helps: freshness then starts again, and
+    the currents are zero until some are commanded.
     """
 
     def __init__(self) -> None:
@@ -131,7 +130,7 @@ class FreshnessWatch:
         return ""
 
     def _stood_still(self, board_s: float, came_s: float) -> float:
-        """How much earlier a sample came than the quickest before it, s: nothing is quicker but by a clock."""
+        """How much earlier a sample came than the quickest before it, s: only a clock can cause that."""
         behind = came_s - board_s
         if self._least is None or board_s < self._last:  # the first one, or the board's clock went back
             self._began, self._least = board_s, behind

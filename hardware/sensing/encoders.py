@@ -33,10 +33,10 @@ class Pose(NamedTuple):
 
 
 class PoseSensing:
-    """Counts of the encoders there are, in the order A, E, B, C, to poses; remembers the last one."""
+    """Converts encoder counts, in the order A, E, B, C, to poses; remembers the last pose."""
 
     def __init__(self, device: Device, joints: tuple[int, ...], counts_per_rev: tuple[int, ...]) -> None:
-        """joints: which have an encoder; counts_per_rev (4,). InputError where they do not say where the tip is."""
+        """joints: with an encoder; counts_per_rev (4,). InputError if they do not determine the tip."""
         if joints == (E, C) and device.mechanism.coaxial:
             raise InputError(
                 f"device {device.name}: encoders at E and C alone do not say where the tip is (the bases coincide)"
@@ -52,7 +52,7 @@ class PoseSensing:
         self._last: Pose | None = None
 
     def counts_at(self, tip: tuple[float, float]) -> tuple[int, ...]:
-        """What the encoders should stand at with the handle at a tip (m); 0 at joints without one."""
+        """The counts of the encoders with the handle at a tip (m); 0: no encoder."""
         joint_angles(self._mechanism, tip[0], tip[1], self._theta)
         turns = (self._theta / TURN).tolist()
         return tuple(round(turns[i] * self._per_rev[i]) if i in self.joints else 0 for i in range(4))
@@ -122,7 +122,7 @@ class PoseSensing:
         return min(fitting, key=lambda p: math.dist(p, last))
 
     def _elbows_fit(self, tip: tuple[float, float], *circles: Circle) -> bool:
-        """Whether the elbows that encoders at the bases show lie on the sides on which the device has them."""
+        """Whether the elbows shown by encoders at the bases lie on the device's sides."""
         for joint, (x, y, _) in zip(self.joints, circles, strict=True):
             if joint % 2 == 0:
                 arm = self._arms[joint // 2]
@@ -133,5 +133,5 @@ class PoseSensing:
 
 
 def load_kernels(device: Device) -> None:
-    """Compile, or load, what a pose needs: seconds that no board waits for once samples flow."""
+    """Compile or load what a pose needs, before samples flow."""
     joint_angles(pack_mechanism(device.mechanism)[0], 0.0, 0.0, np.zeros(4))

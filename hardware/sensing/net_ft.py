@@ -79,7 +79,7 @@ class NetFT:
 
 
 def check_force(text: str) -> None:
-    """InputError, in one sentence, where `text` (netft:HOST) is no sensor that answers."""
+    """InputError if `text` (netft:HOST) is no sensor that answers."""
     if not text.startswith(NET_FT) or text == NET_FT:
         raise InputError(f"--force: must be netft:HOST, not {text!r}")
     NetFT(text.removeprefix(NET_FT)).close()

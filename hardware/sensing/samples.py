@@ -28,13 +28,13 @@ NO_ZERO = ZeroRecord(0, (), (), (0.0, 0.0, 0.0, 0.0))  # none has been taken
 
 
 def sensing_of(device: Device) -> tuple[Encoders, ForceSensor | None]:
-    """The encoders and the force sensor of a device; the usual ones where its file has no [sensing]."""
+    """The encoders and the force sensor of a device; the usual ones if its file has no [sensing]."""
     sensing = device.sensing or USUAL
     return sensing.encoders or USUAL_ENCODERS, sensing.force
 
 
 class BoardSensing:
-    """What one board's counts mean. InputError where board and device file do not fit."""
+    """Converts the counts of one board. InputError if board and device file do not fit."""
 
     def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None, fault: str = "") -> None:
         """before: of the connection before this one, whose zero and clock hold: the same board went on.
@@ -54,7 +54,7 @@ class BoardSensing:
         self._brakes = joints_of(hello.brakes)
 
     def set_zero(self, zero: ZeroRecord) -> None:
-        """What the force channels and amplifiers read without a hand and without current."""
+        """Set what force channels and amplifiers read without a hand and without current."""
         self.zero = zero
         if zero.samples:
             self.force.zero = np.array(zero.force_counts)
@@ -141,7 +141,7 @@ def slope_and_half(times: np.ndarray) -> np.ndarray:
 
 
 class ForceSensing:
-    """From the counts of the force channels to the hand force, N, in the frame of the device.
+    """Converts the counts of the force channels to the hand force, N, in the device's frame.
 
     load (6,) = calibration (6 x 6, the identity without one) x unit x (counts - zero); its first two components, turned
     by how the sensor is mounted, are its reading; hand force = reading + inertia_beyond_kg x acceleration of the tip.
