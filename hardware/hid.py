@@ -32,7 +32,7 @@ WAIT_MS = 8  # longest wait for a report
 MOST_REPORTS = 64  # drained at a time
 
 
-class Layout(Table, frozen=True):
+class ReportLayout(Table, frozen=True):
     """A report format of six-axis devices."""
 
     name: str
@@ -41,11 +41,11 @@ class Layout(Table, frozen=True):
     axes: dict[str, tuple[int, int]]  # axis -> report number, byte after it
 
 
-class Layouts(Table, frozen=True):
+class ReportLayouts(Table, frozen=True):
     usage_page: int
     usage: int
     full_scale_counts: int
-    layout: tuple[Layout, ...]
+    layout: tuple[ReportLayout, ...]
 
 
 class Attached(NamedTuple):
@@ -54,7 +54,7 @@ class Attached(NamedTuple):
     path: bytes  # where the system has it
     ids: str  # "046d:c626"
     product: str
-    layout: Layout
+    layout: ReportLayout
     serial: str = ""
 
     @property
@@ -74,8 +74,8 @@ class HidReading(NamedTuple):
 
 
 @cache
-def layouts() -> Layouts:
-    return parse_toml(read_text(_FILE), Layouts, _FILE.name)
+def layouts() -> ReportLayouts:
+    return parse_toml(read_text(_FILE), ReportLayouts, _FILE.name)
 
 
 def attached(listed: list[dict]) -> list[Attached]:
@@ -91,7 +91,7 @@ def attached(listed: list[dict]) -> list[Attached]:
     return list(found.values())
 
 
-def decode(layout: Layout, report: bytes, counts: dict[str, int]) -> bool:
+def decode(layout: ReportLayout, report: bytes, counts: dict[str, int]) -> bool:
     """Put the axes of a report into `counts`; False: it has none (buttons, other lengths)."""
     if not report or layout.length.get(str(report[0])) != len(report):
         return False

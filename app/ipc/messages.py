@@ -392,7 +392,7 @@ class CheckTiming(NamedTuple):
     ticks: int
 
 
-class Run(NamedTuple):
+class RunTrial(NamedTuple):
     trial: "Trial"
 
 
@@ -433,7 +433,7 @@ class TimingChecked(NamedTuple):
     lateness_us: "np.ndarray"  # (n,)
 
 
-class Done(NamedTuple):
+class TrialReturned(NamedTuple):
     """A trial has ended, or is handed back before its end."""
 
     changed: "Changed"  # by running it; see `Trial.take_back`

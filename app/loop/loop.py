@@ -130,9 +130,9 @@ class Loop:
                     lateness = np.empty(ticks)
                     run_idle(lateness, self._timer)
                     self._answer(m.TimingChecked(lateness))
-                case m.Run(trial):
+                case m.RunTrial(trial):
                     self.run(trial)
-                    self._answer(m.Done(trial.changed()))
+                    self._answer(m.TrialReturned(trial.changed()))
                     if trial.finished:  # else it comes back at once
                         gc.collect()
                 case m.Connect(devices):

@@ -1,6 +1,6 @@
 """The session server's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
-from app.ipc.messages import DEFAULT, REAL_TIME, DeviceStatus, Done, Run
+from app.ipc.messages import DEFAULT, REAL_TIME, DeviceStatus, RunTrial, TrialReturned
 from app.ipc.pipe import Child
 from app.ipc.ring import Ring
 
@@ -32,13 +32,13 @@ class LoopProcess(Child):
 
     def send(self, job: object) -> None:
         """Send a job; does not wait for it."""
-        self._running = isinstance(job, Run)
+        self._running = isinstance(job, RunTrial)
         super().send(job)
 
     def receive(self, wait_s: float = 0.0) -> list:
         """Its answers since the last call; waits at most `wait_s` for the first."""
         answers = super().receive(wait_s)
         for answer in answers:
-            self._running &= not isinstance(answer, Done)
+            self._running &= not isinstance(answer, TrialReturned)
             self._beats |= isinstance(answer, DeviceStatus)
         return answers

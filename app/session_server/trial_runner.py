@@ -2,7 +2,7 @@
 
 import contextlib
 
-from app.ipc.messages import Check, CheckTiming, Done, Prepared, Run, Timing, TimingChecked
+from app.ipc.messages import Check, CheckTiming, Prepared, RunTrial, Timing, TimingChecked, TrialReturned
 from app.ipc.ring import (
     BRAKES_OFF,
     END_TRIAL,
@@ -49,7 +49,7 @@ class TrialRun:
         ring.begin_trial(grasp, None if trial.real else (trial.path.x0, trial.path.y0))
         self.recorder = Recorder(ring, writer, on_ticks)
         trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
-        loop.send(Run(trial))
+        loop.send(RunTrial(trial))
 
     @property
     def name(self) -> str:
@@ -71,7 +71,7 @@ class TrialRun:
         """Whether the loop was asked to hand the trial back."""
         return int(self._ring.control.stop) == HAND_BACK
 
-    def returned(self, answer: Done, scheduling: str) -> None:
+    def returned(self, answer: TrialReturned, scheduling: str) -> None:
         """Take the trial back from the loop. After its last tick the recorder is closed; a trial that was handed back
         before goes on later.
         """
@@ -169,7 +169,7 @@ class TrialRunner:
         self.run = run
         if run.is_handed_back:  # else it is to end
             self._ring.control.stop = 0
-        self._loop.send(Run(run.trial))
+        self._loop.send(RunTrial(run.trial))
 
     def send(self, job: object) -> None:
         self._loop.send(job)
@@ -192,7 +192,7 @@ class TrialRunner:
                     self._loop.send(CheckTiming(TRY_TICKS))
                 case TimingChecked(lateness_us):
                     self._idle_timing = timing_of(lateness_us, self._scheduling_words)
-                case Done():
+                case TrialReturned():
                     assert self.run is not None
                     ended, self.run = self.run, None
                     self._let_go = ended.trial.simulation if self._ring.grasp == LET_GO else None

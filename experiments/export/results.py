@@ -147,7 +147,7 @@ def _answers(sessions: Sequence[Path]) -> list[Answers]:
     return [a._replace(controller=keys[a.participant].get(str(a.controller), a.controller)) for a in answers]
 
 
-class Job(NamedTuple):
+class ResultsJob(NamedTuple):
     """What is shown, and where it is to be written."""
 
     page: str  # of `charts`

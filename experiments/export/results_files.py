@@ -21,7 +21,7 @@ from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import QUIET, STYLE, new_figure
 from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, write_table
 from experiments.export.files import answers_and_notes, write_answers_and_notes
-from experiments.export.results import Job, Results, read_results
+from experiments.export.results import Results, ResultsJob, read_results
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import new_folders, write_new_file
 from experiments.recording.reader import read_recording
@@ -51,7 +51,7 @@ LISTED = {
 }
 
 
-def write_results(job: Job, progress: Progress = no_progress) -> int:
+def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
     """Write what the page shows: its figures, the trials, the answers and notes; how many files.
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.

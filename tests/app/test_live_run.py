@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numba import typeof
 from waiting import LONG_S
 
-from app.ipc.messages import CheckTiming, Run, TimingChecked
+from app.ipc.messages import CheckTiming, RunTrial, TimingChecked
 from app.ipc.ring import Ring
 from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
@@ -204,5 +204,5 @@ def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
 
 
 def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
-    sent = pickle.loads(pickle.dumps(Run(new_one(SOMEBODY)))).trial.arguments()
+    sent = pickle.loads(pickle.dumps(RunTrial(new_one(SOMEBODY)))).trial.arguments()
     assert typeof(sent) == typeof(stopped_trial().arguments())

@@ -18,7 +18,7 @@ from processes import gone
 from real_bench import RealBench
 from waiting import wait_until
 
-from app.ipc.messages import NotDone, Reset, Run
+from app.ipc.messages import NotDone, Reset, RunTrial
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from core import tick_log
@@ -72,7 +72,7 @@ class Exit(Case):
 
 def work(loop: Loop, trial) -> None:
     """The loop's whole life: this trial, and then the end of its input."""
-    loop.jobs.put(Run(trial))
+    loop.jobs.put(RunTrial(trial))
     loop.jobs.put(None)
     read, write = os.pipe()  # a session server that lives
     try:

@@ -18,7 +18,7 @@ from experiments.export.files import (
     write_answers_and_notes,
     write_phenotype,
 )
-from experiments.export.results import Job
+from experiments.export.results import ResultsJob
 from experiments.export.results_files import write_results
 from experiments.session.files import pooled_rows
 
@@ -101,7 +101,7 @@ def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
 def job(shown, data, folder, sessions):
     """What the page Analyse exports."""
     view = View(("three-brake",), LABELS)
-    return Job(POOLED, tuple(shown), (), view, "note", data, tuple(sessions), folder)
+    return ResultsJob(POOLED, tuple(shown), (), view, "note", data, tuple(sessions), folder)
 
 
 def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):

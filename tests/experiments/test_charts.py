@@ -25,7 +25,7 @@ from experiments.analysis.charts import (
     legend,
 )
 from experiments.analysis.trials_table import write_table
-from experiments.export.results import Job, read_results
+from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import lateness_causes, session_lines, write_results
 from experiments.recording.atomic_files import first_free
 from experiments.recording.reader import read_recording
@@ -183,7 +183,7 @@ def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
 @pytest.mark.parametrize(("page", "name"), [(POOLED, "path_error"), (ORDER, "path_error_by_run")])
 def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_over_anything(tmp_path, page, name):
     rows = tuple(study())
-    job = Job(page, rows, (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
+    job = ResultsJob(page, rows, (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
     assert write_results(job) == 10
     there = {path.name for path in job.folder.iterdir()}
     assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
@@ -201,7 +201,7 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
         "run 1 repeated: looked away", "run 2 excluded: the participant sneezed", "asked to move a little slower",
     ):  # fmt: skip
         assert part in text
-    job = Job(POOLED, (), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
+    job = ResultsJob(POOLED, (), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
     assert write_results(job) == 1
     assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
 

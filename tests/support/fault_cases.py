@@ -14,7 +14,7 @@ from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Ki
 from real_bench import RealBench
 from simulated_bench import BenchWire, TcpWire
 
-from app.ipc.messages import GOOD, DeviceStatus, Done, HomeAt, Reset
+from app.ipc.messages import GOOD, DeviceStatus, HomeAt, Reset, TrialReturned
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from app.session_server.preflight import check_real, with_advice
@@ -256,7 +256,7 @@ class Case:
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return
-        self.run.returned(Done(self.running.changed()), "")
+        self.run.returned(TrialReturned(self.running.changed()), "")
         self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.finish(session)
 

@@ -10,7 +10,7 @@ from live import Window
 from simulated_bench import Bench, BenchWire
 
 from app.ipc import messages as m
-from app.ipc.messages import CheckTiming, Done, Prepared, Run, Setup, TimingChecked
+from app.ipc.messages import CheckTiming, Prepared, RunTrial, Setup, TimingChecked, TrialReturned
 from app.ipc.ring import HAND_BACK, Ring
 from app.ipc.scheduling import Scheduling
 from app.loop.loop import Loop
@@ -41,7 +41,7 @@ class SimulatedLoop:
         match pickle.loads(pickle.dumps(job)):  # as through the pipe
             case CheckTiming(ticks):
                 self._answers.append(TimingChecked(np.zeros(ticks)))
-            case Run(trial):
+            case RunTrial(trial):
                 self._trial = trial
                 self._force_max = float(trial.simulation.hand.grips["force_max"][0])
 
@@ -58,7 +58,7 @@ class SimulatedLoop:
         for _ in range(PIECE):
             if ring.control.stop == HAND_BACK:
                 grip.force_max = self._force_max
-                self._answers.append(Done(self._trial.changed()))
+                self._answers.append(TrialReturned(self._trial.changed()))
                 self._trial = None
                 return
             end_early(ring.controls, running.run, int(ring.control.server_beat), len(ring.rows))  # never silent
@@ -69,7 +69,7 @@ class SimulatedLoop:
             put(ring.controls, ring.rows, row[0])
             if self._trial.finished:
                 grip.force_max = self._force_max
-                self._answers.append(Done(self._trial.changed()))
+                self._answers.append(TrialReturned(self._trial.changed()))
                 self._trial = None
                 return
 

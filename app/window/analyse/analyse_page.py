@@ -49,7 +49,7 @@ from experiments.analysis.charts import (
 )
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
-from experiments.export.results import Job, Results, conclude, read_results
+from experiments.export.results import Results, ResultsJob, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free, partial_name
 from experiments.session.files import STORED, STUDY, finished_cells
@@ -71,7 +71,7 @@ NO_FOLDER = "No data folder is open: choose one on Home."
 class AnalysePage(Page):
     """Everything of a data folder: of the open session's, or of one that was asked for."""
 
-    _job: Job  # of the newest export, once there was one
+    _job: ResultsJob  # of the newest export, once there was one
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
@@ -387,7 +387,7 @@ class AnalysePage(Page):
         page = self.page if self.page != FINDINGS else POOLED
         whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
         folder = first_free(whole, "results")  # there when all of it has been written
-        self._job = Job(
+        self._job = ResultsJob(
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
         self._cancelled = False

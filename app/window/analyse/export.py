@@ -1,4 +1,4 @@
-"""The process of an export: a pickled Job on its standard input, progress and what went wrong on standard error."""
+"""The process of an export: a pickled ResultsJob on standard input, progress and errors on standard error."""
 
 import contextlib
 import os
