@@ -85,16 +85,6 @@ def test_the_windows_import_no_plots_and_no_statistics() -> None:
     assert run_python(code) == ""
 
 
-def test_a_first_kernel_does_not_import_scipy_which_can_be_imported_afterwards() -> None:
-    code = (
-        "import sys; from core.path import Segment, outline;"
-        "points = outline(Segment((0.0, 0.0), (0.0, 0.1)), 0.05);"
-        "before = 'scipy.linalg' in sys.modules;"
-        "from scipy.linalg import norm; print(before, norm(points[-1]))"
-    )
-    assert run_python(code) == "False 0.1"
-
-
 @pytest.fixture
 def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress.sys, "platform", "linux")
