@@ -43,6 +43,7 @@ from experiments.protocol import Protocol
 from experiments.protocol_writer import Variant, save_variant
 from experiments.recording.schema import recording_of
 from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
+from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions, Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
@@ -286,10 +287,13 @@ class Sandbox:
         self.settings = s = s._replace(device=name)  # of a real one: the board's
         self._begun += 1
         planned = PlannedTrial(0, 0, name, s.controller, s.path, self._begun)
-        person, generator = person_at(self._setup, p, "0"), np.random.default_rng(self._number)
-        trial = Trial(
-            device, planned, Conditions(p.paths[s.path], self._preset(s), s.rules, p.trial), person, generator
-        )
+        conditions = Conditions(p.paths[s.path], self._preset(s), s.rules, p.trial)
+        trial: Trial
+        if isinstance(device, Device):
+            trial = RealTrial(device, planned, conditions)
+        else:
+            generator = np.random.default_rng(self._number)
+            trial = Trial(device, planned, conditions, person_at(self._setup, p, "0"), generator)
         self._tune(trial)
         self._pieces, self._changed, self._start_requested = [], False, False
         self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
