@@ -140,10 +140,10 @@ def recover_verb(args: argparse.Namespace) -> int:
 def replay_verb(args: argparse.Namespace) -> int | None:
     if not any(getattr(args, name) for name in HEADLESS):
         return play(args.recording)
-    from experiments.study.replay import replay
+    from experiments.study.replay import Replacement, replay
 
-    asked = args.recording, args.controller, args.device, args.protocol, args.hand, args.out
-    summary = with_progress("replaying", replay, *asked, compiles=True)
+    other = Replacement(args.controller, args.device, args.protocol, args.hand)
+    summary = with_progress("replaying", replay, args.recording, other, args.out, compiles=True)
     print_result(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
     return None
 

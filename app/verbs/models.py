@@ -120,9 +120,11 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
 
 def identify_verb(args: argparse.Namespace) -> None:
+    from experiments.identify.fit import ByHand
     from experiments.identify.identify import identify, summary, with_zero
 
-    asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
+    given = ByHand(args.omega_0, args.backlash_deg)
+    asked = args.steps, args.out, args.name, args.figures, given
     found, brake, figures = with_progress("identifying", identify, *asked)
     fit = summary(found)
     lines = [

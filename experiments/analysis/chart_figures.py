@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +26,7 @@ from experiments.analysis.charts import (
     View,
     coloured,
     controllers_shown,
+    disambiguate_codes,
     left_out,
     legend,
     pooled,
@@ -48,7 +49,7 @@ from experiments.analysis.sheet import (
     new_figure,
     small_print,
 )
-from experiments.analysis.trials_table import Controller, TrialRow
+from experiments.analysis.trials_table import StudyData, TrialRow
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -125,11 +126,8 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
 
 
 def draw_boxplots(
-    rows: Sequence[TrialRow],
+    data: StudyData,
     out_folder: str | Path,
-    note: str,
-    labels: Mapping[Controller, str],
-    protocol: str,
     *,
     timeouts: bool = False,
     pool: Executor | None = None,
@@ -137,23 +135,22 @@ def draw_boxplots(
 ) -> list[Path]:
     """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide figure; returns the paths.
 
-    note: what was used, as "settled rules, low gain 5 N s/m, parameters assumed"; it stands on every figure.
-    Configurations are drawn as `charts.LOOKS` in the order in which the table first names them.
-    labels: controller -> what stands under its box; codes of a blind session stand under theirs as they are.
-    protocol: its name. Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
+    Configurations are drawn as `charts.LOOKS` in the order in which the table first names them. Codes of a blind
+    session stand under their boxes as they are.
+    Our choice: only the paper's figures bear the numbers of its figures ("fig16_path_error").
     timeouts: trials whose time was up are in the boxes; else they are crosses above them, as the caption explains.
     pool: processes that draw as well. purpose: one of `SIZES`.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
-    folder = Path(out_folder)
-    view = View(tuple(dict.fromkeys(row.configuration for row in rows)), labels, timeouts=timeouts)
+    folder, rows, note = Path(out_folder), disambiguate_codes(data.rows), data.caption
+    view = View(tuple(dict.fromkeys(row.configuration for row in rows)), data.labels, timeouts=timeouts)
     if not rows:
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
     calls: list[tuple] = []
     sizes = SIZES[purpose]
     more = max(1.0, len(controllers_shown(rows, view.names)) / 5.0) if sizes.grows else 1.0
     for metric in FIGURES:
-        name = metric.figure if protocol == PAPER else metric.figure.partition("_")[2]
+        name = metric.figure if data.protocol == PAPER else metric.figure.partition("_")[2]
         calls.append(
             (rows, [metric.name], sizes.one * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
         )

@@ -221,8 +221,8 @@ def boxes(
 
 def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View, least: int = LEAST_IN_A_BOX) -> Chart:
     groups = controllers_shown(rows, view.names)
-    place = attrgetter("controller", "configuration")
-    return _boxed(POOLED, rows, metric, view, groups, view.configurations, place, least)
+    grouping = Grouping(groups, view.configurations, attrgetter("controller", "configuration"))
+    return _boxed(POOLED, rows, metric, view, grouping, least)
 
 
 def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
@@ -232,7 +232,16 @@ def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Cha
     def place(row: TrialRow) -> tuple:
         return row.participant, (row.controller, row.configuration)
 
-    return _boxed(PERSON, rows, metric, view, {who: f"P{who}" for who in people_of(rows)}, members, place)
+    grouping = Grouping({who: f"P{who}" for who in people_of(rows)}, members, place)
+    return _boxed(PERSON, rows, metric, view, grouping)
+
+
+class Grouping(NamedTuple):
+    """How boxes stand side by side."""
+
+    groups: Mapping  # each with its name
+    members: Sequence  # of every group: one box each
+    place: Callable[[TrialRow], tuple]  # group and member of a trial
 
 
 def _boxed(
@@ -240,25 +249,21 @@ def _boxed(
     rows: Sequence[TrialRow],
     metric: Metric,
     view: View,
-    groups: Mapping,
-    members: Sequence,
-    place: Callable[[TrialRow], tuple],
+    grouping: Grouping,
     least: int = LEAST_IN_A_BOX,
 ) -> Chart:
-    """Boxes in groups. groups: each with its name; members: of a group; place: which of both a trial belongs to.
-
-    least: fewer trials have no box.
-    """
-    order, room = list(groups), GROUP_SHARE / max(len(members), 1)
+    """Boxes in groups; fewer trials than `least` have no box."""
+    order, members = list(grouping.groups), grouping.members
+    room = GROUP_SHARE / max(len(members), 1)
 
     def middle(row: TrialRow) -> float:
-        group, member = place(row)
+        group, member = grouping.place(row)
         return _middle(order.index(group), members.index(member), len(members))
 
     rows = [row for row in rows if row.configuration in view.configurations]
     chart = _chart(page, rows, metric, view, lambda row: middle(row) + _beside(row.run, room))
     boxes = _boxes(((middle(point.row), point) for point in chart.points if point.row), room, least)
-    ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(groups)))
+    ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(grouping.groups)))
     return chart._replace(ticks=ticks, span=(-0.5, max(len(order), 1) - 0.5), boxes=boxes)
 
 

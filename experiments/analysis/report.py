@@ -10,7 +10,6 @@ from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
-from core.control.controllers import Preset
 from core.files import InputError
 from experiments.analysis.findings import (
     CHANCE,
@@ -35,7 +34,7 @@ from experiments.analysis.statistics import (
     statistics,
     too_few,
 )
-from experiments.analysis.trials_table import COUNTED, TrialRow, by_controller, csv_bytes, to_compare
+from experiments.analysis.trials_table import COUNTED, StudyData, TrialRow, by_controller, csv_bytes, to_compare
 from experiments.numbers import fixed, percent, significant
 from experiments.recording.atomic_files import write_new_files
 
@@ -60,25 +59,22 @@ class Moved(NamedTuple):
 
 
 def write_report(
-    rows: Sequence[TrialRow],
+    data: StudyData,
     out_folder: str | Path,
-    note: str,
-    controllers: Mapping[int, Preset],
-    simulated: bool,
     timeouts: bool = False,
     moved: Sequence[Moved] = (),
     recordings: Path | None = None,
 ) -> list[str]:
-    """Write the files into `out_folder`; the warnings. note: what was used, as on the figures.
+    """Write the files into `out_folder`; the warnings.
 
+    The paper's statements are tested on Table I's controllers alone. Of coded rows only the means are written: each
+    blind session has a key of its own, so codes cannot be compared.
+    timeouts: trials whose time was up count in the statistics.
     recordings: where the recordings of the rows are named from, for further definitions of smoothness.
-    controllers: those of the protocol; the paper's statements are tested on Table I's alone. Of coded rows only the
-    means are written: each blind session has a key of its own, so codes cannot be compared.
-    simulated: operators, not people, moved the handle. timeouts: trials whose time was up count in the statistics.
     moved: how far the measures move when the trials of a sample are simulated otherwise.
     InputError before anything is written if one exists already or no trial counts.
     """
-    folder = Path(out_folder)
+    folder, rows, controllers = Path(out_folder), data.rows, data.controllers
     if not any(row.status in COUNTED for row in rows):
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
     coded = any(isinstance(row.controller, str) for row in rows)
@@ -87,9 +83,9 @@ def write_report(
     none = next((k for k, one in controllers.items() if one.kind == "none"), 0)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
-    warned = warnings(rows, found, simulated)
+    warned = warnings(rows, found, data.simulated)
     parts = {
-        "note": f"{note[:1].upper()}{note[1:].rstrip('.')}",
+        "note": f"{data.note[:1].upper()}{data.note[1:].rstrip('.')}",
         "trials": _trials(rows, names, timeouts),
         "warnings": "\n\n".join(f"**{warning}**" for warning in warned),
         "refusal": refusal,

@@ -75,18 +75,17 @@ def sheet(
     text: str,
     size_in: tuple[float, float],
     margins_in: tuple[float, float, float, float],
-    rows: int = 1,
-    columns: int = 1,
+    grid: tuple[int, int] = (1, 1),
     between_in: tuple[float, float] = (0.0, 0.0),
     inside: bool = False,
     **subplots: Any,
 ) -> tuple[Figure, np.ndarray]:
-    """A figure with `text` as small print at its foot, and its axes (rows, columns).
+    """A figure with `text` as small print at its foot, and its axes, a grid of (rows, columns).
 
     size_in: width and height of the figure; if `inside`, the height is that of the axes with the gaps between them.
     margins_in: left, right, from the small print up to the axes, top. between_in: gaps between columns and rows.
     """
-    (width, height), (left, right, bottom, top) = size_in, margins_in
+    (width, height), (left, right, bottom, top), (rows, columns) = size_in, margins_in, grid
     lines = textwrap.wrap(text, int((width - 0.3) * CHARACTERS_PER_INCH))
     bottom += 0.1 + LINE_IN * len(lines)
     height += bottom + top if inside else 0.0

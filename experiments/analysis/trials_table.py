@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
 import numpy as np
 
 from core import tick_log
+from core.control.controllers import Preset
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.metrics import METRICS, trial_metrics
+from experiments.protocol import label
 from experiments.recording.atomic_files import MOST_SHOWN, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
@@ -97,6 +99,24 @@ def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRo
     and shown, and stays out unless `timeouts` asks for it. The paper reports none.
     """
     return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
+
+
+class StudyData(NamedTuple):
+    """The trials of a study or of sessions, and what they were made with."""
+
+    rows: Sequence[TrialRow]
+    controllers: Mapping[int, Preset]  # of the protocol
+    protocol: str  # its name
+    caption: str  # what was used, on every figure: "settled rules, low gain 5 N s/m, parameters assumed"
+    note: str  # likewise, in the report
+    simulated: bool  # operators, not people, moved the handle
+
+    @property
+    def labels(self) -> dict[Controller, str]:
+        """Controller of the rows -> its name in lines that fit under a box; a code has none."""
+        numbers = sorted({row.controller for row in self.rows if isinstance(row.controller, int)})
+        known = {number: label(preset.name) for number, preset in self.controllers.items()}
+        return {number: known.get(number, f"controller {number}") for number in numbers}
 
 
 class DictionaryEntry(NamedTuple):

@@ -12,7 +12,7 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import matplotlib
 import msgspec
@@ -94,10 +94,10 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
     checks, band = [], []
     for n, scene in enumerate(scenes):
         progress(0.9 * n / len(scenes))
-        tips = {fidelity: simulated(scene, "event", fidelity, TINY_S)[1] for fidelity in ("ideal", "mr")}
+        tips = {fidelity: simulated(Run(scene, "event", fidelity, TINY_S))[1] for fidelity in ("ideal", "mr")}
         checks += [check(scene, fidelity, tips[fidelity]) for fidelity in tips]
         for integrator, fidelity in RUNS:
-            group = [ours(scene, integrator, fidelity, step, tips[fidelity], repeats) for step in steps]
+            group = [ours(Run(scene, integrator, fidelity, step), tips[fidelity], repeats) for step in steps]
             rows += with_order(group)
         for integrator, one in PEERS.items():
             if one.version():
@@ -128,67 +128,76 @@ def machine() -> dict:
             "system": platform.platform(), **versions, **peers}  # fmt: skip
 
 
-def new_simulation(scene: BenchScene, integrator: str, fidelity: str, delta_omega: float = DELTA_OMEGA) -> Simulation:
+class Run(NamedTuple):
+    """A scene, and how it is simulated."""
+
+    scene: BenchScene
+    integrator: str
+    fidelity: str
+    step: float  # s
+
+    @property
+    def schedule(self) -> Schedule:
+        """The commands to the brakes."""
+        return Schedule(self.scene.times, self.scene.commands(self.fidelity))
+
+
+def new_simulation(run: Run, delta_omega: float = DELTA_OMEGA) -> Simulation:
     """The scene before its first step; delta_omega: the band of `karnopp`, rad/s."""
-    device = without_backlash(scene.device)
-    simulation = Simulation(device, START, (0.0, 0.0), fidelity, integrator, scene.hand())
+    device = without_backlash(run.scene.device)
+    simulation = Simulation(device, START, (0.0, 0.0), run.fidelity, run.integrator, run.scene.hand())
     simulation.state["delta_omega"][0] = delta_omega
     return simulation
 
 
-def simulated(
-    scene: BenchScene, integrator: str, fidelity: str, step: float, **options: Any
-) -> tuple[Simulation, np.ndarray]:
+def simulated(run: Run, delta_omega: float = DELTA_OMEGA) -> tuple[Simulation, np.ndarray]:
     """The simulation after the scene, and its tips (n, 2) at the times of comparison."""
-    simulation = new_simulation(scene, integrator, fidelity, **options)
-    n = scene.comparisons
-    per_row = round(COMPARE_S / step)
-    rows = simulation.rows(n + 1, Schedule(scene.times, scene.commands(fidelity)), Grid(0, n, per_row, step))
+    simulation, n = new_simulation(run, delta_omega), run.scene.comparisons
+    rows = simulation.rows(n + 1, run.schedule, Grid(0, n, round(COMPARE_S / run.step), run.step))
     return simulation, rows[:, 1:3].copy()
 
 
-def seconds(scene: BenchScene, integrator: str, fidelity: str, step: float, out: np.ndarray) -> float:
+def seconds(run: Run, out: np.ndarray) -> float:
     """Wall time of one run of the whole scene inside the kernel (s)."""
-    simulation, n = new_simulation(scene, integrator, fidelity), round(scene.duration_s / step)
-    schedule = Schedule(scene.times, scene.commands(fidelity))
+    simulation, n = new_simulation(run), round(run.scene.duration_s / run.step)
+    schedule = run.schedule
     start = time.perf_counter()
-    run_rows(simulation.model, simulation.data, schedule, Grid(0, 1, n, step), out)
+    run_rows(simulation.model, simulation.data, schedule, Grid(0, 1, n, run.step), out)
     return time.perf_counter() - start
 
 
 def four_accelerations(simulation: Simulation) -> float:
     """Wall time of four closed-form accelerations (us)."""
-    torque, count = np.array([0.3, -0.3, 0.3, -0.3]), 2000
+    torque, tip, count = np.array([0.3, -0.3, 0.3, -0.3]), (0.05, 0.40, 0.1, -0.2), 2000
     start = time.perf_counter()
-    accelerations(simulation.mechanism, torque, 0.05, 0.40, 0.1, -0.2, 4 * count)
+    accelerations(simulation.mechanism, torque, tip, 4 * count)
     return (time.perf_counter() - start) / count * 1e6
 
 
-def ours(scene: BenchScene, integrator: str, fidelity: str, step: float, tips: np.ndarray, repeats: int) -> Row:
+def ours(run: Run, tips: np.ndarray, repeats: int) -> Row:
     """One row of this simulator."""
-    simulation, found = simulated(scene, integrator, fidelity, step)
+    simulation, found = simulated(run)
     ledger, out = simulation.ledger(), np.zeros((2, 10))
-    seconds(scene, integrator, fidelity, step, out)
+    seconds(run, out)
     four = wall = math.inf
     for _ in range(repeats):
         four = min(four, four_accelerations(simulation))
-        wall = min(wall, seconds(scene, integrator, fidelity, step, out))
-    row = row_of(scene, integrator, fidelity, step, found, tips, wall)
+        wall = min(wall, seconds(run, out))
+    row = row_of(run, found, tips, wall)
     return replace(row, four_accelerations_us=four, energy_residual_J=ledger.residual, events=ledger.events,
                    fallbacks=ledger.fallbacks)  # fmt: skip
 
 
 def peer(scene: BenchScene, integrator: str, step: float, tips: np.ndarray) -> Row:
     """One row of a peer."""
-    run = PEERS[integrator].run(scene, step)
-    found = run.tips()
-    return row_of(scene, integrator, "ideal", step, found, tips, min(run.seconds() for _ in range(PEER_REPEATS)))
+    other = PEERS[integrator].run(scene, step)
+    found, wall = other.tips(), min(other.seconds() for _ in range(PEER_REPEATS))
+    return row_of(Run(scene, integrator, "ideal", step), found, tips, wall)
 
 
-def row_of(
-    scene: BenchScene, integrator: str, fidelity: str, step: float, found: np.ndarray, tips: np.ndarray, wall: float
-) -> Row:
+def row_of(run: Run, found: np.ndarray, tips: np.ndarray, wall: float) -> Row:
     """What is known of any simulator: the tips (n, 2) that it found beside the right ones, m, and its wall time (s)."""
+    scene, integrator, fidelity, step = run
     return Row(
         integrator, fidelity, scene.device.name, scene.name, step, wall / round(scene.duration_s / step) * 1e6,
         wall / scene.duration_s, *errors(found, tips), creep(scene, found),
@@ -228,15 +237,14 @@ def with_order(group: list[Row]) -> list[Row]:
 def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
     """What delta_omega of Eq. (6) does at 1 ms: the error, and in S3 the creep after a throw at half the band."""
     rms = creeps = None
+    run = Run(scene, "karnopp", "ideal", 1e-3)
     if scene.name != "S3":
-        rms, _ = errors(simulated(scene, "karnopp", "ideal", 1e-3, delta_omega=delta_omega)[1], tips)
+        rms, _ = errors(simulated(run, delta_omega)[1], tips)
     else:
-        still = new_simulation(scene, "karnopp", "ideal", delta_omega=delta_omega)
+        still = new_simulation(run, delta_omega)
         fastest = np.linalg.norm(still.state["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
         still.state["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
-        rows = still.rows(
-            2, Schedule(scene.times, scene.commands("ideal")), Grid(0, 1, round(scene.duration_s / 1e-3), 1e-3)
-        )
+        rows = still.rows(2, run.schedule, Grid(0, 1, round(scene.duration_s / run.step), run.step))
         creeps = float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)
     return {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name, "rms_error_m": rms,
             "creep_m_s": creeps}  # fmt: skip

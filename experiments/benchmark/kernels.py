@@ -6,13 +6,15 @@ from core.simulator.stick_slip import solve_mass
 
 
 @kernel
-def accelerations(mechanisms, torque, x, y, vx, vy, count):
-    """`count` closed-form accelerations under brake torques (4,), N m, each at a place that the last one decides.
+def accelerations(mechanisms, torque, tip, count):
+    """`count` closed-form accelerations under brake torques (4,), N m, near a tip (x, y, vx, vy), m and m/s.
 
-    As in a Runge-Kutta step, where no stage can begin before the last has ended. Returns the last one's x, m/s2.
+    Each is at a place that the last one decides: in a Runge-Kutta step no stage can begin before the last has ended.
+    Returns the last one's x, m/s2.
     """
     mechanism = mechanisms[0]
-    px, py, ux, uy = x, y, vx, vy
+    x, y, vx, vy = tip
+    px, py, ux, uy = tip
     ax = 0.0
     for _ in range(count):
         q = motion(mechanism, px, py, ux, uy)

@@ -337,10 +337,18 @@ class Identification:
         ]
 
 
-def identify_steps(
-    steps: Iterable[Step], source: str, omega_0_rpm: float | None = None, backlash_deg: float | None = None
-) -> Identification:
-    """Fit Eqs. (2), (3) and (4); omega_0 by least squares over the measured speeds unless it is given.
+class ByHand(NamedTuple):
+    """The numbers of a brake that may be given by hand."""
+
+    omega_0_rpm: float | None = None  # None: by least squares over the measured speeds
+    backlash_deg: float | None = None  # steps do not show it. None: assumed
+
+
+NOTHING_GIVEN = ByHand()
+
+
+def identify_steps(steps: Iterable[Step], source: str, given: ByHand = NOTHING_GIVEN) -> Identification:
+    """Fit Eqs. (2), (3) and (4), and take what is given by hand.
 
     InputError where the steps do not determine a number: it names the number and the reason.
     """
@@ -365,11 +373,11 @@ def identify_steps(
     if drifted.share:
         measured = without_drift(measured, drifted.share)
         gain = fit_torque_gain(measured, source)
-    scatter = {} if omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
-    omega_0 = choose_omega_0(scatter) if omega_0_rpm is None else omega_0_rpm
+    scatter = {} if given.omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
+    omega_0 = choose_omega_0(scatter) if given.omega_0_rpm is None else given.omega_0_rpm
     constants = fit_time_constants(measured, gain, omega_0, source)
     return Identification(
-        source, len(steps), measured, gain, constants, omega_0, scatter, backlash_deg, transients, drifted, zero
+        source, len(steps), measured, gain, constants, omega_0, scatter, given.backlash_deg, transients, drifted, zero
     )
 
 

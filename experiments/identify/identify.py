@@ -17,7 +17,17 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
-from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, Identification, identify_steps
+from experiments.identify.fit import (
+    A_NAMES,
+    GIVEN,
+    IDENTIFIED,
+    K_NAMES,
+    KNEE_A,
+    NOTHING_GIVEN,
+    ByHand,
+    Identification,
+    identify_steps,
+)
 from experiments.identify.step_response import read_steps
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
@@ -33,8 +43,7 @@ def identify(
     out: Path,
     name: str | None = None,
     figures: Path | None = None,
-    omega_0_rpm: float | None = None,
-    backlash_deg: float | None = None,
+    given: ByHand = NOTHING_GIVEN,
     progress: Progress = no_progress,
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
@@ -46,7 +55,7 @@ def identify(
         raise InputError(f"{out}: cannot be created (its folder does not exist)")
     steps = read_steps(steps_path)
     progress(0.4)
-    found = identify_steps(steps, steps_path.name, omega_0_rpm, backlash_deg)
+    found = identify_steps(steps, steps_path.name, given)
     text = brake_text(found, out.stem if name is None else name)
     progress(0.6)
     drawn: dict[Path, bytes] = {}

@@ -135,7 +135,7 @@ def draw_time_constants(brake: Brake) -> Figure:
         f"{brake.file.omega_0_rpm:g} rpm on the constant is a_avg. Current: the one stepped to."
     )
     projection = {"projection": "3d", "computed_zorder": False}
-    figure, [row] = sheet(text, (PAGE_IN, 4.0), (0.35, 0.15, -0.05, 0.3), columns=2, subplot_kw=projection)
+    figure, [row] = sheet(text, (PAGE_IN, 4.0), (0.35, 0.15, -0.05, 0.3), (1, 2), subplot_kw=projection)
     fine_rpm = np.geomspace(TESTED_RPM[0], TESTED_RPM[-1], 43)  # 6 between neighbours: the tested ones are among them
     x, y = np.meshgrid(np.linspace(0.0, brake.file.current_max_A, 31), np.log2(fine_rpm))
     constant_ms = np.vectorize(lambda i, w, rising: 1e3 * brake.time_constant(i, 2.0**w, rising))
@@ -194,7 +194,7 @@ def _over_time(text: str, height_in: float) -> tuple[Figure, Axes, Axes]:
         text,
         (PAGE_IN, height_in),
         (0.6, 0.2, 0.5, 0.4),
-        rows=2,
+        (2, 1),
         between_in=(0.0, 0.55),
         height_ratios=(1, 2.2),
         sharex=True,

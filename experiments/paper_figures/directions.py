@@ -95,7 +95,7 @@ def draw_sketch() -> Figure:
         "Dark: directions in which the brakes cannot push while the tip moves along v, although a passive device "
         "could. Light: they would add energy, no passive device can push there. White: any force, by brakes together."
     )
-    figure, [row] = sheet(text, (PAGE_IN, 4.1), (0.15, 0.15, 0.1, 0.4), columns=2, between_in=(0.2, 0.0))
+    figure, [row] = sheet(text, (PAGE_IN, 4.1), (0.15, 0.15, 0.1, 0.4), (1, 2), between_in=(0.2, 0.0))
     words = ("(a) Two actuators", "(b) Four actuators, evenly spaced")
     for axes, count, label in zip(row, (2, 4), words, strict=True):
         _draw_directions(axes, HALF_TURN * (np.arange(count) + 0.5) / count)
@@ -133,7 +133,7 @@ def draw_maps(devices: Sequence[Device]) -> Figure:
     width, margins, between, rows = PAGE_IN, (0.6, 1.0, 0.5, 0.4), (0.3, 0.85), len(devices)
     each = 0.5 * (width - margins[0] - margins[1] - between[0])
     inner = max(workspace.height_in(each, bases=False) for workspace in workspaces) * rows + between[1] * (rows - 1)
-    figure, grid = sheet(text, (width, inner), margins, rows, 2, between, inside=True)
+    figure, grid = sheet(text, (width, inner), margins, (rows, 2), between, inside=True)
     for row, device, workspace in zip(grid, devices, workspaces, strict=True):
         lines = force_lines(device.mechanism, device.braked, *np.meshgrid(workspace.x, workspace.y))
         kinds = (("worst velocity", worst_unachievable), ("mean over velocities", mean_unachievable))
@@ -250,7 +250,7 @@ def draw_displays() -> Figure:
         "(share of ticks with a felt hand and no valid brake) as text."
     )
     size = PAGE_IN, 1.8 + 0.5 * len(found)
-    figure, [axes] = sheet(text, size, (1.0, 0.15, 0.5, 0.55), columns=4, between_in=(0.2, 0.0))
+    figure, [axes] = sheet(text, size, (1.0, 0.15, 0.5, 0.55), (1, 4), between_in=(0.2, 0.0))
     panels: tuple[tuple[str, str, list[np.ndarray], Callable[[np.ndarray], float]], ...] = (
         ("Widest gap\nof force lines", "°", [np.degrees(one.widest_gap) for one in found], np.max),
         ("A full lock\nholds", "N", [one.holds for one in found], np.min),

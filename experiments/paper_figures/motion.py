@@ -137,7 +137,7 @@ def draw_releases(device: Device) -> Figure:
     )
     size = PAGE_IN, 4.75
     figure, grid = sheet(
-        text, size, (0.65, 0.15, 0.5, 0.95), 3, len(locks), (0.16, 0.45), inside=True, height_ratios=(1.5, 1, 1)
+        text, size, (0.65, 0.15, 0.5, 0.95), (3, len(locks)), (0.16, 0.45), inside=True, height_ratios=(1.5, 1, 1)
     )
     motions = [[release(device, start, anchor, locked) for start in starts] for locked in locks]
     _same_frame(grid[0], np.concatenate([motion.tip for column in motions for motion in column]))
@@ -253,7 +253,7 @@ def draw_stopping(device: Device) -> Figure:
         "of its motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed "
         "straight on, in its worst direction, with the play."
     )
-    figure, [axes] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.25, 0.5, 0.95), 1, 2, (0.6, 0.0), sharey=True)
+    figure, [axes] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.25, 0.5, 0.95), (1, 2), (0.6, 0.0), sharey=True)
     for panel, play, words in ((axes[0], True, "With the play of the brakes"), (axes[1], False, "Without play")):
         for push, colour in PUSHES_N.items():
             if push >= held:
@@ -344,7 +344,7 @@ def draw_passive_master(device: Device) -> Figure:
         "arrives as it is, brakes off. Shaded: behind the wall. Put in: "
         "the most that the work of their forces on the tip came to at any time."
     )
-    figure, [[course, energy, share]] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.2, 0.5, 0.95), 1, 3, (0.6, 0.0))
+    figure, [[course, energy, share]] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.2, 0.5, 0.95), (1, 3), (0.6, 0.0))
     found = {m: [contact(device, workspace, delay, m) for delay in DELAYS_S] for m in (False, True)}
     delays = 1e3 * np.array(DELAYS_S)
     looks = {False: ("brakes", BLUE, "o-"), True: ("motor", ORANGE, "s-")}

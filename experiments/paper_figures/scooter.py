@@ -58,7 +58,7 @@ def draw_scooter() -> Figure:
         f"Triangle: the body every {SHOWN_EVERY_M:g} m; strokes: its castors; line: its centre of mass, which is "
         "what is kept from the wall; arrow: the hand's force there (free castors: with a torque of 0.3 N m)."
     )
-    figure, [panels] = sheet(text, (PAGE_IN, 2.5), (0.55, 0.1, 0.45, 0.4), 1, 3, (0.2, 0.0), sharey=True)
+    figure, [panels] = sheet(text, (PAGE_IN, 2.5), (0.55, 0.1, 0.45, 0.4), (1, 3), (0.2, 0.0), sharey=True)
     for axes, (words, scene) in zip(panels, scenes().items(), strict=True):
         rows = CobotRun(scene).run_chunk(scene.rows)
         if scene.mode == AT_WALL:

@@ -16,11 +16,10 @@ from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import Moved, side_by_side, write_report
-from experiments.analysis.trials_table import COUNTED, Controller, TrialRow, by_controller, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, StudyData, TrialRow, by_controller, read_table, write_table
 from experiments.inputs import is_person
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
-from experiments.protocol import label
 from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import read_key, unblinded
@@ -46,7 +45,7 @@ class Found:
     rows: list[TrialRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     notes: set[str] = field(default_factory=set)  # of the report
-    labels: set[str] = field(default_factory=set)  # of the figures
+    captions: set[str] = field(default_factory=set)  # of the figures
     protocols: set[str] = field(default_factory=set)  # names
     presets: dict[int, Preset] = field(default_factory=dict)
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
@@ -54,11 +53,13 @@ class Found:
     doubts: list[str] = field(default_factory=list)  # what of the journals could not be believed
 
     @property
-    def controllers(self) -> dict[Controller, str]:
-        """Controller -> its name under a box."""
-        numbers = sorted({row.controller for row in self.rows if isinstance(row.controller, int)})
-        known = {number: label(preset.name) for number, preset in self.presets.items()}
-        return {number: known.get(number, f"controller {number}") for number in numbers}
+    def data(self) -> StudyData:
+        """The trials, for figures and report, which say how many recordings were left out."""
+        left_out = len(self.left_out)
+        without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
+        caption, note = (" / ".join(sorted(named)) + without for named in (self.captions, self.notes))
+        presets, protocol = dict(sorted(self.presets.items())), " and ".join(sorted(self.protocols))
+        return StudyData(self.rows, presets, protocol, caption, note, self.simulated)
 
     @property
     def coded(self) -> int:
@@ -164,7 +165,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
         found.left_out.append(relative_to(folder, str(error)))
         return []
     protocol, hand = about.get("note", "protocol not recorded"), f"hand: {about.get('hand', 'not recorded')}"
-    found.labels.add(f"{protocol}, {operators.label if operators else hand}")
+    found.captions.add(f"{protocol}, {operators.label if operators else hand}")
     found.notes.add(f"{protocol}, {operators.note if operators else hand}")
     found.simulated |= simulated
     found.protocols.add(str(about.get("protocol", "")))
@@ -175,14 +176,10 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
 
 def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str) -> list[str]:
     """Draw the figures and write the report; its warnings."""
-    left_out = len(found.left_out)
-    without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
-    label, note = (" / ".join(sorted(named)) + without for named in (found.labels, found.notes))
-    protocol, rows = " and ".join(sorted(found.protocols)), disambiguate_codes(found.rows)
-    draw_boxplots(rows, out / "figures", label, found.controllers, protocol, timeouts=timeouts, purpose=purpose)
+    data = found.data
+    draw_boxplots(data, out / "figures", timeouts=timeouts, purpose=purpose)
     if not any(row.status in COUNTED for row in found.rows):
         return []
-    presets = dict(sorted(found.presets.items()))
     moved: list[Moved] = []
     unsure = []
     if found.simulated:
@@ -190,7 +187,7 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str
             moved = errors_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    warned = write_report(found.rows, out / "report", note, presets, found.simulated, timeouts, moved, out)
+    warned = write_report(data, out / "report", timeouts, moved, out)
     return [*warned, *unsure]
 
 
@@ -208,7 +205,7 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
-    changes, names = [], found.controllers
+    changes, names = [], found.data.labels
     for metric in DRAWN:
         before, after = (
             boxes(disambiguate_codes(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)

@@ -12,20 +12,20 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import ALGORITHMS, DECISIONS, Preset, make_controller
-from core.control.guard import NOTHING, Around, make_around
+from core.control.controllers import ALGORITHMS, DECISIONS, make_controller
+from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device, load_device
 from core.device_interface import velocity_noise
 from core.files import InputError
 from core.mechanism import JOINTS
 from core.path import Path as PathAhead
-from core.path import point_at
+from core.path import build_path, point_at
 from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
-from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.assumptions import DEFAULTS
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, load_protocol
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
@@ -42,6 +42,7 @@ from experiments.study.replay_motion import (
 )
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
 from experiments.trial.tick import Decisions, decide_again
+from experiments.trial.trial import Conditions
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
 ROUNDING_M = 1e-9
@@ -61,41 +62,46 @@ class Checked(NamedTuple):
     different: int  # of them, by the decision or by any current
 
 
-def replay(
-    file: str | Path,
-    controller: int | None = None,
-    device: str | None = None,
-    protocol: str | None = None,
-    hand: str | None = None,
-    out: Path | None = None,
-    progress: Progress = no_progress,
-) -> dict[str, Any]:
-    """Replay a recording; the summary. None: as recorded; for `hand`, the target where there is one, else the force.
+class Replacement(NamedTuple):
+    """What takes the place of what was recorded; None: nothing."""
 
-    controller: its number in the session's protocol, or in `protocol` (a name or a file), whose rules it then follows.
+    controller: int | None = None  # its number in the session's protocol, or in `protocol`
+    device: str | None = None  # a name or a file
+    protocol: str | None = None  # likewise; the controller then follows its rules
+    hand: str | None = None  # "target" or "force"; None: the target where it was recorded, else the force
+
+
+AS_RECORDED = Replacement()
+
+
+def replay(
+    file: str | Path, other: Replacement = AS_RECORDED, out: Path | None = None, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Replay a recording; the summary.
+
     out: a new CSV file for the replayed ticks. InputError, and nothing written, for what cannot be replayed.
     """
     trial = read_recorded(Path(file))
     recording, row = trial.recording, trial.row
     recorded_protocol = trial.stored.protocol
     own = recorded_protocol.device(row.configuration)
-    chosen, number = choose_controller(trial, controller, protocol)
+    chosen, number = choose_controller(trial, other.controller, other.protocol)
     preset = chosen.controllers[number]
-    onto = own if device is None else choose_device(trial, device)
+    onto = own if other.device is None else choose_device(trial, other.device)
     if onto.castor and not ALGORITHMS[preset.kind].steers:
         raise InputError(f"controller {preset.name}: needs brakes, and {onto.name} has a castor")
-    kind, moved = choose_hand(trial, hand)
+    kind, moved = choose_hand(trial, other.hand)
     if out is not None:
         refuse_existing_files([out])
     same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
     whole = same_device and has_start(recording)
-    rows, outcome = run_replay(trial, moved, onto, preset, chosen.rules, whole, progress)
+    conditions = Conditions(trial.path_file, preset, chosen.rules, recorded_protocol.trial)
+    rows, outcome = run_replay(trial, moved, onto, conditions, whole, progress)
     difference = None
     checked: Checked | None = None
     if not isinstance(row.controller, str):  # a blind session does not say which controller it was
         own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
-        how = recorded_protocol.trial
-        checked = check_decisions(recording, trial.path, own, *own_control, how.assumptions, how.around)
+        checked = check_decisions(recording, own, Conditions(trial.path_file, *own_control, recorded_protocol.trial))
         if whole and kind == "target" and (preset, chosen.rules) == own_control:
             difference = first_difference(recording, rows)
     rows = rows[trial.first :] if whole else rows
@@ -299,17 +305,12 @@ def write_ticks(replayed: Recording, first: int, out: Path) -> None:
     write_new_file(out, sink.getvalue().to_pybytes())
 
 
-def check_decisions(
-    recording: Recording, path: PathAhead, device: Device, preset: Preset, rules: str,
-    assumed: Assumptions = DEFAULTS, around: Around = NOTHING,
-) -> Checked | None:  # fmt: skip
-    """Take each decision of the movement again, from the recording and the session's device and controller alone.
+def check_decisions(recording: Recording, device: Device, conditions: Conditions) -> Checked | None:
+    """Take each decision of the movement again, from the recording and the session's device and conditions alone.
 
     The controller is given what it was given then: tip, velocity and sensed force of each tick; or what the encoders of
     a simulated device made of the tip's motion until then. Nothing is simulated. None: an earlier version recorded the
-    trial, without the sensed force.
-
-    assumed: of a simulated device; a real one is as its file has it. around: the obstacles of the trial.
+    trial, without the sensed force. What is assumed is of a simulated device; a real one is as its file has it.
     """
     if not all(name in recording.columns for name in GIVEN):
         return None
@@ -319,6 +320,7 @@ def check_decisions(
     without = np.full(recording.rows, np.nan)
     wanted = [recording.columns.get(name, without) for name in WANTED]
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
+    path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.how.assumptions
     middle = point_at(path, 0.5 * path.length)[:2]
     if recording.sensors:
         noise, sensing, assumed = velocity_noise(device, middle), new_sensing(device, DEFAULTS), AS_ON_THE_BENCH
@@ -326,8 +328,8 @@ def check_decisions(
         device = assumed.applied_to(device)
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
     controller = make_controller(
-        preset, device.force_normalised_N, rules, velocity_noise=noise,
-        around=make_around(around, device, sensed(device, middle, assumed)),
+        conditions.preset, device.force_normalised_N, conditions.rules, velocity_noise=noise,
+        around=make_around(conditions.how.around, device, sensed(device, middle, assumed)),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     model = Model(pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False), MR, EVENT)

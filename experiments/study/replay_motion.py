@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import Preset
 from core.device import Device
 from core.files import InputError
 from core.path import Path as PathAhead
@@ -167,8 +166,7 @@ def run_replay(
     trial: Recorded,
     hand: RecordedHand,
     device: Device,
-    preset: Preset,
-    rules: str,
+    conditions: Conditions,
     whole: bool,
     progress: Progress = no_progress,
 ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -181,7 +179,7 @@ def run_replay(
     moved_by = recorded_arm(recording) if whole and not hand.wants else hand
     simulated = ReplayedDevice(trial, device, moved_by.hand, whole)
     planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.segment, row.repetition)
-    again = Trial(simulated, planned, Conditions(trial.path_file, preset, rules, trial.stored.protocol.trial))
+    again = Trial(simulated, planned, conditions)
     run, first = again.arguments().run, 0 if whole else trial.first
     if not whole:
         run["phase"][0], run["tick"][0] = tick_log.MOVE, first

@@ -16,7 +16,7 @@ from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.report import Moved, warnings, write_report
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import StudyData, TrialRow
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -217,17 +217,16 @@ class Run:
     def conclude(self, table: Sequence[TrialRow], beside: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
-        note = protocol.note()
+        caption, note = (f"{protocol.note()}, {about}" for about in (operators.label, operators.note))
+        data = StudyData(table, protocol.controllers, protocol.name, caption, note, simulated=True)
         moved = errors.result()
         for name in (FIGURES, REPORT):
             shutil.rmtree(self.out / name, ignore_errors=True)
             with new_folders([self.out / name], "a study") as (folder,):
                 if name == FIGURES:
-                    label = f"{note}, {operators.label}"
-                    what = table, folder, label, protocol.labels(), protocol.name
-                    draw_boxplots(*what, pool=beside.pool, purpose=self.purpose)
+                    draw_boxplots(data, folder, pool=beside.pool, purpose=self.purpose)
                 else:
-                    write_report(table, folder, f"{note}, {operators.note}", protocol.controllers, True, moved=moved)
+                    write_report(data, folder, moved=moved)
 
 
 def run_share(out: Path, study: StudyPlan) -> Counter[str]:

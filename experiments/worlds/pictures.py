@@ -50,7 +50,7 @@ def overview(holds: np.ndarray, chance: np.ndarray, of: Split, note: str) -> byt
     """
     with matplotlib.rc_context(STYLE):
         note += " Lines: 95 % intervals."
-        figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 8.4), (3.1, 0.15, 0.65, 0.35), 2, 1, (0.0, 0.85))
+        figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 8.4), (3.1, 0.15, 0.65, 0.35), (2, 1), (0.0, 0.85))
         places = np.arange(len(STATEMENTS))
         p, (low, high) = holds.mean(axis=(0, 1)), wilson(*counted(holds))
         upper.barh(places, p, 0.62, color=PALE, zorder=2)
@@ -88,7 +88,7 @@ def decided_by(ranges: Ranges, shares: np.ndarray, holds: np.ndarray, found: Ind
     )
     with matplotlib.rc_context(STYLE):
         size, margins = (PAGE_IN, 1.35 * max(len(rows), 1)), (1.75, 0.15, 0.45, 0.4)
-        figure, grid = sheet(note, size, margins, max(len(rows), 1), columns, (0.3, 0.6), inside=True)
+        figure, grid = sheet(note, size, margins, (max(len(rows), 1), columns), (0.3, 0.6), inside=True)
         for axes_row, i in zip(grid, rows, strict=False):
             for axes, j in zip(axes_row, np.argsort(-first[i], kind="stable")[:columns], strict=True):
                 column = list(ranges.ranges)[j]

@@ -24,7 +24,7 @@ from core.mechanism import JOINTS
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import RecordingWriter
 from experiments.session.playback import read_playback, ticks_of
-from experiments.study.replay import replay
+from experiments.study.replay import Replacement, replay
 
 THREE = load_device("three-brake")
 ABOUT = {
@@ -208,7 +208,7 @@ def replayed(tmp_path: Path) -> tuple[Path, int]:
     session = closed_session(tmp_path / "data", 1, protocol=short())
     recording = session.folder / session.rows[0].recording
     other = 4 if session.rows[0].controller != 4 else 2  # with the low gain it would come out as without
-    replay(recording, other)
+    replay(recording, Replacement(other))
     return recording, other
 
 

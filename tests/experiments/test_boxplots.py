@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
+from protocols import study_data
 
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
@@ -105,7 +106,7 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
 
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(fine_prints, tmp_path):
     rows = study()
-    paths = draw_boxplots(rows, tmp_path / "a", NOTE, LABELS, "paper")
+    paths = draw_boxplots(study_data(rows, NOTE), tmp_path / "a")
     names = {metric.figure for metric in FIGURES}
     assert names >= {"fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum"}  # the paper's
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
@@ -119,14 +120,14 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
         assert not re.search(rb"20\d\d-\d\d-\d\d|CreationDate|<dc:date>", path.read_bytes()), path.name
 
     with pytest.raises(InputError, match="exists already"):
-        draw_boxplots(rows, tmp_path / "a", NOTE, LABELS, "paper")
+        draw_boxplots(study_data(rows, NOTE), tmp_path / "a")
     with pytest.raises(InputError, match="no trials"):
-        draw_boxplots([], tmp_path / "out", NOTE, LABELS, "paper")
+        draw_boxplots(study_data([]), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path):
-    written = draw_boxplots(study(1), tmp_path / "out", "a note", LABELS, "mine")
+    written = draw_boxplots(study_data(study(1), protocol="mine"), tmp_path / "out")
     assert written[0].stem == "path_error" and not any("fig" in path.stem for path in written)
 
 

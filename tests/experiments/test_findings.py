@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from protocols import study_data
 from scipy import stats
 
 from core.files import InputError
@@ -267,7 +268,7 @@ def test_the_report_says_for_whom_and_what_so_few_people_cannot_show(people, who
     """Below six they are a description. All differ the same way in every pair: a star where Holm over ten pairs allows
     it, else a sentence why not.
     """
-    write_report(study(people, noise=0.2), tmp_path, "note", TABLE_I, False)
+    write_report(study_data(study(people, noise=0.2)), tmp_path)
     text = (tmp_path / "report.md").read_text()
     refused = "too few to claim any of this for others; read it as a description." in text
     assert refused == (people < 6) == (f"{who} too few" in text or who == "Five")
@@ -323,10 +324,11 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     rows = study(people=9, noise=0.3)
-    assert write_report(rows, tmp_path / "a", "settled rules, parameters assumed", TABLE_I, False) == []
+    data = study_data(rows, note="settled rules, parameters assumed")
+    assert write_report(data, tmp_path / "a") == []
     paths = sorted((tmp_path / "a").iterdir())
     assert [p.name for p in paths] == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
-    write_report(rows, tmp_path / "b", "settled rules, parameters assumed", TABLE_I, False)
+    write_report(data, tmp_path / "b")
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     page = (tmp_path / "a" / "report.md").read_text()
@@ -340,10 +342,10 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "report.md").write_text("mine")
     with pytest.raises(InputError, match="exists already"):
-        write_report(rows, tmp_path / "c", "note", TABLE_I, False)
+        write_report(data, tmp_path / "c")
     assert [p.name for p in (tmp_path / "c").iterdir()] == ["report.md"]
     with pytest.raises(InputError, match="nothing to report"):
-        write_report([replace(rows[0], status="aborted")], tmp_path / "d", "note", TABLE_I, False)
+        write_report(study_data([replace(rows[0], status="aborted")]), tmp_path / "d")
     assert not (tmp_path / "d").exists()
 
 

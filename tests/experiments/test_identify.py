@@ -16,7 +16,7 @@ from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, wri
 from app.cli import main
 from core.device_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.files import InputError
-from experiments.identify.fit import identify_steps
+from experiments.identify.fit import ByHand, identify_steps
 from experiments.identify.identify import brake_text, summary
 from experiments.identify.linear import fit_linear, undetermined
 from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
@@ -34,7 +34,7 @@ def truth(brake: BrakeFile) -> np.ndarray:
 
 def numbers(steps: list[Step], **how) -> tuple[np.ndarray, np.ndarray]:
     """Values and half-widths, in the order of `truth`."""
-    rows = identify_steps(steps, "steps.csv", **how).parameters()
+    rows = identify_steps(steps, "steps.csv", ByHand(**how)).parameters()
     return np.array([row.value for row in rows]), np.array([row.half_width for row in rows])
 
 
@@ -179,7 +179,7 @@ def test_omega_0_is_assumed_unless_two_speeds_show_the_flat_part(top, noise):
 
 def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
     for backlash, assumed in ((None, ["current_max_A", "knee_A", "floor_rpm", "backlash_deg"]), (0.5, [])):
-        found = identify_steps(quiet, "steps.csv", backlash_deg=backlash)
+        found = identify_steps(quiet, "steps.csv", ByHand(backlash_deg=backlash))
         assert found.warnings == []
         text, numbers = brake_text(found, "mine"), summary(found)
         lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
@@ -197,7 +197,7 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
 def test_what_is_called_identified_is_neither_given_nor_assumed():
     """omega_0 from 4 rpm and below is assumed, by hand given, and identified only where the flat part is seen."""
     for speeds, omega_0, where in ((SPEEDS, None, "identified"), (SPEEDS[:4], None, "assumed"), (SPEEDS, 8.0, "given")):
-        found = identify_steps(synthetic_steps(BRAKE, 1, QUIET, speeds=speeds, repeats=1), "steps.csv", omega_0)
+        found = identify_steps(synthetic_steps(BRAKE, 1, QUIET, speeds=speeds, repeats=1), "steps.csv", ByHand(omega_0))
         numbers = summary(found)
         assert [key for key in ("identified", "given", "assumed") if "omega_0_rpm" in numbers[key]] == [where]
         line = next(one for one in brake_text(found, "mine").splitlines() if one.startswith("omega_0_rpm"))
@@ -244,7 +244,7 @@ WITHOUT = {
 @pytest.mark.parametrize("keep, says", WITHOUT.values(), ids=WITHOUT)
 def test_steps_that_cannot_tell_a_number_are_refused_with_its_name_and_the_reason(quiet, keep, says):
     with pytest.raises(InputError, match="cannot be identified") as refusal:
-        identify_steps([step for step in quiet if keep(step)], "steps.csv", omega_0_rpm=8.0)
+        identify_steps([step for step in quiet if keep(step)], "steps.csv", ByHand(omega_0_rpm=8.0))
     says = says.replace("Eq. (4)", r"Eq\. \(4\)")
     assert re.search(f"^steps.csv: {says}", str(refusal.value)), str(refusal.value)
 

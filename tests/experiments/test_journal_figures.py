@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import pytest
 from matplotlib.text import Text
+from protocols import study_data
 from refusals import refusal
 from test_boxplots import LABELS, NOTE, study
 
@@ -60,11 +61,11 @@ def test_text_is_text_in_svg_and_fonts_in_pdf():
 
 
 def test_a_journal_gets_all_measures_beside_each_other_in_every_format(tmp_path):
-    paths = draw_boxplots(study(1), tmp_path / "out", NOTE, LABELS, "paper", purpose=JOURNAL)
+    paths = draw_boxplots(study_data(study(1), NOTE), tmp_path / "out", purpose=JOURNAL)
     beside = {path.suffix for path in paths if path.stem == "boxplots"}
     assert beside == {".png", ".svg", ".pdf"}
     with pytest.raises(KeyError):
-        draw_boxplots(study(1), tmp_path / "other", NOTE, LABELS, "paper", purpose="poster")
+        draw_boxplots(study_data(study(1)), tmp_path / "other", purpose="poster")
 
 
 def test_a_study_and_its_analysis_draw_what_was_asked_for_and_a_sweep_refuses(tmp_path, monkeypatch, capsys):

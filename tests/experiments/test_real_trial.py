@@ -128,9 +128,9 @@ def test_every_decision_on_the_bench_follows_from_the_recording_alone(bench: Rea
     decided = np.count_nonzero(rows[:, tick_log.DECIDED])
     assert 100 < decided < np.count_nonzero(found.in_phase("move"))
     preset, rules = PAPER.controllers[4], PAPER.rules
-    assert check_decisions(found, trial.path, bench.device, preset, rules) == (decided, 0)
+    assert check_decisions(found, bench.device, Conditions(PATH, preset, rules)) == (decided, 0)
     other = preset.replaced(gain_N_s_m=0.9 * preset.value("gain_N_s_m"))
-    assert check_decisions(found, trial.path, bench.device, other, rules).different > 10
+    assert check_decisions(found, bench.device, Conditions(PATH, other, rules)).different > 10
 
 
 def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(bench: RealBench, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from core.device import load_device
 from experiments.analysis.metrics import Movement
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import recording_columns
-from experiments.study.replay import A_PERSON_WOULD_REACT, replay
+from experiments.study.replay import A_PERSON_WOULD_REACT, Replacement, replay
 from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorded
 
 
@@ -49,13 +49,13 @@ def test_no_brake_adds_energy_and_the_ledger_closes_whatever_the_hand_is_led_thr
     for path in (by_controller(data, 1), by_controller(data, 2, "four-brake")):
         for asked in ((2, "three-brake", "target"), (4, "three-brake", "force"), (4, "four-brake", "target")):
             controller, device, hand = asked
-            after = replay(path, controller, device, hand=hand)["after"]
+            after = replay(path, Replacement(controller, device, hand=hand))["after"]
             assert after["energy_added_max_J"] == 0.0 and abs(after["energy_residual_J"]) < 1e-6, asked
 
 
 def test_another_controller_brakes_and_another_device_has_its_own_brakes(data, tmp_path):
     path = by_controller(data, 1)
-    told = replay(path, 4, "four-brake", out=tmp_path / "out.csv")
+    told = replay(path, Replacement(4, "four-brake"), out=tmp_path / "out.csv")
     assert told["after"]["controller"] == "4 Proportional, high gain" and told["after"]["device"] == "four-brake"
     metrics = told["metrics"]
     assert metrics["switches_per_s"]["before"] == 0.0 < metrics["switches_per_s"]["after"]
@@ -67,7 +67,11 @@ def test_another_controller_brakes_and_another_device_has_its_own_brakes(data, t
 
 
 def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
-    seen = [replay(path, 2) for path in recordings(data) if read_recording(path).metadata["controller"] in (1, 5)]
+    seen = [
+        replay(path, Replacement(2))
+        for path in recordings(data)
+        if read_recording(path).metadata["controller"] in (1, 5)
+    ]
     ended = [told for told in seen if told["after"]["status"] == HAND_ENDED]
     assert ended, "braked, the same hand no longer reaches the end in time"
     for told in ended:
@@ -89,7 +93,7 @@ def test_a_replayed_force_is_the_recorded_force_at_every_tick_whatever_it_moves(
     trial = read_recorded(path)
     for number, device in enumerate((None, "four-brake")):
         out = tmp_path / f"{number}.csv"
-        told = replay(path, 5, device, hand="force", out=out)
+        told = replay(path, Replacement(5, device, hand="force"), out)
         table = table_of(out)
         assert told["hand"] == "force" and len(table["t_s"]) == told["ticks"] > 100
         for name in ("t_s", "hand_fx_N", "hand_fy_N"):

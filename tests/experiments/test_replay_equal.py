@@ -21,7 +21,7 @@ from core.tick_log import ARM_COLUMNS
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import save_as_parquet
 from experiments.session.session import Participant, Session
-from experiments.study.replay import OTHER_VERSION, replay
+from experiments.study.replay import OTHER_VERSION, Replacement, replay
 
 NEAR_M = 1e-5  # a replay that has to do without the trial's start: yields of the trial before had not quite gone
 BENT = 'kind = "polyline"\npoints_m = [[-0.10, 0.40], [0.0, 0.43], [0.10, 0.40]]'
@@ -96,7 +96,7 @@ def recordings(folder):
 
 def replayed(path, **how):
     """Its summary, and what it says of equality and decisions."""
-    told = replay(path, **how)
+    told = replay(path, Replacement(**how))
     decisions = told["decisions"] or {"decisions": 0, "different": None}
     return told, (told["begins"], told["equal"], decisions["different"])
 

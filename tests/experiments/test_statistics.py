@@ -8,6 +8,7 @@ import pytest
 from exports import rows as rows_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from protocols import study_data
 from recorded import record, ticks
 from scipy import stats
 
@@ -40,7 +41,6 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow
-from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
 
 DEVICES = ("three-brake", "four-brake")
@@ -350,7 +350,7 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
 
 
 def test_the_tables_are_tidy(tmp_path):
-    write_report(study(people=3), tmp_path, "note", load_protocol().controllers, False)
+    write_report(study_data(study(people=3)), tmp_path)
     lines = rows_in(tmp_path / "participant_means.csv")
     assert len(lines) == 3 * 2 * 5
     assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)

@@ -17,7 +17,7 @@ from experiments.analysis.trials_table import read_table
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.session.files import session_folder
-from experiments.study.replay import replay
+from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, Trial
@@ -56,12 +56,12 @@ def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(stu
     for row in rows:
         found = replay(trials / f"run-{row.run:03d}.parquet")
         assert found["equal"] and found["decisions"]["different"] == 0 and found["begins"] == "start"
-    other = replay(trials / f"run-{rows[0].run:03d}.parquet", device="four-brake")
+    other = replay(trials / f"run-{rows[0].run:03d}.parquet", Replacement(device="four-brake"))
     assert other["begins"] == "move" and other["after"]["way_made"] > 0.3
     with pytest.raises(InputError, match="Proportional, high gain: needs brakes, and unicycle has a castor"):
-        replay(trials / f"run-{rows[0].run:03d}.parquet", controller=4, protocol="paper")
+        replay(trials / f"run-{rows[0].run:03d}.parquet", Replacement(controller=4, protocol="paper"))
     back = [row for row in read_table(study / "trials.csv") if row.configuration == "four-brake"][0]
-    assert replay(trials / f"run-{back.run:03d}.parquet", device="unicycle")["after"]["way_made"] > 0.3
+    assert replay(trials / f"run-{back.run:03d}.parquet", Replacement(device="unicycle"))["after"]["way_made"] > 0.3
 
 
 def pulled(text, target, seconds=1.0, controller=2):

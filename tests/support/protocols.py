@@ -1,7 +1,9 @@
 """Protocols for tests: the paper's, and the paper's with some lines of its file changed."""
 
 import re
+from collections.abc import Sequence
 
+from experiments.analysis.trials_table import StudyData, TrialRow
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.trial.population import load_population
 
@@ -30,3 +32,8 @@ def short(blocks: int = 1, paths: int = 2, **values: str) -> Protocol:
     if paths == 1:
         text = re.sub(r"\[\[path\]\]\s*number = 2\n(.+\n)+", "", text)
     return protocol_of(text)
+
+
+def study_data(rows: Sequence[TrialRow], note: str = "note", protocol: str = "paper") -> StudyData:
+    """Trials of people by the paper's controllers, as figures and reports take them."""
+    return StudyData(rows, PAPER.controllers, protocol, note, note, simulated=False)
