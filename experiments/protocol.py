@@ -28,6 +28,7 @@ from core.files import (
     shipped_or_file,
 )
 from core.obstacles import build_obstacles, nearest_obstacle
+from core.path import Path as PathAhead
 from core.path import PathFile, build_path, outline, path_from, point_at
 from core.workspace import tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
@@ -425,6 +426,10 @@ def home_of(device: Device, paths: Mapping[int, PathFile]) -> tuple[float, float
 
 def middle_of_first(paths: Mapping[int, PathFile]) -> tuple[float, float]:
     """The middle of the first path, m: where a simulated device is switched on."""
-    path = build_path(next(iter(paths.values())), "path")
+    return middle_of(build_path(next(iter(paths.values())), "path"))
+
+
+def middle_of(path: PathAhead) -> tuple[float, float]:
+    """The middle of a path, m."""
     x, y, _, _ = point_at(path, 0.5 * path.length)
     return float(x), float(y)

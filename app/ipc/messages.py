@@ -418,6 +418,9 @@ class Reset(NamedTuple):
     presses: int  # of the brakes-off, that were seen (`Ring.presses`)
 
 
+LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset
+
+
 # -------------------------------------------------------------------------------------- answers: loop -> session server
 
 
@@ -481,3 +484,6 @@ class NotDone(NamedTuple):
     """A job failed."""
 
     why: str
+
+
+LoopAnswer = Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | Homed | Zeroed | NotDone

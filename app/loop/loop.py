@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.real_trial import RealTrial, load_kernels
 from experiments.trial.tick import RUN
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 from hardware.serial_device import device_at
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
@@ -51,7 +51,7 @@ class Loop:
     """One ring, one trial at a time."""
 
     def __init__(
-        self, ring: Ring, port: str, answers: Any,
+        self, ring: Ring, port: str, answers: BinaryIO,
         clock: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep,
         make_device: Callable[[Device, str], RealDevice] = device_at,
     ) -> None:  # fmt: skip
@@ -88,7 +88,7 @@ class Loop:
         self.ring.control.core, self.ring.control.pid = scheduling.core, os.getpid()
         self._answer(m.Prepared(scheduling))
 
-    def work(self, jobs: Any) -> None:
+    def work(self, jobs: BinaryIO) -> None:
         """Jobs from a pipe, until it ends."""
         threading.Thread(target=self._listen, args=(jobs,), name="jobs", daemon=True).start()
         try:
@@ -105,7 +105,7 @@ class Loop:
             if self.device is not None:
                 self.device.close()
 
-    def _listen(self, jobs: Any) -> None:
+    def _listen(self, jobs: BinaryIO) -> None:
         """Reading a job may wait, so it has a thread of its own. At the end of the pipe a running trial ends."""
         try:
             with contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
@@ -115,14 +115,14 @@ class Loop:
             self.ring.control.server_beat = 0
             self.jobs.put(None)
 
-    def _answer(self, answer: Any) -> None:
+    def _answer(self, answer: m.LoopAnswer) -> None:
         try:
             pickle.dump(answer, self._answers)
             self._answers.flush()
         except OSError as error:  # the server is gone; Windows calls that an invalid argument
             raise BrokenPipeError from error
 
-    def do(self, job: Any) -> None:
+    def do(self, job: m.LoopJob) -> None:
         """One job, and the answer to it."""
         try:
             match job:
@@ -294,7 +294,9 @@ def stopped_trial() -> Trial:
     path = build_path(path_file, "path")
     device = SimulatedDevice(file, (path.x0, path.y0), protocol.mouse.hand())
     planned = PlannedTrial(0, 0, file.name, preset, segment, 1)
-    trial = Trial(device, planned, Conditions(path_file, protocol.controllers[preset], protocol.rules, protocol.trial))
+    trial = SimulatedTrial(
+        device, planned, Conditions(path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
+    )
     run = trial.arguments().run
     run["stop"][0], run["end_ticks"][0] = 1, 20
     return trial

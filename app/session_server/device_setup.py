@@ -5,7 +5,7 @@ simulated operator moves it. A real one is made ready step by step, connected, h
 reports how it is; a person's hand moves it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -109,7 +109,7 @@ class RealSetup:
 
     real, hand = True, SENSOR
 
-    def __init__(self, protocol: Protocol, send: Callable[[object], None]) -> None:
+    def __init__(self, protocol: Protocol, send: Callable[[m.LoopJob], None]) -> None:
         """protocol: whose devices are looked for at first. send: a job to the loop."""
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
@@ -164,14 +164,15 @@ class RealSetup:
             self._connect = m.Connect((device,))
         home = m.HomeAt(home_of(device, progress.session.protocol.paths))
         self._busy = True
-        self._send({CONNECT: self._connect, HOME: home, ZERO: m.TakeZero()}[step])
+        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: home, ZERO: m.TakeZero()}
+        self._send(jobs[step])
 
     def _device(self, progress: "SessionProgress") -> Device:
         """The device of the coming trial."""
         assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
 
-    def take_answers(self, answers: list[object], write: Write, notify: Callable[..., None]) -> None:
+    def take_answers(self, answers: Sequence[m.LoopAnswer], write: Write, notify: Callable[..., None]) -> None:
         """Handle the loop's answers about the device. write: into the journal; notify: shows the experimenter a
         sentence.
         """

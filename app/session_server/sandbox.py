@@ -31,7 +31,7 @@ from core.control.rule_sets import RULE_SETS
 from core.control.velocity_field import BLEND_WIDTH
 from core.device import Device
 from core.files import InputError
-from core.path import build_path, outline, point_at
+from core.path import build_path, outline
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
@@ -39,12 +39,12 @@ from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metric
 from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
-from experiments.protocol import Protocol
+from experiments.protocol import Protocol, middle_of
 from experiments.protocol_writer import Variant, save_variant
 from experiments.recording.schema import recording_of
 from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
 from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 
 MOST_PASSES = 500  # in the table; the oldest go
 PIECES_BEFORE = 100  # looks into the ring, 2 s: of the approach no more is kept, longer than the measures' filter
@@ -293,7 +293,7 @@ class Sandbox:
             trial = RealTrial(device, planned, conditions)
         else:
             generator = np.random.default_rng(self._number)
-            trial = Trial(device, planned, conditions, person_at(self._setup, p, "0"), generator)
+            trial = SimulatedTrial(device, planned, conditions, person_at(self._setup, p, "0"), generator)
         self._tune(trial)
         self._pieces, self._changed, self._start_requested = [], False, False
         self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
@@ -320,7 +320,7 @@ class Sandbox:
         """The controller of the settings; noise: of the velocity that it sees, m/s. InputError: impossible numbers."""
         force = device.force_normalised_N * s.brake_strength
         path = build_path(self._protocol.paths[s.path], "path")
-        seen = sensed(device, point_at(path, 0.5 * path.length)[:2], self._assumed(s))
+        seen = sensed(device, middle_of(path), self._assumed(s))
         around = make_around(self._protocol.trial.around, self._tuned(device, s), seen)
         return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
 
@@ -342,13 +342,13 @@ class Sandbox:
         """Give a trial the controller, brakes and spring of the settings; its motion goes on."""
         before, self._now = self._now, self.settings
         s, assumed = self._now, self._assumed(self._now)
-        if not isinstance(trial.simulation, SimulatedDevice):  # its controller knows the noise of its sensing
+        if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
             trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
             return
         if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
-        middle = point_at(trial.path, 0.5 * trial.path.length)[:2]
-        trial.controller = self._controller(s, trial.device, decision_noise(trial.device, middle, assumed))
+        noise = decision_noise(trial.device, middle_of(trial.path), assumed)
+        trial.controller = self._controller(s, trial.device, noise)
         trial.simulation.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
         if "spring_N_m" not in self.fixed:
             grip, damping = trial.simulation.hand.grips, self._damping()

@@ -2,7 +2,17 @@
 
 import contextlib
 
-from app.ipc.messages import Check, CheckTiming, Prepared, RunTrial, Timing, TimingChecked, TrialReturned
+from app.ipc.messages import (
+    Check,
+    CheckTiming,
+    LoopAnswer,
+    LoopJob,
+    Prepared,
+    RunTrial,
+    Timing,
+    TimingChecked,
+    TrialReturned,
+)
 from app.ipc.ring import (
     BRAKES_OFF,
     END_TRIAL,
@@ -141,7 +151,7 @@ class TrialRunner:
         self.run: TrialRun | None = None
         self._let_go: Simulation | None = None  # the device whose handle was let go, and not touched since
         self.broken = ""  # why no loop can be started
-        self._device_answers: list[object] = []  # what the loop has answered besides
+        self._device_answers: list[LoopAnswer] = []  # what the loop has answered besides
 
     @property
     def _scheduling_words(self) -> str:
@@ -171,10 +181,10 @@ class TrialRunner:
             self._ring.control.stop = 0
         self._loop.send(RunTrial(run.trial))
 
-    def send(self, job: object) -> None:
+    def send(self, job: LoopJob) -> None:
         self._loop.send(job)
 
-    def device_answers(self) -> list[object]:
+    def device_answers(self) -> list[LoopAnswer]:
         """Answers of the loop about its device since the last call."""
         answers, self._device_answers = self._device_answers, []
         return answers

@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from app.progress import ProgressBar, watch_compiling
 from core.files import InputError
@@ -39,6 +39,7 @@ PORTS: dict[str, Any] = {
 }  # fmt: skip
 
 Do = Callable[[argparse.Namespace], int | None]
+Found = TypeVar("Found")
 
 
 def add_verb(
@@ -108,7 +109,7 @@ def devices_of(args: argparse.Namespace) -> list:
     return devices
 
 
-def with_progress(doing: str, call: Callable[..., Any], *arguments: Any, compiles: bool = False) -> Any:
+def with_progress(doing: str, call: Callable[..., Found], *arguments: object, compiles: bool = False) -> Found:
     """Call a function with a progress bar; compiles: another bar shows the kernels compiled before."""
     if compiles:
         watch_compiling()

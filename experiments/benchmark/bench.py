@@ -38,7 +38,7 @@ from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -272,7 +272,7 @@ def tick_cost(quick: bool) -> dict:
         simulations = {device.name: SimulatedDevice(device, (0.0, 0.40)) for device in protocol.devices}
         for planned in make_plan(protocol, str(operator)):
             generator = np.random.default_rng([operator, planned.segment, planned.repetition])
-            trial = Trial(
+            trial = SimulatedTrial(
                 simulations[planned.configuration],
                 planned,
                 Conditions(

@@ -53,7 +53,7 @@ from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
 from experiments.recording.schema import recording_of
 from experiments.trial.population import load_population
 from experiments.trial.tick import TICK_S
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 HALF_TURN = math.pi
 LEVELS_DEG = np.arange(220.0, 321.0, 10.0)  # of the maps' common scale; beyond it: the end's colour
@@ -232,7 +232,7 @@ def sdof_trials(device: Device, protocol: Protocol, number: int) -> Iterator[tup
             key = [protocol.seed, number, segment, repetition]  # the same noise on every display
             generator = np.random.default_rng(np.random.SeedSequence(key))
             planned = PlannedTrial(1, 1, device.name, 1, segment, repetition)
-            trial = Trial(
+            trial = SimulatedTrial(
                 simulation, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, generator
             )
             metrics = trial_metrics(recording_of(rows[: trial.run(rows)], device.braked), trial.path)

@@ -56,7 +56,7 @@ from experiments.paper_figures.workspace import Workspace, brake_angles, draw_ou
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
 from experiments.slave import TICK_S, Slave
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 
 def _heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
@@ -313,7 +313,7 @@ def contact(device: Device, workspace: Workspace, delay_s: float, motor: bool) -
     preset = make_preset("", "none", {}) if motor else make_preset("", "reflect", {})
     way = Segment(start_m=start, end_m=(x, wall + 1.0))  # never reached
     planned = PlannedTrial(1, 1, device.name, 1, 1, 1)
-    trial = Trial(
+    trial = SimulatedTrial(
         SimulatedDevice(device, start, hand), planned, Conditions(way, preset, "settled", TrialRules(slave=slave))
     )
     trial.arguments().run["phase"][0] = log.MOVE

@@ -12,7 +12,6 @@ import shutil
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from core.files import InputError
 
@@ -34,14 +33,15 @@ def reason_of(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def retry_while_locked(do: Callable[..., Any], *arguments: Any) -> Any:
+def retry_while_locked(do: Callable[..., object], *arguments: object) -> None:
     """Rename, link or remove files; try again, up to `TRIES` times, while another program has one open.
 
     PermissionError with that reason if it is still open then.
     """
     for left in reversed(range(TRIES)):
         try:
-            return do(*arguments)
+            do(*arguments)
+            return
         except PermissionError as error:
             if getattr(error, "winerror", None) not in HELD_OPEN:
                 raise

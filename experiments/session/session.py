@@ -46,7 +46,7 @@ from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
 from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 
 OnEvent = Callable[[events.Event, dict[str, Any]], None]
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
@@ -277,7 +277,7 @@ class Session:
         if sensors:
             trial = RealTrial(file, planned, conditions)
         else:
-            trial = Trial(self.simulation(planned.configuration), planned, conditions, self.person, generator)
+            trial = SimulatedTrial(self.simulation(planned.configuration), planned, conditions, self.person, generator)
         is_practice = planned.block == PRACTICE_BLOCK
         folder = files.PRACTICE if is_practice else files.TRIALS
         (self.folder / folder).mkdir(exist_ok=True)

@@ -5,7 +5,7 @@ The fields of `CobotSceneFile` are its keys; docs/examples holds two such scenes
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -266,7 +266,7 @@ def column_names(wheels: int) -> list[str]:
     return [*pose, *castors, "limited", "work_J", "kinetic_J"]
 
 
-def write_rows(file: Any, rows: np.ndarray, wheels: int) -> None:
+def write_rows(file: BinaryIO, rows: np.ndarray, wheels: int) -> None:
     """Append rows; `limited`: the numbers of the castors whose servo sets the pace until the next one."""
     arrays = [pa.array(column + 0.0) for column in rows[:, : 7 + wheels].T]
     words = ["".join(str(i + 1) for i in range(wheels) if int(bits) >> i & 1) for bits in rows[:, 10]]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -62,13 +62,13 @@ class SceneRun:
         first = spare if self.guarded is None else Guarded(spare, scene.around)
         first.rows(1, self.schedule, Grid(0, 0, 1, scene.step_s))
 
-    def run_chunk(self, rows: int) -> np.ndarray:
-        """The next output rows (rows, WIDTH, or one more with a guard); the first call begins at t = 0."""
+    def run_chunk(self, count: int) -> np.ndarray:
+        """The next output rows (count, WIDTH, or one more with a guard); the first call begins at t = 0."""
         scene = self.scene
         grid = Grid(self.row, scene.rows - 1, scene.output_every, scene.step_s)
-        self.row += rows
+        self.row += count
         simulation = self.simulation if self.guarded is None else self.guarded
-        return simulation.rows(rows, self.schedule, grid)
+        return simulation.rows(count, self.schedule, grid)
 
     def ledger(self) -> Ledger:
         """Energies and counts so far."""
@@ -177,6 +177,32 @@ def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
         raise
 
 
+class AnyScene(Protocol):
+    """A scene of a device or of a cobot."""
+
+    @property
+    def rows(self) -> int:
+        """Rows of the output."""
+
+    @property
+    def output_every(self) -> int:
+        """Steps from one output row to the next."""
+
+    @property
+    def doubt(self) -> tuple[str, str]:
+        """Where the check comes apart from the run: what `finer` was, and what to do."""
+
+    def row_times(self, first: int, count: int) -> np.ndarray:
+        """Times (s) of output rows first .. first + count - 1."""
+
+
+class AnyRun(Protocol):
+    """A scene being simulated, chunk by chunk."""
+
+    def run_chunk(self, count: int) -> np.ndarray:
+        """The next output rows (count, columns)."""
+
+
 class Comparison(NamedTuple):
     """A run beside its check."""
 
@@ -187,10 +213,9 @@ class Comparison(NamedTuple):
 
 
 def run_beside(
-    scene: Any, run: Any, half_step: Any, write: Callable[[np.ndarray, np.ndarray], None],
-    progress: Callable[[float], None],
-) -> Comparison:  # fmt: skip
-    """Run a scene (of a device or a cobot) and its check (`finer`), chunk by chunk, and compare the places.
+    scene: AnyScene, run: AnyRun, half_step: AnyRun, write: Callable[[np.ndarray, np.ndarray], None], progress: Progress
+) -> Comparison:
+    """Run a scene and its check (`finer`), chunk by chunk, and compare the places.
 
     write: takes the times (n,) and rows (n, columns; the place in columns X and X + 1) of each chunk of the run.
     FloatingPointError if the motion diverges.

@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import joblib
 
@@ -41,15 +41,28 @@ class Done(NamedTuple):
     ticks: int  # simulated
 
 
+class Job(Protocol):
+    """A part of the work that a process does at a time."""
+
+    @property
+    def number(self) -> int:
+        """Its place in the table, from 1."""
+
+    def run(self) -> Done: ...
+
+
+AnyJob = TypeVar("AnyJob", bound=Job, covariant=True)
+
+
 @dataclass(frozen=True)
-class Work:
+class Work(Generic[AnyJob]):
     """Jobs whose rows make one table."""
 
     kind: str  # "sweep": names its files, and it in refusals
     name: str
     texts: Mapping[str, str]  # everything that decides it, in full
     columns: tuple[str, ...]
-    jobs: Sequence[Any]  # each has its `number`, its place in the table from 1, and `run`, which makes it `Done`
+    jobs: Sequence[AnyJob]
 
 
 class Finished(NamedTuple):
@@ -154,7 +167,7 @@ def _a(work: Work) -> str:
     return work.kind if work.kind.endswith("s") else f"a {work.kind}"
 
 
-def _results(jobs: Sequence[Any], on_cluster: bool) -> Iterator[tuple[int, Done]]:
+def _results(jobs: Sequence[Job], on_cluster: bool) -> Iterator[tuple[int, Done]]:
     """The results of the jobs as they come, from all cores or the cluster's workers."""
     if not on_cluster:
         if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
@@ -187,7 +200,7 @@ def _cells_of(part: Path) -> int:
         return len(next(csv.reader(rows), ()))
 
 
-def _run(job: Any, parent: int | None = None) -> tuple[int, Done]:
+def _run(job: Job, parent: int | None = None) -> tuple[int, Done]:
     """A job; in a worker of this machine, which ends when its parent does, however that ends."""
     if parent is not None and parent != os.getpid():
         end_with(parent)

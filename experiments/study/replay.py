@@ -20,14 +20,14 @@ from core.device_interface import velocity_noise
 from core.files import InputError
 from core.mechanism import JOINTS
 from core.path import Path as PathAhead
-from core.path import build_path, point_at
+from core.path import build_path
 from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import along_path, trial_metrics
 from experiments.assumptions import DEFAULTS
 from experiments.progress import Progress, no_progress
-from experiments.protocol import Protocol, check_reach, load_protocol
+from experiments.protocol import Protocol, check_reach, load_protocol, middle_of
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.study.replay_motion import (
@@ -321,7 +321,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
     wanted = [recording.columns.get(name, without) for name in WANTED]
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
     path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.how.assumptions
-    middle = point_at(path, 0.5 * path.length)[:2]
+    middle = middle_of(path)
     if recording.sensors:
         noise, sensing, assumed = velocity_noise(device, middle), new_sensing(device, DEFAULTS), AS_ON_THE_BENCH
     else:

@@ -44,7 +44,7 @@ from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored, refuse_trial
 from experiments.session.journal import journal_summary, recorded_row
 from experiments.trial.operator import TICK_S
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
 PROGRESS_EVERY = 500  # ticks
@@ -179,7 +179,7 @@ def run_replay(
     moved_by = recorded_arm(recording) if whole and not hand.wants else hand
     simulated = ReplayedDevice(trial, device, moved_by.hand, whole)
     planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.segment, row.repetition)
-    again = Trial(simulated, planned, conditions)
+    again = SimulatedTrial(simulated, planned, conditions)
     run, first = again.arguments().run, 0 if whole else trial.first
     if not whole:
         run["phase"][0], run["tick"][0] = tick_log.MOVE, first

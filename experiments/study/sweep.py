@@ -107,7 +107,7 @@ class SweepFile(Table, frozen=True):
 
 
 @dataclass(frozen=True)
-class Job:
+class CellOfSweep:
     """What one process does at a time: every path and repetition of one person in one cell."""
 
     number: int  # in the order of the table
@@ -143,7 +143,7 @@ class Job:
         ]  # fmt: skip
 
 
-def load_sweep(path: Path) -> Work:
+def load_sweep(path: Path) -> Work[CellOfSweep]:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
@@ -176,7 +176,7 @@ def load_sweep(path: Path) -> Work:
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     in_protocol = {one[1:]: one.name for one in presets_of(protocol)}
     jobs = tuple(
-        Job(
+        CellOfSweep(
             number,
             population,
             device,
@@ -196,7 +196,11 @@ def load_sweep(path: Path) -> Work:
 
 
 def run_sweep(
-    sweep: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
+    sweep: Work[CellOfSweep],
+    out: Path,
+    resume: bool = False,
+    cluster: str | None = None,
+    progress: Progress = no_progress,
 ) -> dict:
     """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
     finished = run_work(sweep, Path(out), resume, cluster, progress)

@@ -29,7 +29,7 @@ from experiments.session.files import read_stored
 from experiments.trial.normals import normals
 from experiments.trial.operator import TICK_S, Person
 from experiments.trial.population import Population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 
 #: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
 BLOCK_TICKS = 65_536
@@ -55,14 +55,14 @@ def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
 
 def trial_of(
     protocol: Protocol, person: Person, operator: int, planned: PlannedTrial, device: SimulatedDevice, preset: Preset
-) -> Trial:
+) -> SimulatedTrial:
     """A trial of the operator of this number (1..), on a device as it is.
 
     As in a study: the same noise for every controller, device and rule set.
     """
     noise = normals(protocol.seed, operator, planned.segment, planned.repetition)
     path = protocol.paths[planned.segment]
-    return Trial(device, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, noise)
+    return SimulatedTrial(device, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, noise)
 
 
 def study_trials(

@@ -19,13 +19,13 @@ from core.mechanism import JOINTS
 from core.path import point_at
 from core.simulator.simulation import Simulation
 from core.stops import distal_sine
-from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol
+from experiments.protocol import load_protocol, middle_of
 from experiments.trial import tick
-from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, Sensing, new_sensing
+from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, new_sensing
 from experiments.trial.operator import TICK_S
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, Known, Trial, path_of
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
@@ -46,20 +46,16 @@ class RealTrial(Trial):
     _told = ("_reason", "filled", "_report")
 
     def __init__(self, device: Device, planned: PlannedTrial, conditions: Conditions) -> None:
-        super().__init__(device, planned, conditions)
+        path = path_of(planned, conditions)
+        middle = middle_of(path)
+        model, noise = Simulation(without_backlash(device), middle, fidelity="mr"), velocity_noise(device, middle)
+        known = Known(device, model, new_sensing(device, DEFAULTS), noise, AS_ON_THE_BENCH)
+        super().__init__(known, path, planned, conditions)
         self._connected: RealDevice | None = None
         self._last: tuple[int, np.ndarray] | None = None  # sequence and row of the last sample
         self._heard_s = self._ended_s = math.nan
         self._not_closed = self.filled = 0
         self._report: dict[str, Any] = {}  # the device's report, once the trial has left it
-
-    def _prepare(self, device: Any, middle: tuple[float, float]) -> tuple[Simulation, Sensing, float, Assumptions]:
-        """What is known of the device: sensed motion, and the brake model."""
-        self.device, model = device, Simulation(without_backlash(device), middle, fidelity="mr")
-        return model, new_sensing(device, DEFAULTS), velocity_noise(device, middle), AS_ON_THE_BENCH
-
-    def _start(self) -> None:
-        """Not known."""
 
     def _device_report(self) -> dict[str, Any]:
         report = self._connected.end_record() if self._connected else self._report

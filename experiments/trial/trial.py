@@ -1,6 +1,7 @@
-"""One trial, tick by tick, for every kind of hand: on a simulated device, or in `real_trial` on a real one."""
+"""One trial, tick by tick, for every kind of hand: here on a simulated device, in `real_trial` on a real one."""
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,13 +13,13 @@ from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device
 from core.faults import after, cause
-from core.path import Path, PathFile, build_path, point_at
+from core.path import Path, PathFile, build_path
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
 from core.simulator.state import new_record
 from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial
-from experiments.protocol import TrialRules
+from experiments.protocol import TrialRules, middle_of
 from experiments.trial import tick
 from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
@@ -42,66 +43,46 @@ class Conditions(NamedTuple):
     how: TrialRules = TrialRules()  # durations, radii and release of the protocol
 
 
-class Trial:
+class Known(NamedTuple):
+    """What a trial knows of its device."""
+
+    device: Device
+    simulation: Simulation  # of the device; for a real one, its linkage and the model of its brakes
+    sensing: Sensing  # of its motion
+    noise: float  # of the sensed velocity, m/s
+    assumed: Assumptions  # of its age
+
+
+def path_of(planned: PlannedTrial, conditions: Conditions) -> Path:
+    """The path of a trial, as the kernels see it."""
+    return build_path(conditions.path, f"path {planned.segment}")
+
+
+class Trial(ABC):
     """One trial of the plan. It can be sent to the process of the control loop and its outcome taken back."""
 
     real = False  # it is for a real device
     _told: tuple[str, ...] = ("_reason",)  # beside arrays, what running it changes
 
-    def __init__(
-        self,
-        device: Any,
-        planned: PlannedTrial,
-        conditions: Conditions,
-        person: Person | None = None,
-        generator: np.random.Generator | Normals | None = None,
-    ) -> None:
-        """device: a `SimulatedDevice`. person and generator: a simulated operator; None: the hand is a person's."""
-        path, preset, rules, how = conditions
-        self.planned, self.how = planned, how
-        self.path: Path = build_path(path, f"path {planned.segment}")
-        middle = point_at(self.path, 0.5 * self.path.length)[:2]
-        self.device: Device
-        self.simulation, self.sensing, noise, assumed = self._prepare(device, middle)
+    def __init__(self, known: Known, path: Path, planned: PlannedTrial, conditions: Conditions) -> None:
+        self.device, self.simulation, self.sensing, noise, assumed = known
+        self.path, self.planned, self.how = path, planned, conditions.how
         self.controller: Controller = make_controller(
-            preset, self.device.force_normalised_N, rules, velocity_noise=noise,
-            around=make_around(how.around, self.device, sensed(self.device, middle, assumed)),
+            conditions.preset, self.device.force_normalised_N, conditions.rules, velocity_noise=noise,
+            around=make_around(self.how.around, self.device, sensed(self.device, middle_of(path), assumed)),
         )  # fmt: skip
-        self._way = self.path  # of the operator
+        self._way = self.path  # of a simulated operator
         self._memory = new_memory()
-        self._run = tick.new_run(how, person is not None, self.real)
+        self._run = tick.new_run(self.how, simulated_hand=False, real=self.real)
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
-        if person is not None and generator is not None:
-            self._operator = new_operator(person, generator)
-            self._noise = generator.standard_normal((NOISE_DRAWS, 2))
-            self._way = way_round(path, how.around.obstacles, f"path {planned.segment}")
-            take_handle(person, self._way, self.simulation.hand.grips)
-        if self.device.castor:
-            hand, state, _ = self.simulation.data
-            set_castor(self._run["cobot"][0], self.device, state["tip"][0], hand.grips["mass"][0])
         self._reason = ""  # of an abort from outside
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         self.let_go = 0  # how often the pointer left its workspace during the movement, and the hand let go
-        self.start: dict[str, Any] | None = self._start()
+        self.start: dict[str, Any] | None = None  # what the trial depends on beside its ticks, where that is known
 
-    def _prepare(self, device: Any, middle: tuple[float, float]) -> tuple[Simulation, Sensing, float, Assumptions]:
-        """Set `device`. Device and sensors as the kernels see them, noise (m/s) of the motion seen, and its age.
-
-        middle (m): of the path.
-        """
-        device.begin()
-        self.device, assumed = device.device, self.how.assumptions
-        noise = decision_noise(self.device, middle, assumed)
-        return device, new_sensing(self.device, assumed), noise, assumed
-
-    def _start(self) -> dict[str, Any] | None:
-        """What the trial depends on beside its ticks."""
-        assert isinstance(self.simulation, SimulatedDevice)
-        return self.simulation.recorded_start()
-
-    def refine(self, substeps: int) -> None:
-        """Simulate each tick in so many steps; operator and controller act once a tick all the same."""
-        self._run["substeps"][0] = substeps
+    @abstractmethod
+    def _device_report(self) -> dict[str, Any]:
+        """The device's part of `outcome`."""
 
     def aim(self, x: float, y: float) -> None:
         """Where the hand wants the handle to be (m), from now on; its velocity counts as zero."""
@@ -171,17 +152,50 @@ class Trial:
         about |= {"hand_left": self.let_go} if self.let_go else {}
         return about | ({"timing": self.timing} if self.timing else {})
 
-    def _device_report(self) -> dict[str, Any]:
-        """The device's part of `outcome`."""
-        assert isinstance(self.simulation, SimulatedDevice)
-        report = self.simulation.end_record()
-        if self.device.castor:
-            report["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
-        return report
-
     def _words(self, code: int) -> str:
         release = self.how.release
         force, time_s = (release.force_N, release.time_s) if release else (math.inf, math.inf)
         if not tick.REASONS[code]:
             return "stopped by the experimenter"
         return cause(tick.REASONS[code], speed_max=tick.SPEED_MAX_M_S, force=force, time=time_s)
+
+
+class SimulatedTrial(Trial):
+    """A trial of the plan on a simulated device, which stays as the trial leaves it."""
+
+    simulation: SimulatedDevice
+
+    def __init__(
+        self,
+        device: SimulatedDevice,
+        planned: PlannedTrial,
+        conditions: Conditions,
+        person: Person | None = None,
+        generator: np.random.Generator | Normals | None = None,
+    ) -> None:
+        """person and generator: a simulated operator; None: the hand is a person's."""
+        device.begin()
+        path, assumed = path_of(planned, conditions), conditions.how.assumptions
+        noise = decision_noise(device.device, middle_of(path), assumed)
+        known = Known(device.device, device, new_sensing(device.device, assumed), noise, assumed)
+        super().__init__(known, path, planned, conditions)
+        hand, state, _ = device.data
+        if person is not None and generator is not None:
+            self._run = tick.new_run(self.how, simulated_hand=True)
+            self._operator = new_operator(person, generator)
+            self._noise = generator.standard_normal((NOISE_DRAWS, 2))
+            self._way = way_round(conditions.path, self.how.around.obstacles, f"path {planned.segment}")
+            take_handle(person, self._way, hand.grips)
+        if self.device.castor:
+            set_castor(self._run["cobot"][0], self.device, state["tip"][0], hand.grips["mass"][0])
+        self.start = device.recorded_start()
+
+    def refine(self, substeps: int) -> None:
+        """Simulate each tick in so many steps; operator and controller act once a tick all the same."""
+        self._run["substeps"][0] = substeps
+
+    def _device_report(self) -> dict[str, Any]:
+        report = self.simulation.end_record()
+        if self.device.castor:
+            report["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
+        return report

@@ -76,7 +76,7 @@ class Run:
     seed: int = 1
     triples: int = 1
 
-    def work(self) -> Work:
+    def work(self) -> Work[World]:
         """InputError: the statements cannot be judged, or there are too many worlds."""
         ranges = self.ranges
         if reason := why_no_findings(ranges.protocol.controllers):

@@ -24,7 +24,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 
 SMALL = ROOM + 5000  # ticks: a disk may fall 5 s behind, and so may this process
 SOMEBODY = load_population().draw(np.random.default_rng(1))
@@ -93,7 +93,7 @@ def new_one(person: Person | None = None) -> Trial:
     simulation = SimulatedDevice(protocol.devices[0], (0.0, 0.35), None if person else protocol.mouse.hand())
     planned = PlannedTrial(0, 0, "three-brake", 1, 1, 1)
     generator = np.random.default_rng(2)
-    return Trial(simulation, planned, Conditions(path, preset, protocol.rules, rules), person, generator)
+    return SimulatedTrial(simulation, planned, Conditions(path, preset, protocol.rules, rules), person, generator)
 
 
 def test_a_disk_that_falls_behind_ends_the_trial_and_still_gets_every_tick(loop) -> None:
@@ -145,7 +145,7 @@ def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -
             ring.aim(*path.start_m)
         disk = Disk()
         disk.free.set()
-        trial = Trial(
+        trial = SimulatedTrial(
             at_start, planned, Conditions(path, preset, protocol.rules, rules), None, np.random.default_rng(2)
         )
         run_trial(loop, disk, trial, ticks=1500)

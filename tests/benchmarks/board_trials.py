@@ -24,7 +24,7 @@ from experiments.protocol import Protocol
 from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 from hardware.emulated_board.board import TICK_US, Board
 from hardware.emulated_board.device import EmulatedDevice, hello_of
 from hardware.sensing.samples import WINDOW, MotionFilter, Vector, sensing_of
@@ -167,7 +167,7 @@ class Setting(NamedTuple):
 def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
     """How the trial ends there, and its measures."""
     protocol, planned = setting.protocol, setting.planned
-    trial = Trial(
+    trial = SimulatedTrial(
         SimulatedDevice(setting.device, setting.start),
         planned,
         Conditions(protocol.paths[planned.segment], setting.preset, protocol.rules, protocol.trial),

@@ -10,7 +10,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.protocol_file import MouseHand
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 PAPER = load_protocol()
 SIDES = np.radians([0.0, 90.0, 180.0, 270.0])
@@ -22,7 +22,9 @@ def pulled(device, segment: int, places: np.ndarray) -> tuple[np.ndarray, Simula
     """The log and the device after the pointer has gone through places (ticks, 2), the handle at the first of them."""
     model = SimulatedDevice(device, tuple(places[0]), PAPER.mouse.hand())
     planned = PlannedTrial(0, 0, device.name, 1, segment, 1)
-    trial = Trial(model, planned, Conditions(PAPER.paths[segment], PAPER.controllers[1], PAPER.rules, PAPER.trial))
+    trial = SimulatedTrial(
+        model, planned, Conditions(PAPER.paths[segment], PAPER.controllers[1], PAPER.rules, PAPER.trial)
+    )
     rows = np.zeros((len(places), tick_log.WIDTH))
     for n, (x, y) in enumerate(places):
         trial.aim(x, y)

@@ -13,7 +13,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import along_path, mean_over_progress
 from experiments.plan import PlannedTrial
 from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
 FLAT = Segment((-0.1, 0.4), (0.1, 0.4))
@@ -23,7 +23,7 @@ BOW = Arc((0.0, 0.36), 0.08, 180.0, 0.0)
 
 def new_trial(person, number=1, path=FLAT, seed=3, device="three-brake", simulation=None):
     simulation = simulation or SimulatedDevice(DEVICES[device], (0.0, 0.38))
-    return Trial(
+    return SimulatedTrial(
         simulation,
         PlannedTrial(1, 1, device, number, 1, 1),
         Conditions(path, PAPER.controllers[number], "settled"),
@@ -180,7 +180,7 @@ def test_an_operator_whose_trial_is_stopped_leaves_the_virtual_hand_where_it_is(
 
 def test_a_hand_force_that_is_not_finite_ends_the_trial_with_brakes_off():
     simulation = SimulatedDevice(DEVICES["three-brake"], (0.0, 0.38))
-    trial = Trial(
+    trial = SimulatedTrial(
         simulation, PlannedTrial(1, 1, "three-brake", 2, 1, 1), Conditions(FLAT, PAPER.controllers[2], "settled")
     )
     trial.aim(float("nan"), 0.4)

@@ -18,7 +18,7 @@ from experiments.plan import PlannedTrial
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.study.replay import check_decisions
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 #: Share by which a measure may differ from the simulated device's, with the same person and noise. Velocity is 7 ms
 #: old (filter) and currents come a tick later (wire); encoder steps make the smoothness measures a little larger.
@@ -40,7 +40,7 @@ def bench() -> Iterator[RealBench]:
 def simulated(device, controller: int, seed: int) -> np.ndarray:
     """The same trial on the simulated device, (n, WIDTH)."""
     person, generator = drawn(seed)
-    trial = Trial(
+    trial = SimulatedTrial(
         SimulatedDevice(device, TIP),
         PlannedTrial(1, 1, device.name, controller, 1, 1),
         Conditions(PATH, PAPER.controllers[controller], PAPER.rules, PAPER.trial),

@@ -21,7 +21,7 @@ from experiments.protocol import TrialRules, load_protocol
 from experiments.trial.encoder_sensing import new_sensing
 from experiments.trial.operator import OPERATOR
 from experiments.trial.tick import RunningTrial, new_run, run_ticks
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 DEVICES = {name: load_device(name) for name in ("three-brake", "four-brake")}
 SPEED_AT_REST = 0.005  # m/s
@@ -108,7 +108,7 @@ def test_the_noiseless_operator_finishes_every_trial_under_the_settled_rules(nam
             for controller, preset in PAPER.controllers.items():
                 planned = PlannedTrial(1, 1, name, controller, number, 1)
                 generator = np.random.default_rng([seed, number])
-                trial = Trial(
+                trial = SimulatedTrial(
                     simulation, planned, Conditions(path, preset, "settled"), person=person, generator=generator
                 )
                 trial.run(rows)

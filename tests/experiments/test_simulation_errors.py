@@ -13,7 +13,7 @@ from experiments.study import unrecorded
 from experiments.study.unrecorded import person_of, run_trial, simulation_errors, switched_on
 from experiments.trial.normals import normals
 from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 PAPER = load_protocol()
 PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
@@ -55,7 +55,7 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
     [planned] = [one for one in make_plan(PROTOCOL, "01", coded=False) if (one.controller, one.segment) == (3, 1)]
 
     def rows(substeps):
-        trial = Trial(
+        trial = SimulatedTrial(
             switched_on(PROTOCOL.devices[0], PROTOCOL),
             planned,
             Conditions(PROTOCOL.paths[1], PROTOCOL.controllers[3], PROTOCOL.rules, PROTOCOL.trial),

@@ -20,7 +20,7 @@ from experiments.session.files import session_folder
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 TEXT = (COBOT_FOLDER / "unicycle.toml").read_text()
 PLANNED = PlannedTrial(1, 1, "unicycle", 2, 1, 1)
@@ -70,7 +70,7 @@ def pulled(text, target, seconds=1.0, controller=2):
     hand = spring_hand((500.0, 0.0, 500.0), (10.0, 0.0, 10.0), 60.0, 1.0, (0.0, 0.4))
     path = Segment(start_m=(0.0, 0.4), end_m=(0.1, 0.4))
     preset = load_protocol("steered").controllers[controller]
-    trial = Trial(SimulatedDevice(device, (0.0, 0.4), hand), PLANNED, Conditions(path, preset, "settled"))
+    trial = SimulatedTrial(SimulatedDevice(device, (0.0, 0.4), hand), PLANNED, Conditions(path, preset, "settled"))
     trial.arguments().run["phase"][0] = log.MOVE
     trial.aim(*target)
     rows = np.empty((round(1000 * seconds), log.WIDTH))

@@ -10,7 +10,7 @@ from experiments.protocol import load_protocol
 from experiments.recording.schema import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 AVERAGE = load_population()
 
@@ -37,7 +37,7 @@ def bench_trials(person: Person, seed: int, rounds: int = 3) -> list[Motion]:
         for _ in range(rounds):
             cells = [(number, segment) for number in paper.controllers for segment in paper.paths]
             for number, segment in generator.permutation(cells).tolist():
-                trial = Trial(
+                trial = SimulatedTrial(
                     simulation,
                     PlannedTrial(1, 1, device.name, number, segment, 1),
                     Conditions(paper.paths[segment], paper.controllers[number], "settled"),
