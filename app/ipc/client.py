@@ -1,7 +1,7 @@
 """The window's connection to the session server: start it, send commands, receive its state; no Qt.
 
-Only `refused` and `stop` wait for another process. The pointer and the brakes-off go straight into the memory that the
-control loop reads.
+Only `refused` and `stop` wait for another process. The pointer (`ring.aim`) and the brakes-off go straight into the
+memory that the control loop reads.
 """
 
 import time
@@ -33,12 +33,12 @@ class Client:
         self._received: list = []  # by `refused`, for `receive`
         self._answered = False
         try:
-            self._ring = Ring(width=tick_log.BENCH_WIDTH if setup.link else tick_log.WIDTH)
+            self.ring = Ring(width=tick_log.BENCH_WIDTH if setup.link else tick_log.WIDTH)
         except OSError as error:
             raise InputError(f"no memory for the ticks of the control loop ({error.strerror or error})") from None
         self._server = Child(
-            "app.session_server.server", setup.to_json(), self._ring.handle, stderr=DEVNULL, start_new_session=True,
-            **self._ring.inherited,
+            "app.session_server.server", setup.to_json(), self.ring.handle, stderr=DEVNULL, start_new_session=True,
+            **self.ring.inherited,
         )  # fmt: skip
 
     @property
@@ -66,7 +66,7 @@ class Client:
 
     def receive(self) -> list:
         """Messages of the session server since the last call: Opened, Snapshot, Pulse."""
-        if not self._left_core and (core := int(self._ring.control.core)) >= 0:
+        if not self._left_core and (core := int(self.ring.control.core)) >= 0:
             leave_core(core)
             self._left_core = True
         received, self._received = self._received + self._take(), []
@@ -83,24 +83,16 @@ class Client:
 
     def ticks(self) -> np.ndarray:
         """The ticks since the last call: (n, WIDTH); `t_s` starts at 0 with each trial."""
-        return self._ring.newest()[:, : tick_log.WIDTH]
+        return self.ring.newest()[:, : tick_log.WIDTH]
 
     @property
     def taken(self) -> bool:
         """Whether the pointer holds the handle."""
-        return bool(self._ring.control.taken)
-
-    def aim(self, x: float, y: float) -> None:
-        """Report the place of the pointer, m."""
-        self._ring.aim(x, y)
-
-    def let_go(self) -> None:
-        """The pointer has left its workspace: release the handle until the pointer touches it again."""
-        self._ring.let_go()
+        return bool(self.ring.control.taken)
 
     def brakes_off(self, cause: str) -> None:
         """Switch the brakes off from the next tick on, until AllowBrakes; works without a session server too."""
-        self._ring.press_brakes_off(cause)
+        self.ring.press_brakes_off(cause)
 
     def stop(self, reason: str) -> None:
         """End the session server and wait for it; the running trial is aborted for this reason and kept."""

@@ -23,7 +23,6 @@ from experiments.plan import PlannedTrial
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
 from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
 from experiments.session.blind import blinded, unblinded
 from experiments.session.checksums import fault_of_end, next_line, note_end, noted_end, read_lines
 from experiments.session.files import CRASHED, TABLE, controller_names, hold_lock, rows_of, write_pooled_table
@@ -221,7 +220,7 @@ class JournalSummary:
         return controller_names(self.session)
 
     def row(self, row: TrialRow) -> TrialRow:
-        """A row as it stands in the table."""
+        """A trial's row as it stands in the table: with its mark, and its controller or the code of it."""
         row = unblinded(row, self.key) if self.key is not None else blinded(row)
         if row.controller_name is None:
             row = named(row, self.names)
@@ -253,11 +252,6 @@ def journal_summary(session: Path) -> JournalSummary:
         elif event is UNBLINDED:
             found.key = about["key"]
     return found
-
-
-def recorded_row(recording: Recording, folder: Path, journal: JournalSummary) -> TrialRow:
-    """The row of a recorded trial for a table in `folder`. InputError if the recording cannot give one."""
-    return journal.row(row_of(recording, folder))
 
 
 #: what marks a run afterwards -> the statuses of the runs that can be marked, and why others cannot

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import append_row, is_same_row, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import append_row, is_same_row, read_table, row_of, table_bytes, write_table
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
 from experiments.recording.reader import read_recording
@@ -161,7 +161,7 @@ def _recover_table(session: Path, done: Rescue) -> None:
                 recording = read_recording(path)
                 if not recording.whole:
                     raise InputError(f"{path}: {'; '.join(recording.damaged)}")
-                row = journal.recorded_row(recording, session, summary)
+                row = summary.row(row_of(recording, session))
         if row is not None:
             append_row(table, row, names=summary.names)
             done.rows_added.append(f"{files.TABLE}: run {run}, {row.status}")

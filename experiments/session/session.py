@@ -18,7 +18,7 @@ import msgspec
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, write_table
+from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, row_of, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -314,7 +314,7 @@ class Session:
                 raise
             self.journal(events.LEFT_AS_STREAM, file=writer.path.name, reason=error.strerror or str(error))
             recording = read_recording(writer.path)
-        row = events.recorded_row(recording, self.folder, self._summary)
+        row = self._summary.row(row_of(recording, self.folder))
         ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
         if trial.planned.block == PRACTICE_BLOCK:
             self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)

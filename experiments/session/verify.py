@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table
+from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table, row_of
 from experiments.plan import PRACTICE_BLOCK, counted
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.reader import read_recording
@@ -34,7 +34,6 @@ from experiments.session.journal import (
     NAME,
     JournalSummary,
     journal_summary,
-    recorded_row,
     rows_without_recording,
 )
 
@@ -199,7 +198,7 @@ class _SessionCheck:
     def _right_row(self, recording: Recording) -> TrialRow | None:
         """The row of a whole recording, checked against its name, the session and the journal; None: it has none."""
         try:
-            right = recorded_row(recording, self.session, self.journal)
+            right = self.journal.row(row_of(recording, self.session))
         except InputError as error:
             self._fault(recording.path, error)
             return None

@@ -16,7 +16,15 @@ from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.report import Moved, side_by_side, write_report
-from experiments.analysis.trials_table import COUNTED, StudyData, TrialRow, by_controller, read_table, write_table
+from experiments.analysis.trials_table import (
+    COUNTED,
+    StudyData,
+    TrialRow,
+    by_controller,
+    read_table,
+    row_of,
+    write_table,
+)
 from experiments.inputs import is_person
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
@@ -30,7 +38,6 @@ from experiments.session.journal import (
     JournalSummary,
     close_journal,
     journal_summary,
-    recorded_row,
     rows_without_recording,
     write_event,
 )
@@ -156,7 +163,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
         return []
     about = recording.metadata
     try:
-        row = recorded_row(recording, out, journal)
+        row = journal.row(row_of(recording, out))
         with reading_stored(path):
             operators = operators_from_json(about)
             preset = preset_from_json(about["preset"]) if "preset" in about else None

@@ -35,14 +35,14 @@ from core.simulator.simulation import start
 from core.simulator.solver_numbers import RATE_ROUNDING
 from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored, refuse_trial
-from experiments.session.journal import journal_summary, recorded_row
+from experiments.session.journal import journal_summary
 from experiments.trial.operator import TICK_S
 from experiments.trial.trial import Conditions, SimulatedTrial
 
@@ -70,7 +70,7 @@ def read_recorded(file: Path) -> Recorded:
     session = file.resolve().parent.parent
     if not (session / STORED).is_file():
         raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")
-    stored, row = read_stored(session), recorded_row(recording, session, journal_summary(session))
+    stored, row = read_stored(session), journal_summary(session).row(row_of(recording, session))
     refuse_trial(row, stored.protocol, str(file))
     move = np.flatnonzero(recording.in_phase("move"))
     if not len(move):

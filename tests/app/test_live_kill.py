@@ -167,7 +167,7 @@ def test_a_trial_by_pointer_ends_with_its_window_and_comes_again(tmp_path: Path,
     run, hand = snapshot.running.run, SyntheticHand(snapshot.running.segment, snapshot.tip)
     opened.until(lambda _: len(opened.rows))
     while (now := opened.rows[-1])[tick_log.PHASE] < phase:
-        opened.client.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
+        opened.client.ring.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
         time.sleep(0.005)
         opened.look()
     pids = opened.processes()

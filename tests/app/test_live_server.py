@@ -47,7 +47,7 @@ def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_
         window.look()
         rows = window.rows
         tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
-        window.client.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))
+        window.client.ring.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))
         seen = len(rows)
         time.sleep(0.005)
     wall = time.perf_counter() - began

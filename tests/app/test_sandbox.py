@@ -47,7 +47,7 @@ def drive(window: LocalWindow, until) -> None:
         tip, phase = (row[tick_log.TIP_X], row[tick_log.TIP_Y]), int(row[tick_log.PHASE])
         if hand is None or running.repetition != number:
             hand, number = SyntheticHand(running.segment, tip), running.repetition
-        window.client.aim(*hand(tip, phase, 0.02))
+        window.client.ring.aim(*hand(tip, phase, 0.02))
 
 
 def moves(ticks: int):
@@ -181,13 +181,13 @@ def sweep(window: LocalWindow, tip: np.ndarray, angle: float, speed_m_s: float) 
     """The pointer takes the handle, and leaves the canvas from there with it."""
     at, way = tip.copy(), np.array([math.cos(angle), math.sin(angle)])
     while not window.client.taken:
-        window.client.aim(*at)
+        window.client.ring.aim(*at)
         window.look()
     while np.all((CANVAS[0] < at) & (at < CANVAS[1])):
-        window.client.aim(*at)
+        window.client.ring.aim(*at)
         window.look()
         at = at + 1e-3 * len(window.ticks[-1]) * speed_m_s * way
-    window.client.let_go()
+    window.client.ring.let_go()
 
 
 @pytest.mark.parametrize("device", ["three-brake", "four-brake"])
@@ -219,7 +219,7 @@ def test_a_handle_that_is_let_go_at_any_speed_in_any_direction_comes_to_rest_on_
 def test_in_the_movement_nobody_has_a_handle_that_was_let_go_until_it_is_brought_back(window: LocalWindow) -> None:
     drive(window, moves(300))
     run = window.client.state.runner.run
-    window.client.let_go()
+    window.client.ring.let_go()
     rows = wait(window, 1.0)
     assert set(rows[100:, tick_log.PHASE]) == {tick_log.MOVE} and not rows[100:, tick_log.ARM_FORCE_MAX].any()
     window.client.send(m.BringBack())
@@ -236,9 +236,9 @@ def test_the_handle_is_brought_back_where_no_pointer_ever_was_and_out_of_the_han
     )  # till then it waits
     window.client.send(m.BringBack())
     assert wait(window, 2.0)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1] == pytest.approx(start, abs=0.004)
-    window.client.aim(*start)
+    window.client.ring.aim(*start)
     wait(window, 0.1)
-    window.client.aim(0.0, 0.43)
+    window.client.ring.aim(0.0, 0.43)
     wait(window, 0.5)
     assert window.client.taken
     window.client.send(m.BringBack())
@@ -248,7 +248,7 @@ def test_the_handle_is_brought_back_where_no_pointer_ever_was_and_out_of_the_han
 
 def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the_start(window: LocalWindow) -> None:
     drive(window, moves(300))
-    window.client.let_go()
+    window.client.ring.let_go()
     window.client.send(m.EndSandbox())
     window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
     window.client.send(m.SetSandbox())
@@ -393,7 +393,7 @@ def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_gu
         change(window, controller=1)
         drive(window, moves(20))
         while not len(window.rows) or np.count_nonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE) < 2500:
-            window.client.aim(-0.1, 0.7)  # far behind the wall at y = 0.5 m
+            window.client.ring.aim(-0.1, 0.7)  # far behind the wall at y = 0.5 m
             window.look()
         pulled = window.rows[window.rows[:, tick_log.PHASE] == tick_log.MOVE]
     nearest = pulled[:, tick_log.OBSTACLE_DISTANCE].min()

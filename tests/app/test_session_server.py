@@ -105,14 +105,14 @@ def test_a_pointer_that_leaves_in_mid_movement_lets_go_and_the_trial_says_so(win
     hand, rows = SyntheticHand(snapshot.running.segment, snapshot.tip), window.rows
     while np.count_nonzero(rows[:, tick_log.PHASE] == tick_log.MOVE) < 300:
         tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
-        window.client.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 0.01))
+        window.client.ring.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 0.01))
         time.sleep(0.01)
         window.look()
         rows = window.rows
     assert window.client.taken
-    window.client.let_go()
+    window.client.ring.let_go()
     window.until_tick(lambda rows: not window.client.taken)
-    window.client.aim(rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y] - 0.25)  # back, 250 mm away
+    window.client.ring.aim(rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y] - 0.25)  # back, 250 mm away
     seen = len(window.rows)
     window.until_tick(lambda rows: len(rows) > seen + 100)
     assert not window.client.taken and not window.rows[seen:, tick_log.HAND_FX : tick_log.HAND_FY + 1].any()

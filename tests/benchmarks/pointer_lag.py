@@ -135,7 +135,7 @@ def measure(seconds: float, width: int, height: int) -> PointerLag | str:
             participant.setGeometry(0, 0, width, height)
             participant.show()
             participant.raise_()
-            control = bench._ring.control  # type: ignore[union-attr]  # it is ready
+            control = bench.ring.control  # type: ignore[union-attr]  # it is ready
             moves = Moves(windows, lambda: 1e-9 * int(control.loop_beat))
             if _until(application, lambda: participant.view.taken, TAKE_S):
                 return "the window system does not let the pointer be moved"

@@ -35,10 +35,11 @@ RED = (
 
 
 class FakeClient:
-    """A session server without processes: the same API as `app.ipc.client.Client`."""
+    """A session server without processes: the same API as `app.ipc.client.Client`, and of its ring."""
 
     def __init__(self) -> None:
         self.alive, self.stopped, self.taken = True, "", False
+        self.ring = self
         self.sent: list = []
         self.inbox: list = []
         self.aimed: list[tuple[float, float]] = []

@@ -101,7 +101,7 @@ class Window:
     def touch(self) -> m.Snapshot:
         """The pointer takes hold of the handle of the running trial."""
         self.until_stage(m.RUNNING)
-        self.client.aim(*self.snapshot.tip)
+        self.client.ring.aim(*self.snapshot.tip)
         return self.snapshot
 
     def abort(self, reason: str) -> m.Snapshot:

@@ -143,24 +143,24 @@ class LocalClient:
 
     def __init__(self, setup: Setup, board: Bench | None = None) -> None:
         """board: on the bench; None: the device is simulated."""
-        self._ring = Ring(width=tick_log.BENCH_WIDTH if board else tick_log.WIDTH)
-        loop = BoardLoop(self._ring, board) if board else SimulatedLoop(self._ring)
+        self.ring = Ring(width=tick_log.BENCH_WIDTH if board else tick_log.WIDTH)
+        loop = BoardLoop(self.ring, board) if board else SimulatedLoop(self.ring)
         setup.data_dir.mkdir(parents=True, exist_ok=True)
         self._lock = hold_lock(setup.data_dir)
-        self.state = State(setup, read_protocol(setup), self._ring, loop)
+        self.state = State(setup, read_protocol(setup), self.ring, loop)
         self._opened: m.Opened | None = None
         self._shown: m.Snapshot | None = None
 
     @property
     def taken(self) -> bool:
-        return bool(self._ring.control.taken)
+        return bool(self.ring.control.taken)
 
     def send(self, command: object) -> None:
         do(self.state, command)
 
     def receive(self) -> list:
         """One look of the server, and what it would have sent."""
-        self._ring.beat()
+        self.ring.beat()
         self.state.watch()
         opened, shown, said = self.state.opened(), self.state.snapshot(), []
         if opened != self._opened:
@@ -171,16 +171,10 @@ class LocalClient:
         return [*said, self.state.pulse()]
 
     def ticks(self) -> np.ndarray:
-        return self._ring.newest()
-
-    def aim(self, x: float, y: float) -> None:
-        self._ring.aim(x, y)
-
-    def let_go(self) -> None:
-        self._ring.let_go()
+        return self.ring.newest()
 
     def brakes_off(self, cause: str) -> None:
-        self._ring.press_brakes_off(cause)
+        self.ring.press_brakes_off(cause)
 
     def stop(self, reason: str) -> None:
         self.state.end(reason)
