@@ -196,7 +196,7 @@ class Mass(Table, frozen=True):
     rotor_inertia_kg_m2: Inertia = 0.0
 
 
-class Limits(Table, frozen=True):
+class HardStops(Table, frozen=True):
     """Hard stops."""
 
     margin: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.3
@@ -312,7 +312,7 @@ class DeviceFile(Table, frozen=True):
     mass: Mass
     brakes: BrakeNames
     couplings: Couplings = Couplings()
-    limits: Limits = Limits()
+    limits: HardStops = HardStops()
     sensing: Sensing | None = None
     castor: Castor | None = None
     provenance: str = ""  # where the numbers come from (`is_assumed`), marked wherever they are shown

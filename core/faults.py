@@ -11,7 +11,7 @@ FOUND = "it is found again by itself"
 TO_THE_JIG = "Look at the encoders' couplings, put the handle into its jig and home them."
 
 
-class Fault(NamedTuple):
+class FaultWords(NamedTuple):
     """One row of the table."""
 
     words: str  # in braces: what is filled in where it happens
@@ -20,79 +20,79 @@ class Fault(NamedTuple):
 
 FAULTS = {
     # latched on the board
-    "watchdog": Fault(
+    "watchdog": FaultWords(
         "no command for 50 ms", f"Look at the board's cable; if it is well, close other programs, {ALLOW}."
     ),
-    "over-current": Fault(
+    "over-current": FaultWords(
         "a brake drew more current than its limit",
         f"Switch off the brakes' supply, look at that amplifier and its wires, {ALLOW}.",
     ),
-    "over-speed": Fault(
+    "over-speed": FaultWords(
         "a joint turned faster than its limit", f"Let go of the handle, look at the encoders' couplings, {ALLOW}."
     ),
-    "bad-encoder": Fault("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
-    "force-saturated": Fault(
+    "bad-encoder": FaultWords("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
+    "force-saturated": FaultWords(
         "the force sensor is at the end of its range",
         f"The force exceeds the limit: push less. If nobody pushed, look at the sensor's cable, {ALLOW}.",
     ),
-    "brown-out": Fault(
+    "brown-out": FaultWords(
         "the supply voltage was too low and the board started anew",
         f"Look at the board's supply, {ALLOW} and home the encoders.",
     ),
-    "started-again": Fault(
+    "started-again": FaultWords(
         "it was powered up again, though its number of starts is still {starts}",
         f"Home the encoders and take the zero of the force anew, {ALLOW}; its firmware must count every power-up.",
     ),
-    "host-request": Fault("stopped by the host", "Allow the brakes again when it is safe."),
-    "unknown": Fault("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
+    "host-request": FaultWords("stopped by the host", "Allow the brakes again when it is safe."),
+    "unknown": FaultWords("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
     # of the line to the board
-    "no-sample": Fault("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
-    "silent-in-trial": Fault(
+    "no-sample": FaultWords("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
+    "silent-in-trial": FaultWords(
         "no sample came from the board for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."
     ),
-    "port": Fault("serial port {name}: {what}", "Plug the board in again: it is found by itself."),
-    "no-board": Fault("{name}: no board answers there", f"Look at the board's cable and supply; {FOUND}."),
-    "board-left": Fault(
+    "port": FaultWords("serial port {name}: {what}", "Plug the board in again: it is found by itself."),
+    "no-board": FaultWords("{name}: no board answers there", f"Look at the board's cable and supply; {FOUND}."),
+    "board-left": FaultWords(
         "the board ended the connection: it had heard nothing for a second", f"Nothing has to be done: {FOUND}."
     ),
     # of the sensors
-    "not-homed": Fault("the encoders have not been homed", "Put the handle into its jig and home the encoders."),
-    "contradict": Fault("the encoders contradict each other: one of them may be stuck", TO_THE_JIG),
-    "no-pose": Fault("the encoder counts match no position of the linkage: check the homing", TO_THE_JIG),
-    "out-of-place": Fault(
+    "not-homed": FaultWords("the encoders have not been homed", "Put the handle into its jig and home the encoders."),
+    "contradict": FaultWords("the encoders contradict each other: one of them may be stuck", TO_THE_JIG),
+    "no-pose": FaultWords("the encoder counts match no position of the linkage: check the homing", TO_THE_JIG),
+    "out-of-place": FaultWords(
         "the handle was where the device file says it cannot be: check the homing",
         "Look at the encoders' couplings and take up the session anew to home them.",
     ),
-    "force-not-finite": Fault("the hand force was not finite", "Look at the force sensor's cable."),
+    "force-not-finite": FaultWords("the hand force was not finite", "Look at the force sensor's cable."),
     # of a trial
-    "start-not-reached": Fault("the start was not reached in time", "Show the way to the start."),
-    "too-fast": Fault("the handle moved faster than {speed_max:g} m/s", "Ask for slower movements."),
-    "disobeyed": Fault(
+    "start-not-reached": FaultWords("the start was not reached in time", "Show the way to the start."),
+    "too-fast": FaultWords("the handle moved faster than {speed_max:g} m/s", "Ask for slower movements."),
+    "disobeyed": FaultWords(
         "the brakes did not get the currents that were asked for",
         "Look at the board, the brakes' supply and the amplifiers.",
     ),
-    "trapped": Fault(
+    "trapped": FaultWords(
         "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
         "See that the hand is free and well.",
     ),
-    "brakes-off": Fault("brakes off: {why}", "Allow the brakes again when it is safe."),
+    "brakes-off": FaultWords("brakes off: {why}", "Allow the brakes again when it is safe."),
     # of this computer
-    "server-silent": Fault(
+    "server-silent": FaultWords(
         "the process that records did not answer for two seconds", "This computer was held up: close other programs."
     ),
-    "disk-too-slow": Fault(
+    "disk-too-slow": FaultWords(
         "the disk could not keep up: nothing was written for {seconds} s", "Free the disk of other work."
     ),
-    "recording-failed": Fault(
+    "recording-failed": FaultWords(
         "the recording failed: {why}", "Make room on the disk: what is missing is then written by itself."
     ),
-    "folder-gone": Fault(
+    "folder-gone": FaultWords(
         "{what}",
         "Bring it back (connect its disk, take it out of the wastebasket): what is missing is then written by itself.",
     ),
-    "loop-died": Fault("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
-    "loop-hung": Fault("the control loop hung and was ended", "Nothing has to be done: it is started again."),
-    "no-loop": Fault(
+    "loop-died": FaultWords("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
+    "loop-hung": FaultWords("the control loop hung and was ended", "Nothing has to be done: it is started again."),
+    "no-loop": FaultWords(
         "the control loop cannot be started: it died {times} times while it was being prepared",
         "Close this window, start again and resume the session.",
     ),

@@ -10,7 +10,7 @@ from subprocess import DEVNULL
 
 import numpy as np
 
-from app.ipc.messages import FAILED, Quit, Refused, Setup, Snapshot
+from app.ipc.messages import FAILED, CannotServe, Quit, Setup, Snapshot
 from app.ipc.pipe import Child
 from app.ipc.ring import Ring
 from app.ipc.scheduling import leave_core
@@ -76,7 +76,7 @@ class Client:
         messages = self._server.receive(wait_s)
         self._answered |= bool(messages)
         for at, message in enumerate(messages):
-            if isinstance(message, Refused):
+            if isinstance(message, CannotServe):
                 self._refused = message.why
                 messages[at] = Snapshot(FAILED, notice=message.why, notice_bad=True)
         return messages

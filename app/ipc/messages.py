@@ -242,7 +242,7 @@ class StepCard(NamedTuple):
     participant: str = ""  # what the participant reads meanwhile; "": the sentence of the stage
 
 
-class Refused(NamedTuple):
+class CannotServe(NamedTuple):
     """The session server cannot start, and has written nothing."""
 
     why: str  # one sentence
@@ -468,7 +468,7 @@ class ConnectEnded(NamedTuple):
     """The search for boards has ended; the `DeviceStatus` just before has its result."""
 
 
-class Homed(NamedTuple):
+class HomeSet(NamedTuple):
     """The encoders were set with the handle at `tip`, m."""
 
     tip: tuple[float, float]
@@ -486,4 +486,4 @@ class NotDone(NamedTuple):
     why: str
 
 
-LoopAnswer = Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | Homed | Zeroed | NotDone
+LoopAnswer = Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | NotDone

@@ -141,7 +141,7 @@ class Loop:
                 case m.HomeAt(tip):
                     self._there().home(tip)
                     self._homed_at = time.time()
-                    self._answer(m.Homed(tip))
+                    self._answer(m.HomeSet(tip))
                 case m.TakeZero():
                     record = self._there().zero()
                     self._zeroed_at = time.time()

@@ -9,7 +9,7 @@ from app.ipc import messages as m
 from app.session_server.device_setup import RealSetup, person_at
 from app.session_server.preflight import ignored_features
 from app.session_server.session_progress import SessionProgress
-from app.session_server.state import State
+from app.session_server.state import ServerState
 from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
@@ -21,7 +21,7 @@ from experiments.session.session import Participant, Session
 from experiments.trial.population import load_population
 
 
-def do(state: State, command: object) -> None:
+def do(state: ServerState, command: object) -> None:
     """Do a command, or show the experimenter why not; a refused command changes nothing."""
     declared = COMMANDS[type(command)]
     try:
@@ -40,7 +40,7 @@ def do(state: State, command: object) -> None:
             state.notify(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
-def refused(state: State, command: "CommandRule") -> str:
+def refused(state: ServerState, command: "CommandRule") -> str:
     """Why the table does not allow a command now; "": it does."""
     if command.session and state.storage.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
@@ -51,7 +51,7 @@ def refused(state: State, command: "CommandRule") -> str:
     return f"{state.storage.not_written}." if command.stored and state.storage.not_written else ""
 
 
-def _open(state: State, command: m.Open) -> None:
+def _open(state: ServerState, command: m.Open) -> None:
     setup, name, hand = state.setup, command.participant, state.device.hand
     on_event = state.lsl.mark if state.lsl else None
     if command.resume:
@@ -82,7 +82,7 @@ def _open(state: State, command: m.Open) -> None:
     state.notify(" ".join(filter(None, notice)), bad=bool(other or wrong))
 
 
-def _wrong_hand(state: State, session: Session) -> str:
+def _wrong_hand(state: ServerState, session: Session) -> str:
     """Why this hand cannot run the session's trials; "": it can. Every other command works."""
     if session.hand == state.device.hand:
         return ""
@@ -95,12 +95,12 @@ def _wrong_hand(state: State, session: Session) -> str:
     )
 
 
-def _leave(state: State, _: m.Leave) -> None:
+def _leave(state: ServerState, _: m.Leave) -> None:
     state.storage.leave()
     state.notify("")
 
 
-def _start(state: State, _: m.Start) -> None:
+def _start(state: ServerState, _: m.Start) -> None:
     if state.sandbox.on:
         state.sandbox.start_pass(state.broken or state.snapshot().trial_blocker)
     elif state.storage.progress is None:
@@ -111,13 +111,13 @@ def _start(state: State, _: m.Start) -> None:
         _run(state, state.storage.open.session, coming)
 
 
-def _try(state: State, command: m.SetSandbox) -> None:
+def _try(state: ServerState, command: m.SetSandbox) -> None:
     if state.storage.progress is not None:
         raise InputError("A session is open. Leave it before you use Try.")
     state.sandbox.apply(command.settings)
 
 
-def _run(state: State, session: Session, planned: PlannedTrial) -> None:
+def _run(state: ServerState, session: Session, planned: PlannedTrial) -> None:
     if why := state.broken or state.snapshot().trial_blocker or _wrong_hand(state, session):
         raise InputError(why)
     trial, writer = state.device.begin(session, planned)
@@ -125,30 +125,30 @@ def _run(state: State, session: Session, planned: PlannedTrial) -> None:
     state.notify("")
 
 
-def _abort(state: State, command: m.Abort) -> None:
+def _abort(state: ServerState, command: m.Abort) -> None:
     if state.runner.run is not None:
         state.runner.run.stop(command.reason or "no reason given", decided=True)
         state.runner.run.again = command.again
 
 
-def _redo(state: State, command: m.Redo) -> None:
+def _redo(state: ServerState, command: m.Redo) -> None:
     row = state.storage.open.session.redo(command.run, command.reason)
     state.storage.update_tables(f"The trial of run {row.run} is repeated next; its recording is kept.")
 
 
-def _exclude(state: State, command: m.Exclude) -> None:
+def _exclude(state: ServerState, command: m.Exclude) -> None:
     row = state.storage.open.session.exclude(command.run, command.reason)
     state.storage.update_tables(f"Run {row.run} is excluded from the results; its recording is kept.")
 
 
-def _skip(state: State, command: m.Skip) -> None:
+def _skip(state: ServerState, command: m.Skip) -> None:
     row = state.storage.open.session.skip(command.reason)
     state.storage.update_tables(
         f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped."
     )
 
 
-def _pause(state: State, command: m.Pause) -> None:
+def _pause(state: ServerState, command: m.Pause) -> None:
     since_s = state.storage.open.paused_s
     if command.on and since_s is None:
         state.storage.write(PAUSED)
@@ -156,7 +156,7 @@ def _pause(state: State, command: m.Pause) -> None:
         state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.perf_counter() - since_s, 1))
 
 
-def _move(state: State, command: m.MoveTo) -> None:
+def _move(state: ServerState, command: m.MoveTo) -> None:
     folder = Path(command.folder).absolute()
     try:
         state.storage.move_to(folder)
@@ -164,12 +164,12 @@ def _move(state: State, command: m.MoveTo) -> None:
         raise InputError(f"{folder}: the session cannot be brought there ({reason_of(error)}).") from None
 
 
-def _note(state: State, command: m.Note) -> None:
+def _note(state: ServerState, command: m.Note) -> None:
     if text := " ".join(command.text.split()):
         state.storage.write(NOTE, text=text)
 
 
-def _allow(state: State, _: m.AllowBrakes) -> None:
+def _allow(state: ServerState, _: m.AllowBrakes) -> None:
     if state.runner.run is not None:
         raise InputError("The trial is still ending. Allow the brakes again after it.")
     if state.why_off:
@@ -177,14 +177,14 @@ def _allow(state: State, _: m.AllowBrakes) -> None:
         state.look_at_brakes()
 
 
-def _end_step(state: State, command: m.Confirm | m.Answers) -> None:
+def _end_step(state: ServerState, command: m.Confirm | m.Answers) -> None:
     progress = state.storage.open
     if (due := due_step(progress, state.device)) is not None:
         due[0].end(progress, state.device, state.storage.write, command)
         progress.last_end_s = None
 
 
-def _rig(state: State, command: m.PrepareDevice) -> None:
+def _rig(state: ServerState, command: m.PrepareDevice) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
     if state.storage.open.coming is None:
@@ -192,7 +192,7 @@ def _rig(state: State, command: m.PrepareDevice) -> None:
     state.device.do(state.storage.open, command.step)
 
 
-def _unblind(state: State, command: m.Unblind) -> None:
+def _unblind(state: ServerState, command: m.Unblind) -> None:
     state.storage.open.session.unblind(command.who)
     state.storage.update_tables("The key is open: controllers are shown from now on.")
 
@@ -200,7 +200,7 @@ def _unblind(state: State, command: m.Unblind) -> None:
 class CommandRule(NamedTuple):
     """When a command can be done, and what does it."""
 
-    action: Callable[[State, Any], None]  # InputError: it cannot be done
+    action: Callable[[ServerState, Any], None]  # InputError: it cannot be done
     stages: tuple[str, ...] = ()  # at which it can be done; none: at any
     session: bool = True  # a session must be open
     stored: bool = False  # and the disk must have all of it

@@ -181,7 +181,7 @@ class RealSetup:
             match answer:
                 case DeviceStatus():
                     self.status = answer
-                case m.Homed(tip):
+                case m.HomeSet(tip):
                     write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
                 case m.Zeroed(record):
                     write(ZEROED, **record._asdict())

@@ -100,7 +100,7 @@ class Sandbox:
             self.loop_ready.wait()
             tip_acceleration(np.zeros((20, 2)))  # else the first trial's measures wait for SciPy
         except BaseException as error:
-            self.failure = error  # raised again in `State.watch`, where it ends the server
+            self.failure = error  # raised again in `ServerState.watch`, where it ends the server
 
     # ---------------------------------------------------------------------------------------------- user actions
 

@@ -47,10 +47,10 @@ class SessionServer:
     def __init__(
         self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe, lsl: "Outlets | None"
     ) -> None:
-        from app.session_server.state import State
+        from app.session_server.state import ServerState
 
         self._ring, self._window = ring, window
-        self._state = State(setup, protocol, ring, loop, lsl)
+        self._state = ServerState(setup, protocol, ring, loop, lsl)
         self._state.show = self._send_state
         self._shown: dict[type, object] = {}  # the newest Opened and Snapshot that the window has got
         self._pulse_s = 0.0
@@ -147,7 +147,7 @@ def main() -> None:
             _log_into(setup.data_dir / LOG, early, left)
             server = SessionServer(setup, protocol, ring, loop, window, lsl)
         except (InputError, OSError) as error:
-            window.send(m.Refused(refusal_of(error, setup.data_dir)))
+            window.send(m.CannotServe(refusal_of(error, setup.data_dir)))
             return
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))

@@ -25,7 +25,7 @@ END_S = 5.0  # longest wait for a trial to end by itself when the session server
 WAIT_S = 0.01
 
 
-class State:
+class ServerState:
     """The state of the session server: one session and one trial at a time."""
 
     def __init__(

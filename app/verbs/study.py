@@ -124,9 +124,9 @@ def sweep(args: argparse.Namespace) -> None:
 
 def worlds(args: argparse.Namespace) -> None:
     from experiments.worlds.ranges import load_ranges
-    from experiments.worlds.worlds import Run, report_so_far, run_worlds
+    from experiments.worlds.worlds import WorldsRun, report_so_far, run_worlds
 
-    run = Run(load_ranges(args.ranges), args.n, args.seed, args.triples)
+    run = WorldsRun(load_ranges(args.ranges), args.n, args.seed, args.triples)
     if args.report:
         summary = report_so_far(run, args.out)
     else:

@@ -90,7 +90,7 @@ class Sensed(NamedTuple):
 EXACT = Sensed()
 
 
-class Motion(NamedTuple):
+class MovedOn(NamedTuple):
     """How far the tip can have moved on since it was sensed, under the largest push."""
 
     energy: float  # J, kinetic
@@ -186,7 +186,7 @@ def keep_out(around, tick):
         suppose(stopping, stopping.drag, around.turns)
     motion = as_it_can_be(around, tick, TICK_S)
     if was_locked:
-        motion = Motion(motion.energy / RELEASE_SHARE, motion.ahead)
+        motion = MovedOn(motion.energy / RELEASE_SHARE, motion.ahead)
     radius = leash(stopping, seen.x, seen.y, motion.energy)
     share = RELEASE_SHARE if was_locked and not pulled else 1.0
     free = holds = can_be_stopped(around, seen, motion, radius, share)
@@ -268,7 +268,7 @@ def as_it_can_be(around, tick, later):
     # sqrt(2 E): a push adds to it at most by push / light a second
     speed = math.sqrt(max(xx * seen.vx * seen.vx + 2.0 * xy * seen.vx * seen.vy + yy * seen.vy * seen.vy, 0.0))
     speed += around.stopping.push / light * (around.velocity_age + later) + heavy * around.velocity_error
-    return Motion(0.5 * speed * speed, speed / light * (around.tip_age + later) + around.tip_error)
+    return MovedOn(0.5 * speed * speed, speed / light * (around.tip_age + later) + around.tip_error)
 
 
 @kernel

@@ -70,7 +70,7 @@ SLANT_DEG = 60.0  # of names that have no room side by side
 class Sizes(NamedTuple):
     """Of box plots: their widths (inches), and the formats of all measures beside each other."""
 
-    one: float
+    single: float
     beside: float
     forms_beside: Sequence[str] = FORMATS
     grows: bool = False  # with the number of controllers, beyond Table I's five
@@ -116,8 +116,8 @@ def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) 
         draw_chart(axes, chart, view.logarithmic)
         named = coloured([chart], view)
         dots = [
-            Line2D([], [], marker=marker_of(one), ls="", color=colour_of(one), label=name)
-            for one, name in named.items()
+            Line2D([], [], marker=marker_of(controller), ls="", color=colour_of(controller), label=name)
+            for controller, name in named.items()
         ]
         if 0 < len(dots) <= len(ON_LIGHT):  # further ones would begin again, and have no room in a row
             legend_at(figure, dots, 0.6, 0.1, fontsize=SMALL, handletextpad=0.0, columnspacing=0.8)
@@ -152,7 +152,7 @@ def draw_boxplots(
     for metric in FIGURES:
         name = metric.figure if data.protocol == PAPER else metric.figure.partition("_")[2]
         calls.append(
-            (rows, [metric.name], sizes.one * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
+            (rows, [metric.name], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
         )
     # a page has room for three: of the two sums the one that does not hang on the cut
     wide = [metric.name for metric in JUDGED if sizes.grows or metric is not DRAWN[-1]]

@@ -123,7 +123,7 @@ class View(NamedTuple):
         return self.timeouts and not has_speed, not has_speed
 
 
-class Answers(NamedTuple):
+class AnswerSet(NamedTuple):
     """A participant's answers after one block, or one controller, of a configuration."""
 
     participant: str
@@ -136,7 +136,7 @@ class Answers(NamedTuple):
 
 #: How the boxes of the first configuration are drawn, of the second, ...; a fifth is as the first.
 LOOKS = ("Filled", "Open", "Hatched", "Dotted")
-Coded = TypeVar("Coded", TrialRow, Answers)
+Coded = TypeVar("Coded", TrialRow, AnswerSet)
 
 
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]) -> dict[Controller, str]:
@@ -149,14 +149,15 @@ def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]
 
 def disambiguate_codes(found: Sequence[Coded]) -> list[Coded]:
     """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
-    if len({one.participant for one in found if isinstance(one.controller, str)}) < 2:
+    if len({coded.participant for coded in found if isinstance(coded.controller, str)}) < 2:
         return list(found)
     codes = [
-        f"P{one.participant} {one.controller}" if isinstance(one.controller, str) else one.controller for one in found
+        f"P{coded.participant} {coded.controller}" if isinstance(coded.controller, str) else coded.controller
+        for coded in found
     ]
     return [
-        replace(one, controller=code) if isinstance(one, TrialRow) else one._replace(controller=code)
-        for one, code in zip(found, codes, strict=True)
+        replace(coded, controller=code) if isinstance(coded, TrialRow) else coded._replace(controller=code)
+        for coded, code in zip(found, codes, strict=True)
     ]
 
 
@@ -196,7 +197,7 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
     return " ".join(parts)
 
 
-def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[Answers] = ()) -> list[Chart]:
+def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[AnswerSet] = ()) -> list[Chart]:
     """A page's charts of these rows, which are those that are chosen."""
     if page == QUESTIONS:
         return [_questionnaire(disambiguate_codes(answers), view)] if answers else []
@@ -339,12 +340,12 @@ def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: C
     )  # fmt: skip
 
 
-def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
-    answers = [one for one in answers if one.configuration in view.configurations]
-    each = [(one, question, value) for one in answers for question, value in one.values.items()]
+def _questionnaire(answers: Sequence[AnswerSet], view: View) -> Chart:
+    answers = [answer for answer in answers if answer.configuration in view.configurations]
+    each = [(answer, question, value) for answer in answers for question, value in answer.values.items()]
     questions = list(dict.fromkeys(question for _, question, _ in each))
     members = sorted(
-        {(one.configuration, one.controller) for one in answers},
+        {(answer.configuration, answer.controller) for answer in answers},
         key=lambda member: (by_controller(member[1]), view.configurations.index(member[0])),
     )
     room = GROUP_SHARE / len(members)
@@ -365,7 +366,7 @@ def _questionnaire(answers: Sequence[Answers], view: View) -> Chart:
 def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:
     """Controller -> its name: of those that charts tell apart by their colours. Codes have none."""
     there = {point.controller for chart in shown for point in (*chart.points, *chart.timeouts)}
-    return {one: view.name(one) for one in sorted(one for one in there if isinstance(one, int))}
+    return {number: view.name(number) for number in sorted(number for number in there if isinstance(number, int))}
 
 
 def legend(chart: Chart, view: View) -> list[str]:

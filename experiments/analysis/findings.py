@@ -87,7 +87,7 @@ class Claim(NamedTuple):
 
     def places(self, configurations: Sequence[str]) -> list[Place]:
         """Each place of the comparison: the device of `first`, and that of `second`."""
-        return [PAPER_CONFIGURATIONS] if self.devices else [(one, one) for one in configurations]
+        return [PAPER_CONFIGURATIONS] if self.devices else [(name, name) for name in configurations]
 
     def cells(self, place: Place) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
         """What is compared at a place: device and controller, of either side."""
@@ -106,7 +106,7 @@ def _each(
     kind: str, measure: str, *pairs: tuple[int | Controllers, int | Controllers], **more: bool
 ) -> tuple[Claim, ...]:
     """A claim for each pair of controllers, or of groups of them."""
-    both = ((one if isinstance(one, tuple) else (one,) for one in pair) for pair in pairs)
+    both = ((side if isinstance(side, tuple) else (side,) for side in pair) for pair in pairs)
     return tuple(Claim(kind, measure, first, second, **more) for first, second in both)
 
 
@@ -273,7 +273,9 @@ def _finding(statement: Statement, compare: Compare, configurations: Sequence[st
     (verdict, sentence, evidence), (other, why, further) = by_sum[0], by_sum[-1]
     if verdict != other:
         missing = [
-            text for told, text, of_sum in by_sum if told == CANNOT_TELL and None in [one.found for one in of_sum]
+            text
+            for its_verdict, text, of_sum in by_sum
+            if its_verdict == CANNOT_TELL and None in [piece.found for piece in of_sum]
         ]
         both = f"As cut, it {_reads(verdict)}: {sentence} Without the ramp, it {_reads(other)}: {why}"
         verdict, sentence = (CANNOT_TELL, missing[0]) if missing else (DEPENDS, both)
@@ -283,7 +285,7 @@ def _finding(statement: Statement, compare: Compare, configurations: Sequence[st
 
 def _least(evidence: Sequence[Evidence]) -> float:
     """The least margin; nan where that of a missing comparison might be less, and it would matter."""
-    known = [one.margin for one in evidence if one.found]
+    known = [piece.margin for piece in evidence if piece.found]
     least = min(known, default=math.nan)
     return least if len(known) == len(evidence) or least < 0.0 else math.nan
 
@@ -296,10 +298,10 @@ def _verdict(evidence: Sequence[Evidence]) -> tuple[str, str]:
     """It holds if every claim is met everywhere, and does not if one is not; the sentence is about the decisive one."""
     if not evidence:
         return CANNOT_TELL, "There are no trials."
-    answers = [one.answer for one in evidence]
+    answers = [piece.answer for piece in evidence]
     verdict = FAILS if False in answers else CANNOT_TELL if None in answers else HOLDS
-    decisive = [one for one in evidence if one.answer is {FAILS: False, CANNOT_TELL: None, HOLDS: True}[verdict]]
-    closest = min(decisive, key=lambda one: (one.found is not None, one.margin))
+    decisive = [piece for piece in evidence if piece.answer is {FAILS: False, CANNOT_TELL: None, HOLDS: True}[verdict]]
+    closest = min(decisive, key=lambda piece: (piece.found is not None, piece.margin))
     if closest.found is None:
         return verdict, f"{closest.why[:1].upper()}{closest.why[1:]}."
     how = {FAILS: "fail. ", CANNOT_TELL: "unclear. "}

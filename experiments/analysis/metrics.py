@@ -450,7 +450,7 @@ def trial_metrics(recording: "Recording", path: Path, metrics: Sequence[Metric] 
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
-        return {one.name: None for one in metrics}
+        return {metric.name: None for metric in metrics}
     m = Movement(recording, path)
     moved = m.progress[-1] - m.progress[0] >= LEAST_PROGRESS_M
-    return {one.name: one.of(m) if moved or not one.needs_progress else None for one in metrics}
+    return {metric.name: metric.of(m) if moved or not metric.needs_progress else None for metric in metrics}

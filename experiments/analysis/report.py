@@ -79,8 +79,8 @@ def write_report(
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers, coded)
-    names = {k: one.name for k, one in controllers.items()} if refusal else CONTROLLER
-    none = next((k for k, one in controllers.items() if one.kind == "none"), 0)
+    names = {k: preset.name for k, preset in controllers.items()} if refusal else CONTROLLER
+    none = next((k for k, preset in controllers.items() if preset.kind == "none"), 0)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
     warned = warnings(rows, found, data.simulated)
@@ -138,12 +138,14 @@ def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> byte
     """
     words = {True: "yes", False: "no", None: "unclear"}
     lines = []
-    for one, box in zip(found, by_boxes, strict=True):
+    for finding, box in zip(found, by_boxes, strict=True):
         numbers = "; ".join(
-            f"{e.text}{f', n = {e.found.people}' if e.found else ''}: {words[e.answer]}" for e in one.evidence
+            f"{e.text}{f', n = {e.found.people}' if e.found else ''}: {words[e.answer]}" for e in finding.evidence
         )
         of_box = box.verdict, None if math.isnan(box.margin) else box.margin, box.sentence
-        lines.append((one.statement.number, one.statement.text, one.verdict, numbers, one.sentence, *of_box))
+        lines.append(
+            (finding.statement.number, finding.statement.text, finding.verdict, numbers, finding.sentence, *of_box)
+        )
     header = ("number", "statement", "verdict", "numbers", "sentence", "by_boxes", "margin_by_boxes", "why_by_boxes")
     return _csv(header, lines)
 
@@ -169,7 +171,7 @@ def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool
 
 def fewest_people(rows: Sequence[TrialRow], found: Sequence[Finding]) -> int:
     """On how many people the findings rest, at least."""
-    compared = [one.found.people for finding in found for one in finding.evidence if one.found]
+    compared = [comparison.found.people for finding in found for comparison in finding.evidence if comparison.found]
     return min(compared, default=len(people_of(rows)))
 
 
@@ -205,9 +207,9 @@ def _number(result: Result, scale: float, digits: int) -> str:
 
 def _findings_table(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> str:
     lines = []
-    for one, box in zip(found, by_boxes, strict=True):
-        number, text, _ = one.statement
-        judged = f"**{box.verdict}**", chance(number), box.sentence, f"**{one.verdict}**", one.sentence
+    for finding, box in zip(found, by_boxes, strict=True):
+        number, text, _ = finding.statement
+        judged = f"**{box.verdict}**", chance(number), box.sentence, f"**{finding.verdict}**", finding.sentence
         lines.append((number, text, *judged))
     return _table(("", "the paper says", "by boxes", "by chance", "why", "within each participant", "why"), lines)
 
@@ -264,7 +266,7 @@ def _locks_and_releases(rows: Sequence[TrialRow], names: Mapping[int, str]) -> s
     lines = []
     for (device, controller), found in sorted(shares.items()):
         locked, released = (f"{100.0 * sum(values) / len(found):.2f}" for values in zip(*found, strict=True))
-        with_lock = f"{sum(one > 0.0 for one, _ in found)} of {len(found)}"
+        with_lock = f"{sum(share > 0.0 for share, _ in found)} of {len(found)}"
         lines.append((device, _name(controller, names), locked, released, with_lock))
     return _table(("device", "controller", "locked (% of ticks)", "released (%)", "trials with a lock"), lines)
 
@@ -372,7 +374,7 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
     found = {label: findings(rows) for label, rows in choices.items()}
     by_boxes = {label: box_findings_of(rows) for label, rows in choices.items()}
     lines = [
-        (of_all[0].statement.number, of_all[0].statement.text, *(one.verdict for one in of_all))
+        (of_all[0].statement.number, of_all[0].statement.text, *(finding.verdict for finding in of_all))
         for of_all in zip(*found.values(), *by_boxes.values(), strict=True)
     ]
     parts = [_table(("", "the paper says", *found, *(f"{label}, by boxes" for label in found)), lines)]
@@ -386,14 +388,14 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
 
 def error_table(moved: Sequence[Moved], names: Mapping[int, str]) -> str:
     """A line for each controller and change, with the measures of the figures, as Markdown."""
-    of = {(one.controller, one.change, one.measure): one for one in moved}
+    of = {(move.controller, move.change, move.measure): move for move in moved}
     lines = []
     for controller, change in dict.fromkeys(cell[:2] for cell in of):
         cells = []
         for metric in FIGURES:
-            one = of.get((controller, change, metric.name))
-            share = f" ({significant(100.0 * one.worst_share, 2)} %)" if one and one.worst_share is not None else ""
-            moves = [significant(metric.scale * size, 1) for size in (one.median, one.worst)] if one else []
+            move = of.get((controller, change, metric.name))
+            share = f" ({significant(100.0 * move.worst_share, 2)} %)" if move and move.worst_share is not None else ""
+            moves = [significant(metric.scale * size, 1) for size in (move.median, move.worst)] if move else []
             cells.append(" / ".join(moves) + share)
         lines.append((names.get(controller, f"controller {controller}"), change, *cells))
     return _table(("controller", "changed", *(f"{metric.short} ({metric.shown_unit})" for metric in FIGURES)), lines)
@@ -403,7 +405,7 @@ def error_sentence(moved: Sequence[Moved]) -> str:
     """The error bar of a table: what a tenth of the step does at most, to a median and to a single trial."""
     parts = []
     for metric in DRAWN:
-        of_step = [one for one in moved if one.change == STEP and one.measure == metric.name]
+        of_step = [move for move in moved if move.change == STEP and move.measure == metric.name]
         if of_step:
             median, worst = (
                 metric.scale * max(of_it) for of_it in zip(*((m.median, m.worst) for m in of_step), strict=True)
@@ -411,7 +413,7 @@ def error_sentence(moved: Sequence[Moved]) -> str:
             parts.append(f"{metric.short} {significant(median, 1)} ({significant(worst, 1)}) {metric.shown_unit}")
     if not parts:
         return ""
-    trials = sum(one.trials for one in moved if one.change == STEP and one.measure == DRAWN[0].name)
+    trials = sum(move.trials for move in moved if move.change == STEP and move.measure == DRAWN[0].name)
     return (
         f"Error bar of the simulation, in a sample of {trials} trials, worst controller, median (single) trial: "
         f"{', '.join(parts)}."

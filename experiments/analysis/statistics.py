@@ -25,8 +25,8 @@ from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_co
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
 #: Those that controllers are compared by: of accuracy, force, smoothness, then the others.
 MEASURES = tuple(
-    one.name for thing in ("accuracy", "force", "smoothness", "") for one in METRICS
-    if one.compared and one.stands_for == thing
+    metric.name for thing in ("accuracy", "force", "smoothness", "") for metric in METRICS
+    if metric.compared and metric.stands_for == thing
 )  # fmt: skip
 POOLED = "pooled"
 TREND_TRIALS = 10  # a trend is the change over so many trials
@@ -89,7 +89,7 @@ def _by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[
     """Each configuration, and all pooled if there are several: means of those who tried a controller in all of them."""
     table, configurations, people = scores(rows, measure), configurations_of(rows), people_of(rows)
     several = [(POOLED, configurations)] if len(configurations) > 1 else []
-    for name, among in [(one, (one,)) for one in configurations] + several:
+    for name, among in [(configuration, (configuration,)) for configuration in configurations] + several:
         found: ByController = {}
         for controller in sorted({cell[2] for cell in table}):
             for person in people:

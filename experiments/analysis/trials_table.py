@@ -128,13 +128,13 @@ class DictionaryEntry(NamedTuple):
 
 _MEASURES = [metric.name for metric in METRICS]
 _LAST = ["controller_name"]
-_OTHERS = [one.name for one in fields(TrialRow) if one.name not in (*_MEASURES, *_LAST)]
+_OTHERS = [column.name for column in fields(TrialRow) if column.name not in (*_MEASURES, *_LAST)]
 _PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
 #: What came after the first version stands at the end.
 COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:], *_LAST)
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
-_TYPES = {one.name: get_args(one.type) for one in fields(TrialRow)}
+_TYPES = {column.name: get_args(column.type) for column in fields(TrialRow)}
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, DictionaryEntry] = {name: DictionaryEntry(*_TYPES[name][1:]) for name in COLUMNS}
 
@@ -245,7 +245,7 @@ def append_row(
         before = read_table(path) if there else []
         if before and there != table_bytes(before):
             raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-        data = table_bytes([*(named(one, names or {}) for one in before), row])
+        data = table_bytes([*(named(earlier, names or {}) for earlier in before), row])
     replace_file(path, data, sync)
     return data
 

@@ -94,13 +94,13 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
     checks, band = [], []
     for n, scene in enumerate(scenes):
         progress(0.9 * n / len(scenes))
-        tips = {fidelity: simulated(Run(scene, "event", fidelity, TINY_S))[1] for fidelity in ("ideal", "mr")}
+        tips = {fidelity: simulated(BenchRun(scene, "event", fidelity, TINY_S))[1] for fidelity in ("ideal", "mr")}
         checks += [check(scene, fidelity, tips[fidelity]) for fidelity in tips]
         for integrator, fidelity in RUNS:
-            group = [ours(Run(scene, integrator, fidelity, step), tips[fidelity], repeats) for step in steps]
+            group = [ours(BenchRun(scene, integrator, fidelity, step), tips[fidelity], repeats) for step in steps]
             rows += with_order(group)
-        for integrator, one in PEERS.items():
-            if one.version():
+        for integrator, other in PEERS.items():
+            if other.version():
                 rows += with_order([peer(scene, integrator, step, tips["ideal"]) for step in steps])
         band += [band_row(scene, delta, tips["ideal"]) for delta in DELTA_OMEGAS]
     progress(0.9)
@@ -111,7 +111,7 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
         "karnopp": band,
         "fallback": fallback_costs(repeats),
         "tick": tick_cost(quick),
-        "study_errors": [one._asdict() for one in study_errors()],
+        "study_errors": [moved._asdict() for moved in study_errors()],
     }
 
 
@@ -123,12 +123,12 @@ def machine() -> dict:
     except OSError:
         names = []
     versions = {"python": platform.python_version(), "numpy": np.__version__}
-    peers = {integrator: one.version() for integrator, one in PEERS.items()}
+    peers = {integrator: other.version() for integrator, other in PEERS.items()}
     return {"cpu": names[0] if names else platform.processor(), "cores": os.cpu_count(),
             "system": platform.platform(), **versions, **peers}  # fmt: skip
 
 
-class Run(NamedTuple):
+class BenchRun(NamedTuple):
     """A scene, and how it is simulated."""
 
     scene: BenchScene
@@ -142,7 +142,7 @@ class Run(NamedTuple):
         return Schedule(self.scene.times, self.scene.commands(self.fidelity))
 
 
-def new_simulation(run: Run, delta_omega: float = DELTA_OMEGA) -> Simulation:
+def new_simulation(run: BenchRun, delta_omega: float = DELTA_OMEGA) -> Simulation:
     """The scene before its first step; delta_omega: the band of `karnopp`, rad/s."""
     device = without_backlash(run.scene.device)
     simulation = Simulation(device, START, (0.0, 0.0), run.fidelity, run.integrator, run.scene.hand())
@@ -150,14 +150,14 @@ def new_simulation(run: Run, delta_omega: float = DELTA_OMEGA) -> Simulation:
     return simulation
 
 
-def simulated(run: Run, delta_omega: float = DELTA_OMEGA) -> tuple[Simulation, np.ndarray]:
+def simulated(run: BenchRun, delta_omega: float = DELTA_OMEGA) -> tuple[Simulation, np.ndarray]:
     """The simulation after the scene, and its tips (n, 2) at the times of comparison."""
     simulation, n = new_simulation(run, delta_omega), run.scene.comparisons
     rows = simulation.rows(n + 1, run.schedule, Grid(0, n, round(COMPARE_S / run.step), run.step))
     return simulation, rows[:, 1:3].copy()
 
 
-def seconds(run: Run, out: np.ndarray) -> float:
+def seconds(run: BenchRun, out: np.ndarray) -> float:
     """Wall time of one run of the whole scene inside the kernel (s)."""
     simulation, n = new_simulation(run), round(run.scene.duration_s / run.step)
     schedule = run.schedule
@@ -174,7 +174,7 @@ def four_accelerations(simulation: Simulation) -> float:
     return (time.perf_counter() - start) / count * 1e6
 
 
-def ours(run: Run, tips: np.ndarray, repeats: int) -> Row:
+def ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
     """One row of this simulator."""
     simulation, found = simulated(run)
     ledger, out = simulation.ledger(), np.zeros((2, 10))
@@ -192,10 +192,10 @@ def peer(scene: BenchScene, integrator: str, step: float, tips: np.ndarray) -> R
     """One row of a peer."""
     other = PEERS[integrator].run(scene, step)
     found, wall = other.tips(), min(other.seconds() for _ in range(PEER_REPEATS))
-    return row_of(Run(scene, integrator, "ideal", step), found, tips, wall)
+    return row_of(BenchRun(scene, integrator, "ideal", step), found, tips, wall)
 
 
-def row_of(run: Run, found: np.ndarray, tips: np.ndarray, wall: float) -> Row:
+def row_of(run: BenchRun, found: np.ndarray, tips: np.ndarray, wall: float) -> Row:
     """What is known of any simulator: the tips (n, 2) that it found beside the right ones, m, and its wall time (s)."""
     scene, integrator, fidelity, step = run
     return Row(
@@ -237,7 +237,7 @@ def with_order(group: list[Row]) -> list[Row]:
 def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
     """What delta_omega of Eq. (6) does at 1 ms: the error, and in S3 the creep after a throw at half the band."""
     rms = creeps = None
-    run = Run(scene, "karnopp", "ideal", 1e-3)
+    run = BenchRun(scene, "karnopp", "ideal", 1e-3)
     if scene.name != "S3":
         rms, _ = errors(simulated(run, delta_omega)[1], tips)
     else:
@@ -390,7 +390,7 @@ def table(result: dict) -> str:
     lines += [
         f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
     ]
-    moved = [Moved(**one) for one in result["study_errors"]]
+    moved = [Moved(**row) for row in result["study_errors"]]
     lines += [
         "",
         "the paper's study, how far a trial's measures move: median / largest",
@@ -408,12 +408,12 @@ def _compared(rows: Iterable[dict]) -> list[str]:
     """`event` against its peers on the moving scenes: at equal step, and at equal error."""
     rows = [row for row in rows if row["scene"] in _SCENES_DRAWN and row["fidelity"] == "ideal"]
     lines = []
-    for integrator, one in PEERS.items():
+    for integrator, other in PEERS.items():
         found = [row for row in rows if row["integrator"] == integrator and row["step_s"] == TABLE_STEP_S]
         lines += (
-            [f"event against {one.name} at 1 ms", *_ratios(rows, found)]
+            [f"event against {other.name} at 1 ms", *_ratios(rows, found)]
             if found
-            else [f"{one.name} is not installed (pip install -c constraints.txt '.[bench]')"]
+            else [f"{other.name} is not installed (pip install -c constraints.txt '.[bench]')"]
         )
     return lines
 

@@ -14,7 +14,7 @@ from pyarrow.csv import WriteOptions, write_csv
 from core import tick_log
 from core.control.controllers import DECISIONS, Preset
 from core.files import InputError
-from experiments.analysis.charts import Answers
+from experiments.analysis.charts import AnswerSet
 from experiments.analysis.trials_table import DICTIONARY, DictionaryEntry, TrialRow, by_controller, csv_bytes
 from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
@@ -192,24 +192,24 @@ class Note(NamedTuple):
     text: str
 
 
-def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[Answers], list[Note]]:
+def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[AnswerSet], list[Note]]:
     """The answers and notes in the journals of these session folders (.../sub-01/ses-01), in their order."""
     answers, notes = [], []
     for folder in sessions:
         participant = folder.parent.name.removeprefix("sub-")
         for event, at, about in read_events(folder):
             if event is ANSWERS:
-                answers.append(Answers(participant, about["configuration"], about["block"], 0, about["values"], at))
+                answers.append(AnswerSet(participant, about["configuration"], about["block"], 0, about["values"], at))
             elif event is CONTROLLER_ANSWERS:
                 whose = about["configuration"], 0, about["controller"]
-                answers.append(Answers(participant, *whose, about["values"], at))
+                answers.append(AnswerSet(participant, *whose, about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
     return answers, notes
 
 
 def write_answers_and_notes(
-    folder: Path, answers: Sequence[Answers], notes: Sequence[Note]
+    folder: Path, answers: Sequence[AnswerSet], notes: Sequence[Note]
 ) -> dict[str, dict[str, DictionaryEntry]]:
     """questionnaire.csv and notes.csv into a folder; file -> its columns, of those written."""
     written = {}
@@ -230,7 +230,7 @@ def write_answers_and_notes(
     return written
 
 
-def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
+def write_phenotype(folder: Path, answers: Sequence[AnswerSet]) -> None:
     """Write the answers as BIDS has them: phenotype/NAME.tsv, a row a participant, and .json; nothing without answers.
 
     A column is a scale after one block, "three-brake_block-1_effort", or one controller: "three-
@@ -255,7 +255,7 @@ def write_phenotype(folder: Path, answers: Sequence[Answers]) -> None:
     write_json(phenotype / "tlxsmoothness.json", {"MeasurementToolMetadata": _TOOL, **about})
 
 
-def _scales(answers: Iterable[Answers]) -> list[str]:
+def _scales(answers: Iterable[AnswerSet]) -> list[str]:
     """All scales that were answered: ours in their order, then others."""
     answered = dict.fromkeys(scale for a in answers for scale in a.values)
     return [*(scale for scale in SCALES if scale in answered), *(scale for scale in answered if scale not in SCALES)]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from core.control.controllers import Preset
 from core.files import InputError
 from core.path import build_path
-from experiments.analysis.charts import Answers, View
+from experiments.analysis.charts import AnswerSet, View
 from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
 from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
@@ -30,7 +30,7 @@ class Results(NamedTuple):
     folder: Path
     sessions: tuple[Path, ...] = ()
     rows: tuple[TrialRow, ...] = ()  # recordings are named from the folder
-    answers: tuple[Answers, ...] = ()
+    answers: tuple[AnswerSet, ...] = ()
     planned: dict[str, int] = {}  # participant -> trials of the plan
     controllers: dict[int, Preset] = {}
     labels: dict[Controller, str] = {}  # controller -> what stands under its boxes
@@ -140,7 +140,7 @@ def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(row.configuration for row in rows))
 
 
-def _answers(sessions: Sequence[Path]) -> list[Answers]:
+def _answers(sessions: Sequence[Path]) -> list[AnswerSet]:
     """All answers; a controller stands as its code until the session is unblinded."""
     keys = {session.parent.name.removeprefix("sub-"): journal_summary(session).key or {} for session in sessions}
     answers, _ = answers_and_notes(sessions)
@@ -152,7 +152,7 @@ class ResultsJob(NamedTuple):
 
     page: str  # of `charts`
     rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
-    answers: tuple[Answers, ...]
+    answers: tuple[AnswerSet, ...]
     view: View
     note: str  # stands on every figure
     data_dir: Path

@@ -103,7 +103,7 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
     ]
 
 
-def _head_lines(about: dict, results: Results, events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalEntry]) -> Iterator[tuple[str, str]]:
     versions = about["versions"]
     count = Counter(row.status for row in results.rows)
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
@@ -177,7 +177,7 @@ def lateness_causes(timings: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _faults_and_decisions(events: Sequence[journal.Entry]) -> Iterator[tuple[str, str]]:
+def _faults_and_decisions(events: Sequence[journal.JournalEntry]) -> Iterator[tuple[str, str]]:
     yield "head", "Faults and decisions"
     marks = [entry for entry in events if entry.event.name in LISTED]
     for entry in marks:

@@ -68,7 +68,9 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
 
     def of_each_device(figure: str, shows: str, draw: Callable[[Device], Figure]) -> list[Picture]:
         of_devices = zip(devices, _slugs(names), strict=True)
-        return [Picture(f"{figure}_{end}", f"{shows}: {one.name}", partial(draw, one)) for one, end in of_devices]
+        return [
+            Picture(f"{figure}_{end}", f"{shows}: {device.name}", partial(draw, device)) for device, end in of_devices
+        ]
 
     locked = of_each_device("sdof_paths", "paths with one brake locked", draw_sdof_paths)
     released = "spring release from rest, each brake locked in turn and none"

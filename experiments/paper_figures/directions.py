@@ -252,10 +252,10 @@ def draw_displays() -> Figure:
     size = PAGE_IN, 1.8 + 0.5 * len(found)
     figure, [axes] = sheet(text, size, (1.0, 0.15, 0.5, 0.55), (1, 4), between_in=(0.2, 0.0))
     panels: tuple[tuple[str, str, list[np.ndarray], Callable[[np.ndarray], float]], ...] = (
-        ("Widest gap\nof force lines", "°", [np.degrees(one.widest_gap) for one in found], np.max),
-        ("A full lock\nholds", "N", [one.holds for one in found], np.min),
-        ("SDOF\npath error", "mm", [1e3 * one.path_error for one in found], np.median),
-        ("SDOF,\nno valid brake", "%", [1e2 * one.unreachable for one in found], np.mean),
+        ("Widest gap\nof force lines", "°", [np.degrees(display.widest_gap) for display in found], np.max),
+        ("A full lock\nholds", "N", [display.holds for display in found], np.min),
+        ("SDOF\npath error", "mm", [1e3 * display.path_error for display in found], np.median),
+        ("SDOF,\nno valid brake", "%", [1e2 * display.unreachable for display in found], np.mean),
     )
     for place, (panel, (words, unit, values, one_number)) in enumerate(zip(axes, panels, strict=True)):
         plain(panel)
@@ -270,6 +270,6 @@ def draw_displays() -> Figure:
             beside = panel.get_yaxis_transform()
             panel.text(1.0, row + 0.4, shown, transform=beside, ha="right", va="center", bbox=WHITE)
         panel.set(ylim=(len(found) - 0.35, -0.5), xlabel=unit, xlim=(0.0, 1.1 * max(series.max() for series in values)))
-        names = [one.device.name for one in found] if place == 0 else []
+        names = [display.device.name for display in found] if place == 0 else []
         panel.set_yticks(range(len(found)), names or [""] * len(found))
     return figure

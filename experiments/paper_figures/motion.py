@@ -350,10 +350,10 @@ def draw_passive_master(device: Device) -> Figure:
     looks = {False: ("brakes", BLUE, "o-"), True: ("motor", ORANGE, "s-")}
     at = DELAYS_S.index(SHOWN_DELAY_S)
     for motor, (name, colour, look) in looks.items():
-        one = found[motor][at]
-        t = one.rows[:, log.T]
-        course.plot(t, 1e3 * one.depth, color=colour, linewidth=1.6, label=f"handle, {name}")
-        course.plot(t, 1e3 * one.slave, color=colour, linewidth=0.9, linestyle=(0, (4, 2)), label=f"slave, {name}")
+        shown = found[motor][at]
+        t = shown.rows[:, log.T]
+        course.plot(t, 1e3 * shown.depth, color=colour, linewidth=1.6, label=f"handle, {name}")
+        course.plot(t, 1e3 * shown.slave, color=colour, linewidth=0.9, linestyle=(0, (4, 2)), label=f"slave, {name}")
         energy.plot(delays, [c.put_in_J for c in found[motor]], look, color=colour, markersize=4)
         share.plot(delays, [100.0 * c.share for c in found[motor]], look, color=colour, markersize=4)
     low, high = course.get_ylim()

@@ -35,7 +35,7 @@ class InMemory:
     def add_event(self, event: events.Event, about: dict[str, Any]) -> None:
         """Add a line of the journal. about: its fields, with `time` if not now."""
         fields = dict(about)
-        self._lines.append(events.Entry(event, fields.pop("time", "") or events.now(), fields))
+        self._lines.append(events.JournalEntry(event, fields.pop("time", "") or events.now(), fields))
 
     def missing_files(self, session: Path, rows: Sequence[TrialRow]) -> str:
         """What is missing from a folder, one sentence without its full stop; "": nothing. Reads the disk.

@@ -85,7 +85,7 @@ SESSION_RECOVERED = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), l
 EVENTS = {event.name: event for event in tuple(globals().values()) if isinstance(event, Event)}
 
 
-class Entry(NamedTuple):
+class JournalEntry(NamedTuple):
     """A line of the journal."""
 
     event: Event
@@ -120,7 +120,7 @@ def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", *
 class Journal(NamedTuple):
     """What can be read of a journal, and what is wrong with it."""
 
-    entries: list[Entry]  # in order
+    entries: list[JournalEntry]  # in order
     faults: list[str]  # each a sentence: which lines are left out or missing, and why
     notes: list[str]  # each a sentence: what is no fault
 
@@ -158,7 +158,7 @@ def read_journal(folder: Path) -> Journal:
     return journal
 
 
-def _entry(event: Event, about: Mapping[str, Any]) -> Entry:
+def _entry(event: Event, about: Mapping[str, Any]) -> JournalEntry:
     """ValueError if a field is missing or not as declared."""
     time = about.get("time")
     if not isinstance(time, str) or datetime.fromisoformat(time).tzinfo is None:
@@ -172,7 +172,7 @@ def _entry(event: Event, about: Mapping[str, Any]) -> Entry:
         except (msgspec.ValidationError, RecursionError):
             raise ValueError(f"{name} cannot be {_shown(about[name])}") from None
         fields[name] = about[name]
-    return Entry(event, time, fields)
+    return JournalEntry(event, time, fields)
 
 
 def _shown(value: object) -> str:
@@ -183,7 +183,7 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:60]}.."
 
 
-def read_events(folder: Path) -> list[Entry]:
+def read_events(folder: Path) -> list[JournalEntry]:
     return read_journal(folder).entries
 
 

@@ -144,8 +144,8 @@ def going_on(out: Path) -> str:
 
 def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
     """Lines of the table; the cell of a number that is missing or not finite is empty."""
-    return csv_bytes([["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in one]
-                      for one in lines])  # fmt: skip
+    return csv_bytes([["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in line]
+                      for line in lines])  # fmt: skip
 
 
 def device_texts(devices: Iterable[Device]) -> dict[str, str]:

@@ -245,7 +245,7 @@ def compared(trial: Recorded, replayed: Recording, common: float | None) -> dict
     """
     then = trial.recording
     if common is not None:
-        then, replayed = (until(one, trial.path, common) for one in (then, replayed))
+        then, replayed = (until(recording, trial.path, common) for recording in (then, replayed))
     befores, found = trial_metrics(then, trial.path), {}
     for name, after in trial_metrics(replayed, trial.path).items():
         before = getattr(trial.row, name)

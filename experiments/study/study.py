@@ -107,13 +107,13 @@ def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
 def carry_out(out: Path, study: StudyPlan, beside: Helpers, purpose: str, progress: Progress) -> dict:
     """Run what is not done yet; the summary. An interrupt says how the study goes on."""
     try:
-        return Run(out, study, beside.shared, progress, purpose).carry_out(beside)
+        return StudyRun(out, study, beside.shared, progress, purpose).carry_out(beside)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(going_on(out)) from None
 
 
 @dataclass
-class Run:
+class StudyRun:
     """One process's part of a study: each takes on the next operator that no other has."""
 
     out: Path
@@ -230,9 +230,9 @@ class Run:
 
 
 def run_share(out: Path, study: StudyPlan) -> Counter[str]:
-    """In a helper: run operators as long as there are any; as `Run.done`."""
+    """In a helper: run operators as long as there are any; as `StudyRun.done`."""
     shared = shared_in_helper()
-    run = Run(out, study, shared)
+    run = StudyRun(out, study, shared)
     try:
         for operator in shared.operators(study.operators):
             with contextlib.closing(run.session(f"{operator:02d}")) as session:

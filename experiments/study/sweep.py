@@ -62,7 +62,7 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
         """Every combination of its values. ValueError if its parameters are not those of its algorithm."""
         combinations = itertools.product(*(getattr(self, name) or (None,) for name in PARAMETERS))
         given = [dict(zip(PARAMETERS, values, strict=True)) for values in combinations]
-        return [make_preset(self.kind, self.kind, one) for one in given]
+        return [make_preset(self.kind, self.kind, numbers) for numbers in given]
 
 
 _ASSUMED = get_type_hints(Assumptions, include_extras=True)
@@ -151,7 +151,7 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
     devices = None if file.devices is None else [inline.get(name) or beside(path, name) for name in file.devices]
     protocol = load_protocol(beside(path, file.protocol), devices=devices)
     populations = [load_population(beside(path, name)) for name in file.populations]
-    names = [one.name for one in populations]
+    names = [population.name for population in populations]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
     presets = [preset for controller in file.controller for preset in controller.presets()]
@@ -163,18 +163,24 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
     if count > MOST_JOBS:  # before they are spread out
         raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
     chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
-    assumed = [replace(protocol.assumptions, **one) for one in chosen]
-    if any(one.sensing == ENCODERS for one in assumed):
+    assumed = [replace(protocol.assumptions, **changes) for changes in chosen]
+    if any(assumptions.sensing == ENCODERS for assumptions in assumed):
         for device in protocol.devices:
             encoder_counts(device)
     protocols = [
-        replace(protocol, seed=file.seed, rules=rules, assumptions=one, trial=replace(protocol.trial, assumptions=one))
+        replace(
+            protocol,
+            seed=file.seed,
+            rules=rules,
+            assumptions=assumptions,
+            trial=replace(protocol.trial, assumptions=assumptions),
+        )
         for rules in all_rules
-        for one in assumed
+        for assumptions in assumed
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
-    in_protocol = {one[1:]: one.name for one in presets_of(protocol)}
+    in_protocol = {entry[1:]: entry.name for entry in presets_of(protocol)}
     jobs = tuple(
         CellOfSweep(
             number,
@@ -190,7 +196,7 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
         for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
     )
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
-    texts |= {f"population {one.name}": one.text for one in populations}
+    texts |= {f"population {population.name}": population.text for population in populations}
     place = COLUMNS.index("rules") + 1
     return Work("sweep", file.name, texts, (*COLUMNS[:place], *varied, *COLUMNS[place:]), jobs)
 

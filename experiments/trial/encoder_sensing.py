@@ -41,14 +41,14 @@ SENSING = np.dtype(
 )
 
 
-class Sensing(NamedTuple):
+class EncoderSensing(NamedTuple):
     """The sensors of a simulated device, and what its controller sees: a state of which motion and force are filled."""
 
     sensors: np.ndarray
     seen: np.ndarray
 
 
-def new_sensing(device: Device, assumptions: Assumptions) -> Sensing:
+def new_sensing(device: Device, assumptions: Assumptions) -> EncoderSensing:
     """Before the first sample."""
     record = new_record(SENSING)
     if assumptions.sensing == ENCODERS:
@@ -58,7 +58,7 @@ def new_sensing(device: Device, assumptions: Assumptions) -> Sensing:
         window, delay = assumptions.filter_samples, assumptions.delay_samples
         steps = np.array(counts) / (2.0 * math.pi)
         record = new_record(SENSING, on=1, steps=steps, pairs=pairs, window=window, delay=delay)
-    return Sensing(record.view(np.ndarray), new_state(0.0, 0.0).view(np.ndarray))
+    return EncoderSensing(record.view(np.ndarray), new_state(0.0, 0.0).view(np.ndarray))
 
 
 def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assumptions) -> float:

@@ -45,7 +45,7 @@ from core.tick_log import APPROACH, END, HOLD, MOVE
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
 from experiments.trial.castor import move_with_castor, turn_castor
-from experiments.trial.encoder_sensing import Sensing, see
+from experiments.trial.encoder_sensing import EncoderSensing, see
 from experiments.trial.operator import TICK_S, Moment, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
@@ -161,7 +161,7 @@ class RunningTrial(NamedTuple):
     operator: Record  # OPERATOR
     noise: np.ndarray  # (n, 2), standard normal draws of the operator
     memory: np.ndarray  # of the controller
-    sensing: Sensing
+    sensing: EncoderSensing
 
 
 @kernel

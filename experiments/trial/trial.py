@@ -23,7 +23,7 @@ from experiments.protocol import TrialRules, middle_of
 from experiments.trial import tick
 from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
-from experiments.trial.encoder_sensing import Sensing, decision_noise, new_sensing, sensed
+from experiments.trial.encoder_sensing import EncoderSensing, decision_noise, new_sensing, sensed
 from experiments.trial.normals import Normals
 from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
 
@@ -48,7 +48,7 @@ class Known(NamedTuple):
 
     device: Device
     simulation: Simulation  # of the device; for a real one, its linkage and the model of its brakes
-    sensing: Sensing  # of its motion
+    sensing: EncoderSensing  # of its motion
     noise: float  # of the sensed velocity, m/s
     assumed: Assumptions  # of its age
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.worlds.ranges import Range
+from experiments.worlds.ranges import AssumptionRange
 
 PARTS = 8  # of a range without choices
 LEAST_EITHER = 10  # studies (as `counted`) in which it holds, and does not: fewer give no index worth the name
@@ -67,9 +67,9 @@ class Indices(NamedTuple):
         return of_each.sum(axis=0) / max(float(doubt.sum()), 1e-12)
 
 
-def parts_of(one: Range) -> int:
+def parts_of(assumption: AssumptionRange) -> int:
     """Into how many parts a range is cut: its choices, or equal ones."""
-    return PARTS if one.choices is None else len(one.choices)
+    return PARTS if assumption.choices is None else len(assumption.choices)
 
 
 def part_at(shares: np.ndarray, parts: int) -> np.ndarray:
@@ -89,10 +89,10 @@ def counted(holds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return p * worth, worth
 
 
-def indices(ranges: Mapping[str, Range], shares: np.ndarray, holds: np.ndarray) -> Indices:
+def indices(ranges: Mapping[str, AssumptionRange], shares: np.ndarray, holds: np.ndarray) -> Indices:
     """shares (worlds, assumptions): where worlds lie in the ranges; holds (worlds, triples, statements)."""
     n, generator = len(shares), np.random.default_rng(SEED)
-    sizes = [parts_of(one) for one in ranges.values()]
+    sizes = [parts_of(assumption) for assumption in ranges.values()]
     often, of_all = counted(holds)
     judged = (often >= LEAST_EITHER) & (of_all - often >= LEAST_EITHER)
     if not sizes or not judged.any():

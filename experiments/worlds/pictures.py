@@ -26,7 +26,7 @@ from experiments.analysis.sheet import (
 )
 from experiments.numbers import fixed, significant
 from experiments.worlds.indices import Indices, Split, counted, part_at, parts_of
-from experiments.worlds.ranges import Range, Ranges
+from experiments.worlds.ranges import AssumptionRange, Ranges
 
 RARE = 0.2  # a statement that holds in a smaller share of all studies is drawn larger
 SHOWN = 3  # assumptions that decide a statement most
@@ -63,7 +63,7 @@ def overview(holds: np.ndarray, chance: np.ndarray, of: Split, note: str) -> byt
             lower.barh(places, share, 0.62, before, color=colour, label=name, zorder=2)
             before += share
         title(lower, "What its verdict hangs on: share of the variance")
-        names = [textwrap.fill(f"{one.number}  {one.text}", 50) for one in STATEMENTS]
+        names = [textwrap.fill(f"{statement.number}  {statement.text}", 50) for statement in STATEMENTS]
         for axes in (upper, lower):
             axes.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
             axes.invert_yaxis()
@@ -100,23 +100,23 @@ def decided_by(ranges: Ranges, shares: np.ndarray, holds: np.ndarray, found: Ind
         return figure_bytes(figure, "png")
 
 
-def _share_against(axes: Axes, one: Range, shares: np.ndarray, holds: np.ndarray) -> None:
+def _share_against(axes: Axes, assumption: AssumptionRange, shares: np.ndarray, holds: np.ndarray) -> None:
     """The share of studies (worlds, triples, 1) that hold in each part of a range, with its 95 % interval."""
-    parts = parts_of(one)
+    parts = parts_of(assumption)
     place = part_at(shares, parts)
     there = [part for part in range(parts) if np.any(place == part)]
     p = np.array([holds[place == part].mean() for part in there])
     low, high = np.array([wilson(*counted(holds[place == part])) for part in there])[..., 0].T
     middles = (np.array(there) + 0.5) / parts
     axes.axhline(holds.mean(), color=QUIET, linewidth=0.8, linestyle=":", zorder=1)
-    if one.choices is not None:
+    if assumption.choices is not None:
         axes.bar(middles, p, 0.5 / parts, color=BLUE, zorder=2)
         axes.vlines(middles, low, high, color=QUIET, linewidth=1.0, zorder=3)
-        axes.set_xticks(middles, [str(one.choices[part]) for part in there])
+        axes.set_xticks(middles, [str(assumption.choices[part]) for part in there])
     else:
         axes.fill_between(middles, low, high, color=BLUE, alpha=0.25, linewidth=0.0, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)
-        axes.set_xticks((0.0, 0.5, 1.0), [significant(float(one.at(share))) for share in (0.0, 0.5, 1.0)])
+        axes.set_xticks((0.0, 0.5, 1.0), [significant(float(assumption.at(share))) for share in (0.0, 0.5, 1.0)])
     top = 1.0 if holds.mean() > RARE or p.max() > 2.0 * RARE else 2.0 * RARE
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, top), yticks=(0.0, 0.5 * top, top))
     axes.tick_params(labelsize=SMALL)

@@ -35,7 +35,7 @@ DIGITS = 6  # of a number that is drawn
 Value = str | float | int | bool
 
 
-class Range(Table, frozen=True):
+class AssumptionRange(Table, frozen=True):
     """What one assumption may be: one value, {low, high} or choices, and where that comes from."""
 
     source: Text
@@ -84,12 +84,12 @@ class RangesFile(Table, frozen=True):
     name: Text
     protocol: Text = "paper"
     operators: Count = 3
-    rules: Range | None = None
-    population: Range | None = None
-    assumptions: dict[str, Range] = {}
-    operator: dict[str, Range] = {}
-    operator_factor: dict[str, Range] = {}
-    device: dict[str, Range] = {}
+    rules: AssumptionRange | None = None
+    population: AssumptionRange | None = None
+    assumptions: dict[str, AssumptionRange] = {}
+    operator: dict[str, AssumptionRange] = {}
+    operator_factor: dict[str, AssumptionRange] = {}
+    device: dict[str, AssumptionRange] = {}
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,8 @@ class Ranges:
     protocol: Protocol
     operators: int
     populations: Mapping[str, str]  # name in the file -> the population file in full
-    ranges: Mapping[str, Range]  # by column: "rules", "assumptions.low_gain", ..
-    fixed: Mapping[str, Range]  # those with one value, by the same names; no columns
+    ranges: Mapping[str, AssumptionRange]  # by column: "rules", "assumptions.low_gain", ..
+    fixed: Mapping[str, AssumptionRange]  # those with one value, by the same names; no columns
 
     def drawn(self, n: int, seed: int) -> np.ndarray:
         """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
@@ -117,18 +117,20 @@ class Ranges:
 
     def label(self, column: str) -> str:
         """An assumption in words."""
-        one = self.ranges.get(column) or self.fixed[column]
-        return one.label or column.rpartition(".")[2].replace("_", " ")
+        assumption = self.ranges.get(column) or self.fixed[column]
+        return assumption.label or column.rpartition(".")[2].replace("_", " ")
 
     def values(self, shares: Sequence[float]) -> dict[str, Value]:
         """The assumptions of a world at these shares, by column."""
         pairs = zip(self.ranges.items(), shares, strict=True)
-        return {name: one.at(float(share)) for (name, one), share in pairs}
+        return {name: assumption.at(float(share)) for (name, assumption), share in pairs}
 
     def study(self, values: Mapping[str, Value], seed: int) -> tuple[Protocol, Population]:
         """What `phd study` would run for a world; columns that are left out are as in the files. InputError if wrong"""
         tables: dict[str, dict[str, Value]] = {}
-        for column, value in ({column: one.at(0.0) for column, one in self.fixed.items()} | dict(values)).items():
+        for column, value in (
+            {column: assumption.at(0.0) for column, assumption in self.fixed.items()} | dict(values)
+        ).items():
             table, _, key = column.partition(".")
             tables.setdefault(table, {})[key] = value
         where = f"world of {self.name}"
@@ -141,7 +143,7 @@ class Ranges:
         about = {**protocol_to_json(self.protocol), "overrides": overrides}
         if "device" in tables:
             about["devices"] = [
-                {**one, "file": _changed_device(one["file"], tables["device"])} for one in about["devices"]
+                {**device, "file": _changed_device(device["file"], tables["device"])} for device in about["devices"]
             ]
         chosen = str(tables["population"][""]) if "population" in tables else next(iter(self.populations))
         text = self.populations[chosen]
@@ -155,24 +157,24 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown ranges")
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
-    given = {table: one for table in ("rules", "population") if (one := getattr(file, table)) is not None}
+    given = {table: assumption for table in ("rules", "population") if (assumption := getattr(file, table)) is not None}
     for table in ("assumptions", "operator", "operator_factor", "device"):
-        given |= {f"{table}.{key}": one for key, one in getattr(file, table).items()}
+        given |= {f"{table}.{key}": assumption for key, assumption in getattr(file, table).items()}
     if not given:
         raise InputError(f"{path}: holds no range")
-    names = [str(one) for one in file.population.ends] if file.population else ["average"]
+    names = [str(population) for population in file.population.ends] if file.population else ["average"]
     populations = {name: load_population(beside(path, name)).text for name in names}
-    ranges = {column: one for column, one in given.items() if one.value is None}
-    fixed = {column: one for column, one in given.items() if one.value is not None}
+    ranges = {column: assumption for column, assumption in given.items() if assumption.value is None}
+    fixed = {column: assumption for column, assumption in given.items() if assumption.value is not None}
     protocol = load_protocol(beside(path, file.protocol))
     found = Ranges(file.name, text, protocol, file.operators, populations, ranges, fixed)
-    for column, one in given.items():
-        _check(replace(found, fixed={}), column, one, str(path))
+    for column, assumption in given.items():
+        _check(replace(found, fixed={}), column, assumption, str(path))
     found.study({}, 0)
     return found
 
 
-def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:
+def _check(ranges: Ranges, column: str, assumption: AssumptionRange, where: str) -> None:
     """InputError unless each end of a range, with all else as in the files, makes a study."""
     table, _, key = column.partition(".")
     known: dict[str, Callable[[str], bool]] = {
@@ -183,9 +185,9 @@ def _check(ranges: Ranges, column: str, one: Range, where: str) -> None:
     }
     if table in known and not known[table](key):
         raise InputError(f"{where}: {column}: there is no such number of {table.replace('_', ', ')}")
-    if table in ("rules", "population") and one.low is not None:
+    if table in ("rules", "population") and assumption.low is not None:
         raise InputError(f"{where}: {column}: must hold choices")
-    for value in one.ends:
+    for value in assumption.ends:
         for population in ranges.populations if table.startswith("operator") else (next(iter(ranges.populations)),):
             try:
                 ranges.study({"population": population, column: value}, 0)
@@ -220,7 +222,7 @@ def _changed_people(text: str, numbers: Mapping[str, Value], factors: Mapping[st
     for beginning, factor in factors.items():
         for key in (name for name in _begin_with(beginning) if name in content):
             spread = content[key]
-            scaled = {one: float(factor) * number for one, number in spread.items() if one != "source"}
+            scaled = {key: float(factor) * number for key, number in spread.items() if key != "source"}
             content[key] = {**scaled, "source": f"assumed: {factor:g} times {spread['source']}"}
     return toml_text(content)
 

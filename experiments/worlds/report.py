@@ -16,7 +16,7 @@ from experiments.numbers import fixed, percent, significant
 from experiments.protocol_writer import whole_text
 from experiments.worlds.indices import LEAST_EITHER, Indices, counted, indices, part_at
 from experiments.worlds.pictures import decided_by, overview, wilson
-from experiments.worlds.ranges import Range, Ranges
+from experiments.worlds.ranges import AssumptionRange, Ranges
 from experiments.worlds.table import Verdicts, Worlds, judged, read_worlds
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
@@ -92,7 +92,7 @@ class Judgement:
             f"{'one triple' if triples == 1 else f'{triples} triples'} of {ranges.operators} simulated people; each "
             "study judged by pooled boxes. Shares are of what was drawn, not of what is likely."
         )
-        fixed = (f"{ranges.label(column)} {one.value}" for column, one in ranges.fixed.items())
+        fixed = (f"{ranges.label(column)} {fixed_range.value}" for column, fixed_range in ranges.fixed.items())
         return f"{text} The same in all: {', '.join(fixed)}." if ranges.fixed else text
 
 
@@ -149,7 +149,7 @@ def _table(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
 def _in_short(found: Judgement) -> str:
     p = found.holds.mean(axis=(0, 1))
     often, seldom = (
-        ", ".join(str(one.number) for one, yes in zip(STATEMENTS, which, strict=True) if yes) or "none"
+        ", ".join(str(statement.number) for statement, yes in zip(STATEMENTS, which, strict=True) if yes) or "none"
         for which in (p > 0.5, p < 0.1)
     )
     labels = found.ranges.labels
@@ -233,11 +233,15 @@ def _decided(found: Judgement) -> str:
     return _table(("", "the paper says", "first", "second", "third"), lines)
 
 
-def where_it_holds(one: Range, shares: np.ndarray, holds: np.ndarray) -> str:
+def where_it_holds(assumption: AssumptionRange, shares: np.ndarray, holds: np.ndarray) -> str:
     """In what share of the studies a statement holds: with each choice, or in each half of the range."""
-    parts = 2 if one.choices is None else len(one.choices)
+    parts = 2 if assumption.choices is None else len(assumption.choices)
     place = part_at(shares, parts)
-    words = (f"up to {significant(float(one.at(0.5)))}", "above") if one.choices is None else map(str, one.choices)
+    words = (
+        (f"up to {significant(float(assumption.at(0.5)))}", "above")
+        if assumption.choices is None
+        else map(str, assumption.choices)
+    )
     of_each = [holds[place == part].mean() if np.any(place == part) else np.nan for part in range(parts)]
     return ", ".join(f"{word} {percent(p, 0 if p >= 0.095 else 1)}" for word, p in zip(words, of_each, strict=True))
 
@@ -250,8 +254,16 @@ def _measure_first(found: Judgement) -> str:
     for j, share in found.settling:
         of_it = np.where(found.indices.clear[:, j], found.indices.of.first[:, j], 0.0) * p * (1.0 - p)
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
-        one = list(found.ranges.ranges.values())[j]
-        lines.append((found.ranges.labels[j], percent(share, 1), ", ".join(main), one.settled_by or "-", one.source))
+        assumption = list(found.ranges.ranges.values())[j]
+        lines.append(
+            (
+                found.ranges.labels[j],
+                percent(share, 1),
+                ", ".join(main),
+                assumption.settled_by or "-",
+                assumption.source,
+            )
+        )
     heads = "assumption", "settles of all doubt", "of statements, mainly", "how to settle it", "what it rests on now"
     others = [name for j, name in enumerate(found.ranges.labels) if j not in dict(found.settling)]
     return _table(heads, lines) + (f"\n\nNo index above chance: {', '.join(others)}." if others else "")

@@ -30,7 +30,9 @@ Cell = tuple[str, str, int]  # measure, device, controller
 
 def cells(protocol: Protocol) -> list[Cell]:
     """Those of a row, in their order."""
-    return [(one.name, device.name, k) for one in JUDGED for device in protocol.devices for k in protocol.controllers]
+    return [
+        (metric.name, device.name, k) for metric in JUDGED for device in protocol.devices for k in protocol.controllers
+    ]
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:
@@ -143,5 +145,5 @@ class Verdicts(NamedTuple):
 def judged(worlds: Worlds, devices: Sequence[str], bands: float = 1.0) -> Verdicts:
     """By boxes, with bands so many times as wide."""
     found = [box_findings(boxes, devices, bands) for boxes in worlds.boxes()]
-    words, margins = ([[getattr(one, of) for one in row] for row in found] for of in ("verdict", "margin"))
+    words, margins = ([[getattr(finding, of) for finding in row] for row in found] for of in ("verdict", "margin"))
     return Verdicts(np.array(words), np.array(margins, dtype=float))

@@ -68,7 +68,7 @@ def worlds_of(ranges: Ranges, n: int, seed: int, triples: int = 1) -> list[World
 
 
 @dataclass(frozen=True)
-class Run:
+class WorldsRun:
     """A run of worlds: what decides its table."""
 
     ranges: Ranges
@@ -90,7 +90,7 @@ class Run:
 
 
 def run_worlds(
-    run: Run, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
+    run: WorldsRun, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
 ) -> dict:
     """Run the studies that are not done yet, write the table and the report; the summary. As `run_work`."""
     work = run.work()
@@ -108,12 +108,12 @@ def run_worlds(
     }
 
 
-def report_so_far(run: Run, out: Path) -> dict:
+def report_so_far(run: WorldsRun, out: Path) -> dict:
     """The report of the studies that are done, the first of them in order: none is run. InputError: there is none."""
     return {"out": str(out), **write_report(run, out, first_done(run.work(), out))}
 
 
-def write_report(run: Run, out: Path, table: bytes) -> dict:
+def write_report(run: WorldsRun, out: Path, table: bytes) -> dict:
     """Judge the table, and write DIR/report in place of an earlier one; what the summary says of it."""
     files, found = report_files(table.decode().splitlines(), run.ranges, run.ranges.drawn(run.n, run.seed), run.seed)
     (out / REPORT).mkdir(exist_ok=True)

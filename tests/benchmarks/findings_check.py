@@ -19,7 +19,7 @@ from experiments.analysis.findings import STATEMENTS
 from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import load_ranges
 from experiments.worlds.report import Judgement
-from experiments.worlds.worlds import Run, run_worlds
+from experiments.worlds.worlds import WorldsRun, run_worlds
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "findings.md"
 ROW = re.compile(r"^\| (\d+) \| [^|]+ \| ([\d.]+) % \(([\d.]+) to ([\d.]+)\) \|", re.MULTILINE)
@@ -42,7 +42,7 @@ def main(n: str = "300", seed: str = "2") -> None:
     on_page = shares_on(PAGE.read_text(encoding="utf-8"))
     if sorted(on_page) != [statement.number for statement in STATEMENTS]:
         sys.exit(f"{PAGE}: has no share with interval of each of the eleven statements")
-    run = Run(load_ranges("paper"), int(n), int(seed))
+    run = WorldsRun(load_ranges("paper"), int(n), int(seed))
     with tempfile.TemporaryDirectory() as folder:
         run_worlds(run, Path(folder) / "worlds")
         lines = (Path(folder) / "worlds" / "worlds.csv").read_text(encoding="utf-8").splitlines()

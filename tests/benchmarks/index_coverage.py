@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 from experiments.worlds.indices import Split, indices
-from experiments.worlds.ranges import Range
+from experiments.worlds.ranges import AssumptionRange
 
 ASSUMPTIONS = 20
 SIZES = ((1000, 1), (100, 10))  # worlds, triples
@@ -46,7 +46,7 @@ def shares_of(split: Split) -> dict[str, np.ndarray]:
 
 def main(runs: str = "200") -> None:
     generator = np.random.default_rng(1)
-    ranges = {f"{number}": Range(source="made up", low=0.0, high=1.0) for number in range(ASSUMPTIONS)}
+    ranges = {f"{number}": AssumptionRange(source="made up", low=0.0, high=1.0) for number in range(ASSUMPTIONS)}
     for n, triples in SIZES:
         found = []
         for _ in range(int(runs)):

@@ -9,7 +9,7 @@ from sessions import closed_session, files
 
 from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
-from experiments.analysis.charts import POOLED, Answers, View
+from experiments.analysis.charts import POOLED, AnswerSet, View
 from experiments.export.export import export
 from experiments.export.files import (
     NOTES_CSV,
@@ -90,7 +90,7 @@ def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_
 
 
 def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
-    answers = [Answers("01", "a", 1, 0, FIRST, ""), Answers("02", "a", 2, 0, {"effort": 3.0}, "")]
+    answers = [AnswerSet("01", "a", 1, 0, FIRST, ""), AnswerSet("02", "a", 2, 0, {"effort": 3.0}, "")]
     write_phenotype(tmp_path, answers)
     names, first, second = table(tmp_path / "phenotype" / "tlxsmoothness.tsv")
     for name, one, other in zip(names[1:], first[1:], second[1:], strict=True):

@@ -12,7 +12,7 @@ from app.cli import main
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.report import STEP
-from experiments.benchmark.bench import PEERS, Peer, Row, Run, creep, simulated, table, with_order, work_precision
+from experiments.benchmark.bench import PEERS, BenchRun, Peer, Row, creep, simulated, table, with_order, work_precision
 from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
@@ -64,7 +64,7 @@ def test_scenes_are_those_of_the_design():
 @pytest.mark.parametrize("scene", SCENES, ids=_name)
 def test_event_motion_equals_dop853_on_the_ten_coordinate_form(scene):
     """Two routes with nothing in common but the device file: equations, stick-slip solver, integrator, events."""
-    apart = np.linalg.norm(simulated(Run(scene, "event", "ideal", 1e-4))[1] - reference(scene), axis=1)
+    apart = np.linalg.norm(simulated(BenchRun(scene, "event", "ideal", 1e-4))[1] - reference(scene), axis=1)
     assert apart.max() < 2e-12
 
 
@@ -75,7 +75,7 @@ def test_event_motion_with_lagging_brakes_nears_dop853_on_eq_1_and_eq_5_with_sec
     assert compared.all() or scene.name == "S4"  # there the hand throws the device against a hard stop
     assert np.count_nonzero(compared) > 25
     coarse, fine = (
-        np.linalg.norm(simulated(Run(scene, "event", "mr", step))[1] - tips, axis=1)[compared].max()
+        np.linalg.norm(simulated(BenchRun(scene, "event", "mr", step))[1] - tips, axis=1)[compared].max()
         for step in (1e-3, 1e-4)
     )
     assert fine < 3e-6
@@ -127,7 +127,7 @@ def test_a_peer_has_the_same_mechanism(peer, scene):
     """At a small step it comes near our motion, and nearer than at a large one."""
     if peer.version() is None:
         pytest.skip(f"{peer.name} is not installed")
-    tips = simulated(Run(scene, "event", "ideal", 1e-4))[1]
+    tips = simulated(BenchRun(scene, "event", "ideal", 1e-4))[1]
     far, near = (np.linalg.norm(peer.run(scene, step).tips() - tips, axis=1).max() for step in (5e-3, 1e-4))
     assert near < 4e-4
     assert near < 0.3 * far

@@ -17,7 +17,7 @@ from experiments.analysis.charts import (
     POOLED,
     QUESTIONS,
     SPEED,
-    Answers,
+    AnswerSet,
     View,
     charts,
     coloured,
@@ -105,7 +105,7 @@ def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_part
     chart = charts(PERSON, rows, VIEW)[0]
     assert len({round(placed.x, 6) for placed in chart.boxes}) == 3 * 5 * 2
     assert min(placed.half for placed in chart.boxes) > 0.03
-    answers = [Answers(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
+    answers = [AnswerSet(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
     assert len(chart.boxes) == 2
 
@@ -133,7 +133,7 @@ def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
 
 def test_answers_stand_by_question_and_device():
     answers = [
-        Answers(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
+        AnswerSet(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
         for n in range(6) for device in DEVICES
     ]  # fmt: skip
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)

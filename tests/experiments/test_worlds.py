@@ -25,10 +25,10 @@ from experiments.study.study import run_study
 from experiments.trial.population import load_population
 from experiments.worlds.indices import counted, indices
 from experiments.worlds.pictures import wilson
-from experiments.worlds.ranges import Range, load_ranges
+from experiments.worlds.ranges import AssumptionRange, load_ranges
 from experiments.worlds.report import Judgement, report_files, where_it_holds
 from experiments.worlds.table import Verdicts, Worlds, columns, judged, read_worlds
-from experiments.worlds.worlds import Run, report_so_far, run_worlds, worlds_of
+from experiments.worlds.worlds import WorldsRun, report_so_far, run_worlds, worlds_of
 
 RANGES = """
 name = "small"
@@ -76,7 +76,7 @@ def small(tmp_path_factory) -> Path:
 def whole(small, tmp_path_factory) -> Path:
     """Two worlds, two people each in turn, run in one go."""
     out = tmp_path_factory.mktemp("worlds") / "out"
-    run_worlds(Run(load_ranges(small), 2, triples=2), out)
+    run_worlds(WorldsRun(load_ranges(small), 2, triples=2), out)
     return out
 
 
@@ -155,7 +155,7 @@ def test_one_value_is_the_same_in_all_worlds_and_no_column_and_people_alone_may_
     usual = load_population("steady").draw(np.random.default_rng(1))
     assert people.draw(np.random.default_rng(1)) == usual._replace(skill=0.5 * usual.skill)
     assert ranges.study({"assumptions.lag_factor": 2.0}, 3)[0].assumptions.lag_factor == 2.0
-    summary = run_worlds(Run(ranges, 2), tmp_path / "out")
+    summary = run_worlds(WorldsRun(ranges, 2), tmp_path / "out")
     rows = lines(tmp_path / "out")
     assert list(rows[0])[:4] == ["world", "triple", "seed", "path_error_m:three-brake:1"]
     assert rows[0]["seed"] != rows[1]["seed"]
@@ -196,7 +196,7 @@ def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys,
 
 
 def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(small, whole, tmp_path):
-    run, cut = Run(load_ranges(small), 2, triples=2), tmp_path / "cut"
+    run, cut = WorldsRun(load_ranges(small), 2, triples=2), tmp_path / "cut"
     (cut / "parts").mkdir(parents=True)
     (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
     for world in worlds_of(run.ranges, 2, 1, 2)[1:3]:
@@ -212,7 +212,7 @@ def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_
 def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_and_runs_nothing(
     small, whole, tmp_path, capsys
 ):
-    run, cut = Run(load_ranges(small), 2, triples=2), tmp_path / "cut"
+    run, cut = WorldsRun(load_ranges(small), 2, triples=2), tmp_path / "cut"
     (cut / "parts").mkdir(parents=True)
     (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
     with pytest.raises(InputError, match="nothing is done yet"):
@@ -236,7 +236,7 @@ def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole,
     ranges = load_ranges(small)
     backwards = [world.run().rows for world in reversed(worlds_of(ranges, 2, 1, 2))]
     assert (whole / "worlds.csv").read_bytes().split(b"\n", 1)[1] == b"".join(reversed(backwards))
-    run_worlds(Run(ranges, 2, seed=2), tmp_path / "other")
+    run_worlds(WorldsRun(ranges, 2, seed=2), tmp_path / "other")
     assert [line["seed"] for line in lines(tmp_path / "other")] != [line["seed"] for line in lines(whole)][::2]
 
 
@@ -298,11 +298,11 @@ def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(sm
     assert sum(one["rules"] == "literal" for one in drawn) == 100
 
 
-def made_worlds(n: int = 1000, triples: int = 1) -> tuple[dict[str, Range], np.ndarray, np.ndarray]:
+def made_worlds(n: int = 1000, triples: int = 1) -> tuple[dict[str, AssumptionRange], np.ndarray, np.ndarray]:
     """Statement 1 is decided by the second assumption, 2 by the first and third together, 3 by the people, 4 by both of
     the first two (which alone say nothing), the others always hold.
     """
-    ranges = {name: Range(source="made", low=0.0, high=1.0) for name in "abcd"}
+    ranges = {name: AssumptionRange(source="made", low=0.0, high=1.0) for name in "abcd"}
     generator = np.random.default_rng(1)
     shares = generator.random((n, 4))
     holds = np.ones((n, triples, len(STATEMENTS)), dtype=bool)
@@ -344,9 +344,9 @@ def test_several_triples_a_world_split_interplay_from_people():
 
 def test_the_report_says_with_which_choice_and_in_which_half_of_a_range_a_statement_holds():
     shares = np.linspace(0.0, 0.999, 1000)
-    gain = Range(source="made", low=1.0, high=100.0, log=True)
+    gain = AssumptionRange(source="made", low=1.0, high=100.0, log=True)
     assert where_it_holds(gain, shares, shares > 0.75) == "up to 10 0.0 %, above 50 %"
-    rules = Range(source="made", choices=("settled", "literal", "both"))
+    rules = AssumptionRange(source="made", choices=("settled", "literal", "both"))
     assert where_it_holds(rules, shares, shares < 1.1 / 3.0) == "settled 100 %, literal 10 %, both 0.0 %"
 
 

@@ -17,7 +17,7 @@ from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice, move, settle
 from core.workspace import tip_is_free
 from experiments.assumptions import DEFAULTS, Assumptions
-from experiments.trial.encoder_sensing import Sensing, new_sensing, see, sensed
+from experiments.trial.encoder_sensing import EncoderSensing, new_sensing, see, sensed
 
 PATH: Path = line((-0.1, 0.4), (0.1, 0.4))
 TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
@@ -34,7 +34,7 @@ class Reach(NamedTuple):
     """A hand that pushes a device, tick by tick."""
 
     controller: Controller
-    sensing: Sensing
+    sensing: EncoderSensing
     memory: np.ndarray  # of the controller
     forces: np.ndarray  # (n, 2) N
     feigns: int  # 1: a locked hand pulls away with 3 N until it is let go, then pushes again

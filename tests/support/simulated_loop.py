@@ -17,7 +17,7 @@ from app.loop.loop import Loop
 from app.loop.real_time import end_early, put, take_aim
 from app.session_server.commands import do
 from app.session_server.server import read_protocol
-from app.session_server.state import State
+from app.session_server.state import ServerState
 from core import tick_log
 from experiments.session.files import hold_lock
 from experiments.trial.tick import run_ticks
@@ -147,7 +147,7 @@ class LocalClient:
         loop = BoardLoop(self.ring, board) if board else SimulatedLoop(self.ring)
         setup.data_dir.mkdir(parents=True, exist_ok=True)
         self._lock = hold_lock(setup.data_dir)
-        self.state = State(setup, read_protocol(setup), self.ring, loop)
+        self.state = ServerState(setup, read_protocol(setup), self.ring, loop)
         self._opened: m.Opened | None = None
         self._shown: m.Snapshot | None = None
 
