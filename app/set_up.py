@@ -183,10 +183,10 @@ def fill(kind: str) -> bool:
 QUIET: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": sys.stderr, "close_fds": False}
 
 
-def pip_install(*what: str) -> bool:
+def pip_install(*packages: str) -> bool:
     """Install as pinned; whether that succeeded. Python compiles what it imports later, a third of it all."""
     options = "--quiet --disable-pip-version-check --progress-bar off --no-compile -c constraints.txt".split()
-    return subprocess.call([PYTHON, "-m", "pip", "install", *options, *what], cwd=ROOT, **QUIET) == 0
+    return subprocess.call([PYTHON, "-m", "pip", "install", *options, *packages], cwd=ROOT, **QUIET) == 0
 
 
 @contextlib.contextmanager
@@ -230,10 +230,10 @@ def install_qt_libraries() -> None:
 
 def install_test_programs() -> None:
     """Install a screen and a compiler; without them the tests that need them are skipped."""
-    for programs, packages, what, skipped in TEST_PROGRAMS:
+    for programs, packages, purpose, skipped in TEST_PROGRAMS:
         if not all(map(shutil.which, programs)):
             try:
-                install(f"{what} for the tests", packages)
+                install(f"{purpose} for the tests", packages)
             except SystemExit:
                 say(f"going on: {skipped} are skipped")
 

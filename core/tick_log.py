@@ -64,8 +64,8 @@ class Column(NamedTuple):
         }
         for mark, of_each in marks.items():
             if f"{{{mark}}}" in self.name:
-                for further, what in of_each:
-                    name, meaning = (text.format(**{mark: what}) for text in (self.name, self.meaning))
+                for further, word in of_each:
+                    name, meaning = (text.format(**{mark: word}) for text in (self.name, self.meaning))
                     yield self._replace(name=name, place=self.place + further, meaning=meaning)
                 return
         yield self

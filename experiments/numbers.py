@@ -21,5 +21,5 @@ def percent(share: float, decimals: int = 0, sign: str = "") -> str:
 
 def place_cm(tip: Sequence[float], decimals: int = 0) -> str:
     """A place (m) in a figure, in cm, with the sign of mathematics."""
-    x, y = (fixed(100.0 * of_it, decimals).replace("-", "−") for of_it in tip)
+    x, y = (fixed(100.0 * coordinate, decimals).replace("-", "−") for coordinate in tip)
     return f"({x}, {y}) cm"

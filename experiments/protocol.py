@@ -314,9 +314,9 @@ def _around(
     return around
 
 
-def _refuse_duplicates(names: Sequence[str], what: str) -> None:
+def _refuse_duplicates(names: Sequence[str], clash: str) -> None:
     if len(set(names)) < len(names):
-        raise InputError(f"{what} have the same name ({', '.join(names)})")
+        raise InputError(f"{clash} have the same name ({', '.join(names)})")
 
 
 def _numbered(numbers: Iterable[int | None], entries: Iterable[T], where: str) -> dict[int, T]:

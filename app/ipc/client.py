@@ -57,8 +57,8 @@ class Client:
             self._received += self._take(LOOK_S)
             meanwhile()
         if not self._answered and not self._refused:
-            what = "ended while it started" if self._server.closed else "does not answer"
-            self._refused = f"{self._data_dir}: the session server {what}"
+            problem = "ended while it started" if self._server.closed else "does not answer"
+            self._refused = f"{self._data_dir}: the session server {problem}"
         return self._refused
 
     def send(self, command: object) -> None:

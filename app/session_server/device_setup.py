@@ -54,8 +54,8 @@ class SimulatedSetup:
         if coming is None or coming.configuration == progress.rigged:
             return None
         device = progress.session.protocol.device(coming.configuration)
-        what = f"Next: {device.name} (brakes at {' '.join(device.labels.values())}). "
-        text = f"{what}The device is simulated: there is nothing to change by hand."
+        following = f"Next: {device.name} (brakes at {' '.join(device.labels.values())}). "
+        text = f"{following}The device is simulated: there is nothing to change by hand."
         return StepCard(f"Change to {device.name}", text, "It is done")
 
     def confirm(self, progress: "SessionProgress", write: Write) -> None:

@@ -44,8 +44,8 @@ class Outlets:
         try:
             import pylsl
         except (ImportError, RuntimeError) as error:  # RuntimeError: it finds no liblsl
-            what = "pylsl is not installed" if isinstance(error, ImportError) else "pylsl finds no library liblsl"
-            raise InputError(f'--lsl: {what}; "pip install pylsl" in the program\'s .venv puts both there') from None
+            problem = "pylsl is not installed" if isinstance(error, ImportError) else "pylsl finds no library liblsl"
+            raise InputError(f'--lsl: {problem}; "pip install pylsl" in the program\'s .venv puts both there') from None
         if "LSLAPICFG" not in os.environ and not any(file.exists() for file in SETTINGS):
             pylsl.set_config_content(ONLY_ERRORS)
         self._ring, self._real, self._clock = ring, real, pylsl.local_clock
@@ -125,10 +125,10 @@ class Outlets:
             looks.append((after_s - before_s, lsl_s - 0.5 * (before_s + after_s)))
         return min(looks)[1]
 
-    def _send(self, push: Callable[..., None], what: Any, stamps_s: Any) -> None:
+    def _send(self, push: Callable[..., None], data: Any, stamps_s: Any) -> None:
         """Send; a failure ends the streams and never the recording."""
         if not self.failure:
             try:
-                push(what, stamps_s)
+                push(data, stamps_s)
             except RuntimeError as error:
                 self.failure = f"The LSL streams have ended ({error}). The recording goes on."

@@ -36,8 +36,8 @@ LATE_US = 200.0
 def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: cause of a brakes-off, or ""."""
     if why_off:
-        what = advice(why_off) or FAULTS["brakes-off"].advice
-        return Check("Device", BAD, BRAKES_OFF, f"Brakes off: {why_off}. {what}")
+        to_do = advice(why_off) or FAULTS["brakes-off"].advice
+        return Check("Device", BAD, BRAKES_OFF, f"Brakes off: {why_off}. {to_do}")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
@@ -225,8 +225,8 @@ def with_advice(name: str, reason: str) -> str:
     """A notice about a trial (or, without a name, the device): the reason and what to do; "" without a reason."""
     if not reason:
         return ""
-    what = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
-    return f"{what}. {advice(reason)}".strip()
+    notice = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
+    return f"{notice}. {advice(reason)}".strip()
 
 
 def ignored_features(setup: Setup, protocol: "Protocol") -> str:
@@ -235,7 +235,7 @@ def ignored_features(setup: Setup, protocol: "Protocol") -> str:
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
         "no questionnaire": protocol.questionnaire.on,
     }  # fmt: skip
-    missing = [what for what, is_asked in asked.items() if is_asked]
+    missing = [name for name, is_asked in asked.items() if is_asked]
     if setup.hand != OPERATOR or not missing:
         return ""
     return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."

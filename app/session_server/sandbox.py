@@ -111,22 +111,22 @@ class Sandbox:
         """
         p, before = self._protocol, self.settings
         settings = settings or self._initial(before.device, before.path)
-        for what, value, among in (
+        for name, value, among in (
             ("device", settings.device, [device.name for device in p.devices]), ("path", settings.path, p.paths),
             ("controller", settings.controller, p.controllers), ("rules", settings.rules, RULE_SETS),
             ("sensing", settings.sensing, SENSINGS),
         ):  # fmt: skip
             if value not in among:
-                raise InputError(f"Try: {what} {value!r} is none of {', '.join(map(str, among))}.")
+                raise InputError(f"Try: {name} {value!r} is none of {', '.join(map(str, among))}.")
         if wrong := settings.values.keys() ^ before.values.keys():
             raise InputError(f"Try: {min(wrong)} is no parameter of this protocol's controllers, or is missing.")
-        numbers = {what: getattr(settings, what) for what in ("spring_N_m", "brake_strength", "backlash_deg")}
-        for what, number in (numbers | settings.values).items():
+        numbers = {name: getattr(settings, name) for name in ("spring_N_m", "brake_strength", "backlash_deg")}
+        for name, number in (numbers | settings.values).items():
             if not 0.0 <= number < math.inf:
-                raise InputError(f"Try: {what} {number!r} must be finite and not negative.")
-        for what in self.fixed:
-            if getattr(settings, what) != getattr(before, what):
-                raise InputError(f"Try: {what} cannot be changed with this device and hand.")
+                raise InputError(f"Try: {name} {number!r} must be finite and not negative.")
+        for name in self.fixed:
+            if getattr(settings, name) != getattr(before, name):
+                raise InputError(f"Try: {name} cannot be changed with this device and hand.")
         device = self._file(settings.device)
         self._controller(settings, device)
         new_sensing(device, self._assumed(settings))
@@ -253,7 +253,7 @@ class Sandbox:
         self._run, self._grasp = None, LET_GO if self._given_up else grasp
         self._given_up = False
         run.abandon_recording()
-        status, reason = (run.trial.outcome()[what] for what in ("status", "reason"))
+        status, reason = (run.trial.outcome()[key] for key in ("status", "reason"))
         if not run.trial.finished or not self.on:
             return
         if status == "aborted":

@@ -125,10 +125,10 @@ class ServerState:
         """Show the experimenter a sentence."""
         self._notice, self._notice_bad = sentence, bad
 
-    def announce_wait(self, what: str) -> None:
-        """Show the window that a slow disk is about to be waited for. what: "the trial is opened"."""
+    def announce_wait(self, reason: str) -> None:
+        """Show the window that a slow disk is about to be waited for. reason: "the trial is opened"."""
         if self._disk.slow or self._slow_s > SLOW_SYNC_S:
-            self._waits_for = f"Waiting for the disk: {what}."
+            self._waits_for = f"Waiting for the disk: {reason}."
             self.show()
             self._waits_for = ""
 

@@ -134,12 +134,12 @@ class Storage:
             self.open.session.journal(event, time=at, **about)
             self._unsaved_lines.pop(0)
 
-    def fail(self, what: str, error: Exception) -> None:
+    def fail(self, trouble: str, error: Exception) -> None:
         """Something could not be written: show what is in memory, what is lost, and what to do."""
         gone = self.open.session.missing_files()
-        self._failed, self._tried_s, self._gone = what, time.perf_counter(), self._gone or bool(gone)
+        self._failed, self._tried_s, self._gone = trouble, time.perf_counter(), self._gone or bool(gone)
         reason = gone or getattr(error, "strerror", None) or cause_of(error)
-        parts = [f"{what}: {reason.rstrip('.')}" if what else reason, *self._memory_report()]
+        parts = [f"{trouble}: {reason.rstrip('.')}" if trouble else reason, *self._memory_report()]
         if self._runner.run is None:
             parts.append(f"It is tried again every {AGAIN_S:.0f} s")
         if gone or isinstance(error, OSError):
@@ -189,12 +189,12 @@ class Storage:
             run.abandon_recording()
             self._keep_in_memory(run, f"{run.name} is not complete", error)
 
-    def _keep_in_memory(self, run: TrialRun, what: str, error: Exception) -> None:
+    def _keep_in_memory(self, run: TrialRun, trouble: str, error: Exception) -> None:
         """Keep a recording in memory if the disk does not have it, and report that."""
         self._unsaved_trial = run if run.unsaved is not None else None
-        writer, said = run.recorder.writer, what
+        writer, said = run.recorder.writer, trouble
         if self._unsaved_trial is None and writer is not None and writer.lost:
-            said = f"{what} ({_ticks_of(writer)})"
+            said = f"{trouble} ({_ticks_of(writer)})"
         self.fail(said, error)
 
     def _finish_trial(self, run: TrialRun) -> None:
@@ -263,8 +263,8 @@ class Storage:
                 notice += "".join(f" It cannot be rescued: {file}." for file in not_rescued)
                 self.update_tables(notice, bad=bool(not_rescued))
         except (InputError, OSError) as error:
-            what = "The session is not complete" if self.not_written else "Streams are still to be converted"
-            self.fail(self._failed or what, error)
+            trouble = "The session is not complete" if self.not_written else "Streams are still to be converted"
+            self.fail(self._failed or trouble, error)
             return
         self.not_written, self._failed, self._gone, self._reported = "", "", False, None
 

@@ -160,8 +160,8 @@ def draw_boxplots(
     calls.append((rows, wide, sizes.beside * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
-    for of_it in _drawn(calls, pool):
-        files |= of_it
+    for of_sheet in _drawn(calls, pool):
+        files |= of_sheet
     write_new_files(files)
     return list(files)
 
@@ -254,11 +254,11 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
         box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
         draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.look)
     for controller, look in {(point.controller, point.look): None for point in chart.points}:
-        of_it = [p for p in chart.points if (p.controller, p.look) == (controller, look)]
+        group = [p for p in chart.points if (p.controller, p.look) == (controller, look)]
         colour = colour_of(controller)
         face = colour if look == 0 and not chart.boxes else "white"  # else boxes would swallow it
         look_of_it: dict[str, Any] = {"edgecolors": colour, "linewidths": 0.8, "marker": marker_of(controller)}
-        axes.scatter([p.x for p in of_it], [p.y for p in of_it], 9.0, face, zorder=5, **look_of_it)
+        axes.scatter([p.x for p in group], [p.y for p in group], 9.0, face, zorder=5, **look_of_it)
     axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
     above = axes.get_xaxis_transform()
     late = [p.x for p in chart.timeouts]

@@ -217,8 +217,8 @@ class Evidence(NamedTuple):
         metric, claim = BY_NAME[self.measure], self.claim
         against = named(claim.first) + ("" if claim.devices else f" against {named(claim.second)}")
         where = " against ".join(dict.fromkeys(self.place))
-        what = f"spread of {metric.short}" if claim.spread else metric.short
-        about = f"{what[:1].upper()}{what[1:]}, {against}, {where}"
+        measured = f"spread of {metric.short}" if claim.spread else metric.short
+        about = f"{measured[:1].upper()}{measured[1:]}, {against}, {where}"
         if self.found is None:
             return f"{about} ({self.why})"
         _, middle, low, high = (100.0 * value for value in self.found)
@@ -342,13 +342,13 @@ def _why_not(cells: Iterable[tuple[str, int]], measured: set[tuple], finished: M
     """Why the trials of these devices and controllers cannot be compared; "": they can."""
     for device, controller in cells:
         share = finished.get((device, controller))
-        of_it = f"trials of {CONTROLLER[controller]!r} on {device}"
+        trials = f"trials of {CONTROLLER[controller]!r} on {device}"
         if share is None:
-            return f"no {of_it}"
+            return f"no {trials}"
         if share < LEAST_FINISHED:
-            return f"only {percent(share)} of the {of_it} reached the end"
+            return f"only {percent(share)} of the {trials} reached the end"
         if (device, controller) not in measured:
-            return f"nothing measured in the {of_it}"
+            return f"nothing measured in the {trials}"
     return ""
 
 
@@ -373,8 +373,8 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
                 if (value := getattr(row, measure)) is not None:
                     values.setdefault((measure, row.configuration, row.controller), []).append(value)
     return {
-        cell: PooledBox(*np.quantile(of_it, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
-        for cell, of_it in values.items()
+        cell: PooledBox(*np.quantile(values_of_cell, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
+        for cell, values_of_cell in values.items()
     }
 
 

@@ -299,8 +299,8 @@ def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) 
 
 def _differ(results: Sequence[Result]) -> Iterable[str]:
     for metric in JUDGED:
-        of_it = [r for r in results if (r.measure, r.statistic) == (metric.name, "chi_square")]
-        chances = {r.configuration: r.p for r in of_it if r.p is not None}
+        tests = [r for r in results if (r.measure, r.statistic) == (metric.name, "chi_square")]
+        chances = {r.configuration: r.p for r in tests if r.p is not None}
         if chances:
             listed = ", ".join(f"{where} p {'< 0.001' if p < 0.001 else f'= {p:.3f}'}" for where, p in chances.items())
             differs = "differs" if all(p < 0.05 for p in chances.values()) else "does not everywhere differ"
@@ -331,9 +331,9 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
                 judged = "slow trials do look accurate" if r.low > 0.0 else "fast trials are the more accurate ones"
             yield f"Twice the speed, same person and task: path error {_number(r, 1e3, 2)} mm; {judged}."
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
-        of_it = [r for r in speed if r.configuration == configuration]
-        raw = {r.first: 1e3 * (r.value or 0.0) for r in of_it if r.statistic == "mean_error"}
-        adjusted = {r.first: 1e3 * (r.value or 0.0) for r in of_it if r.statistic == "error_at_common_speed"}
+        here = [r for r in speed if r.configuration == configuration]
+        raw = {r.first: 1e3 * (r.value or 0.0) for r in here if r.statistic == "mean_error"}
+        adjusted = {r.first: 1e3 * (r.value or 0.0) for r in here if r.statistic == "error_at_common_speed"}
         listed = ", ".join(f"{_name(k, names)} {raw[k]:.2f} -> {adjusted[k]:.2f}" for k in raw)
         same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
         kept = "stays" if same else "changes"
@@ -378,9 +378,9 @@ def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
         for of_all in zip(*found.values(), *by_boxes.values(), strict=True)
     ]
     parts = [_table(("", "the paper says", *found, *(f"{label}, by boxes" for label in found)), lines)]
-    for label, of_it in found.items():
-        why = [f"- {refusal}" for refusal in [too_few(fewest_people(choices[label], of_it))] if refusal]
-        why += [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in of_it if f.verdict != HOLDS]
+    for label, findings_of_study in found.items():
+        why = [f"- {refusal}" for refusal in [too_few(fewest_people(choices[label], findings_of_study))] if refusal]
+        why += [f"- {f.statement.number}, {f.verdict}: {f.sentence}" for f in findings_of_study if f.verdict != HOLDS]
         if why:
             parts += [f"**{label}**", "\n".join(why)]
     return "\n\n".join(parts) + "\n"
@@ -408,7 +408,7 @@ def error_sentence(moved: Sequence[Moved]) -> str:
         of_step = [move for move in moved if move.change == STEP and move.measure == metric.name]
         if of_step:
             median, worst = (
-                metric.scale * max(of_it) for of_it in zip(*((m.median, m.worst) for m in of_step), strict=True)
+                metric.scale * max(values) for values in zip(*((m.median, m.worst) for m in of_step), strict=True)
             )
             parts.append(f"{metric.short} {significant(median, 1)} ({significant(worst, 1)}) {metric.shown_unit}")
     if not parts:

@@ -399,10 +399,10 @@ def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> lis
     usual = {p: np.mean([mean[0] for (_, q), mean in own.items() if q == p]) for _, p in own}
     results = []
     for controller in sorted({controller for controller, _ in own}, key=by_controller):
-        of_it = {person: mean for (k, person), mean in own.items() if k == controller}
-        faster = float(np.mean([mean[0] - usual[person] for person, mean in of_it.items()]))
-        error = float(np.mean([mean[1] for mean in of_it.values()]))
-        about = ("speed", "path_error_m", configuration, f"{controller}", "", len(of_it))
+        by_person = {person: mean for (k, person), mean in own.items() if k == controller}
+        faster = float(np.mean([mean[0] - usual[person] for person, mean in by_person.items()]))
+        error = float(np.mean([mean[1] for mean in by_person.values()]))
+        about = ("speed", "path_error_m", configuration, f"{controller}", "", len(by_person))
         results += [
             Result(*about, "doublings_above_own_mean", faster),
             Result(*about, "mean_error", error),

@@ -322,10 +322,10 @@ class Identification:
         """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""
         zero = self.zero.half_width if self.zero else 0.0
         fits: list[tuple[tuple[str, ...], LinearFit, tuple[str, ...]]] = []
-        for way, of_it in self.constants.items():
-            fits.append(((f"{way}.a_avg",), of_it.average, ("s",)))
-            names = tuple(f"{way}.{name}" for name in A_NAMES)
-            fits.append((names, of_it.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
+        for direction, constants in self.constants.items():
+            fits.append(((f"{direction}.a_avg",), constants.average, ("s",)))
+            names = tuple(f"{direction}.{name}" for name in A_NAMES)
+            fits.append((names, constants.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
         units = ("N m/A", "N m", "N m/A^2", "N m/A", "N m")
         return [
             Parameter(name, value, half + 0.5 * abs(self.drift.share * value) + zero * (unit == "N m"), unit)
@@ -390,7 +390,7 @@ class Plausible:
     """
 
     column: str  # of the steps
-    what: str
+    quantity: str
     low: float
     high: float
     paper: float  # of the paper's brake
@@ -400,7 +400,7 @@ class Plausible:
     def warning(self, value: float) -> str:
         """That a value is outside, and which unit it is likely in."""
         text = (
-            f"{self.column}: {self.what} would be {significant(value)} {self.unit}, plausible is {self.low:g} to "
+            f"{self.column}: {self.quantity} would be {significant(value)} {self.unit}, plausible is {self.low:g} to "
             f"{self.high:g} {self.unit}"
         )
         likely = {unit: value * factor for unit, factor in self.others.items()}

@@ -397,12 +397,12 @@ def make_schema(
     return pa.schema(fields, metadata={"phd": as_json(about, "metadata")})
 
 
-def as_json(about: dict[str, Any], what: str) -> str:
-    """JSON text for a recording. InputError, which names `what`, for what JSON cannot hold."""
+def as_json(about: dict[str, Any], part: str) -> str:
+    """JSON text for a recording. InputError, which names `part`, for what JSON cannot hold."""
     try:
         return json.dumps(about, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InputError(f"recording: the {what} cannot be stored as JSON: {error}") from None
+        raise InputError(f"recording: the {part} cannot be stored as JSON: {error}") from None
 
 
 def arrow_array(values: np.ndarray) -> pa.Array:

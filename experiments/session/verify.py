@@ -125,9 +125,9 @@ class _SessionCheck:
             elif not self.live:
                 self._fault(files.TABLE, f"has no row for run {run}, which the journal says was begun")
 
-    def _fault(self, file: str | Path, what: str | InputError) -> None:
+    def _fault(self, file: str | Path, problem: str | InputError) -> None:
         name = file.relative_to(self.session).as_posix() if isinstance(file, Path) else file
-        self.faults.append((name, files.relative_to(self.session, str(what))))
+        self.faults.append((name, files.relative_to(self.session, str(problem))))
 
     def _check_journal(self) -> None:
         try:

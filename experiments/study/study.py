@@ -148,7 +148,10 @@ class StudyRun:
             "out": str(self.out),
             "trials": len(table),
             "trials_run_now": self.done["trials"],
-            **{f"done_controller_{number}": float(np.mean(of_it)) if of_it else 0.0 for number, of_it in ended.items()},
+            **{
+                f"done_controller_{number}": float(np.mean(reached)) if reached else 0.0
+                for number, reached in ended.items()
+            },
             "recovered": sum(row.status == "recovered" for row in table),
             "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),

@@ -395,8 +395,8 @@ def choose_currents(trial, seen, row):
     if run.real != 0:
         row[log.DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
     if run.phase == MOVE and run.newest != 0:
-        what = seen_in(seen.tip, seen.hand_force)
-        tick = Tick(what, seen.g, seen.mass, trial.model.brakes, memory, run.current)
+        sensed = seen_in(seen.tip, seen.hand_force)
+        tick = Tick(sensed, seen.g, seen.mass, trial.model.brakes, memory, run.current)
         run.decision, field = decide(trial.controller, trial.path, tick)
         log_field(field, memory, row)
     else:
@@ -501,6 +501,6 @@ def decide_again(controller, path, model, states, sensing, decisions):
             see(mechanism, state, sensors, seen)
         if decisions.taken[n]:
             memory[WANTED], memory[WANTED + 1] = given[6], given[7]
-            what = seen_in(seen.tip, given[4:6])
-            tick = Tick(what, seen.g, seen.mass, model.brakes[0], memory, decisions.currents[n])
+            sensed = seen_in(seen.tip, given[4:6])
+            tick = Tick(sensed, seen.g, seen.mass, model.brakes[0], memory, decisions.currents[n])
             decisions.codes[n] = decide(controller, path, tick)[0]

@@ -252,8 +252,8 @@ def _measure_first(found: Judgement) -> str:
         return f"{NOTHING_FIRST[:1].upper()}{NOTHING_FIRST[1:]}."
     p, lines = found.holds.mean(axis=(0, 1)), []
     for j, share in found.settling:
-        of_it = np.where(found.indices.clear[:, j], found.indices.of.first[:, j], 0.0) * p * (1.0 - p)
-        main = [f"{STATEMENTS[i].number}" for i in np.argsort(-of_it, kind="stable")[:3] if of_it[i] > 0.0]
+        settled = np.where(found.indices.clear[:, j], found.indices.of.first[:, j], 0.0) * p * (1.0 - p)
+        main = [f"{STATEMENTS[i].number}" for i in np.argsort(-settled, kind="stable")[:3] if settled[i] > 0.0]
         assumption = list(found.ranges.ranges.values())[j]
         lines.append(
             (
