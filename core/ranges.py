@@ -89,7 +89,7 @@ CobotMass = Annotated[float, _within(MASS_OF_A_COBOT)]
 CobotInertia = Annotated[float, _within(INERTIA_OF_A_COBOT)]
 
 
-def strange(value: Any, kind: Any = None, key: str = "") -> Iterator[str]:
+def strange(value: Any, kind: Any, key: str = "") -> Iterator[str]:
     """The numbers of a table that are strange, a sentence each: its key, and what was probably meant.
 
     kind: the type of what is no table, as its field has it.

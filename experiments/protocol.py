@@ -154,10 +154,6 @@ class Protocol(Settings, frozen=True, kw_only=True):
                 wanted = f"a {kind}" if isinstance(kind, str) else f"one of {', '.join(kind)}"
                 raise InputError(f"form: {name} must be {wanted}, not {answer!r}")
 
-    def labels(self) -> dict[int | str, str]:
-        """Controller -> its name in lines that fit under a box."""
-        return {number: label(preset.name) for number, preset in self.controllers.items()}
-
     def device(self, name: str) -> Device:
         return next(device for device in self.devices if device.name == name)
 

@@ -201,11 +201,14 @@ ALGORITHM = Algorithm(
 )
 
 
-def least_gain_felt(device: "Device", places: np.ndarray, speed: float = 0.1) -> float:
-    """The gain (N s/m) from which on a guide can be felt at one of the places (n, 2), m, at this speed (m/s) across.
+#: m/s. Our choice: about the largest speed across the path in a guided movement of two seconds.
+ACROSS_M_S = 0.1
 
-    Below it Eq. (15) asks every brake for less than its off torque k_2, which it does without current. Our choice of
-    the speed: about the largest across the path in a guided movement of two seconds.
+
+def least_gain_felt(device: "Device", places: np.ndarray) -> float:
+    """The gain (N s/m) from which on a guide can be felt at one of the places (n, 2), m, at `ACROSS_M_S`.
+
+    Below it Eq. (15) asks every brake for less than its off torque k_2, which it does without current.
     """
     drags = []
     for arm, joints in ((device.mechanism.arm_1, (0, 1)), (device.mechanism.arm_2, (2, 3))):
@@ -214,4 +217,4 @@ def least_gain_felt(device: "Device", places: np.ndarray, speed: float = 0.1) ->
         for joint, length in zip(joints, (arm.length_2, reach), strict=True):  # |g| = length / |S|
             if device.brakes.present[joint]:
                 drags.append(np.min(device.brakes.k[joint, 1] * length / np.abs(pose.s)))
-    return float(min(drags, default=0.0)) / speed
+    return float(min(drags, default=0.0)) / ACROSS_M_S

@@ -21,7 +21,6 @@ import numpy as np
 from core import tick_log
 from core.device import without_backlash
 from core.simulator.hand import spring_hand
-from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.analysis.findings import CONTROLLER
@@ -35,10 +34,9 @@ from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, 
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import load_protocol
-from experiments.study.unrecorded import person_of, simulation_errors
+from experiments.study.unrecorded import person_of, simulation_errors, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
-from experiments.trial.trial import Conditions, SimulatedTrial
 
 #: s, step of the reference.
 TINY_S = 1e-5
@@ -268,22 +266,11 @@ def tick_cost(quick: bool) -> dict:
     spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
     trials = 0
     for operator in range(1, operators + 1):
-        person = load_population().draw(np.random.default_rng(operator))
-        simulations = {device.name: SimulatedDevice(device, (0.0, 0.40)) for device in protocol.devices}
-        for planned in make_plan(protocol, str(operator)):
-            generator = np.random.default_rng([operator, planned.segment, planned.repetition])
-            trial = SimulatedTrial(
-                simulations[planned.configuration],
-                planned,
-                Conditions(
-                    protocol.paths[planned.segment],
-                    protocol.controllers[int(planned.controller)],
-                    protocol.rules,
-                    protocol.trial,
-                ),
-                person,
-                generator,
-            )
+        person = person_of(load_population(), protocol.seed, operator)
+        devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
+        for planned in make_plan(protocol, f"{operator:02d}", coded=False):
+            preset = protocol.controllers[int(planned.controller)]
+            trial = trial_of(protocol, person, operator, planned, devices[planned.configuration], preset)
             trials += 1
             while not trial.finished:
                 start = time.perf_counter()

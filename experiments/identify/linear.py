@@ -64,14 +64,17 @@ def fit_linear(design: Array, values: Array, weights: Array, contrasts: Array | 
     return LinearFit(coefficients, contrasts @ coefficients, half_widths, fitted, residuals)
 
 
-def variance_by_group(design: Array, values: Array, groups: npt.NDArray[np.int_], turns: int = 30) -> Array:
+TURNS = 30  # of the weights and the fit, each by the other
+
+
+def variance_by_group(design: Array, values: Array, groups: npt.NDArray[np.int_]) -> Array:
     """(m,) variance of the values in each group, from the residuals of the fit that weights them by it.
 
     Each group's sum of squares is divided by its size less its share of the coefficients. groups: 0 .. m - 1.
     """
     variance = np.ones(int(groups.max()) + 1)
     smallest = (ZERO * float(np.max(np.abs(values)))) ** 2
-    for _ in range(turns):
+    for _ in range(TURNS):
         root = 1.0 / np.sqrt(variance)[groups]
         x = design * root[:, None]
         inverse = np.linalg.pinv(x)

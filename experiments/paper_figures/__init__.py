@@ -26,6 +26,7 @@ from experiments.paper_figures.directions import draw_displays, draw_maps, draw_
 from experiments.paper_figures.motion import draw_passive_master, draw_releases, draw_stopping
 from experiments.paper_figures.scooter import draw_scooter
 from experiments.paper_figures.workspace import draw_sdof_paths
+from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
 FORMS = ("png", "pdf")
@@ -108,9 +109,7 @@ def _slugs(names: Iterable[str]) -> list[str]:
     return slugs
 
 
-def draw_all(
-    devices: Sequence[Device], out_folder: str | Path, progress: Callable[[float], None] | None = None
-) -> list[Drawn]:
+def draw_all(devices: Sequence[Device], out_folder: str | Path, progress: Progress = no_progress) -> list[Drawn]:
     """Draw every figure as PNG and PDF into a folder; the same devices give the same bytes.
 
     InputError, and no file left behind, if one of the files exists already or the folder cannot be written.
@@ -128,7 +127,6 @@ def draw_all(
         with matplotlib.rc_context(STYLE):
             figure = picture.draw()
         contents += [figure_bytes(figure, form) for form in FORMS]
-        if progress:
-            progress((k + 1) / len(wanted))
+        progress((k + 1) / len(wanted))
     write_new_files(dict(zip(files, contents, strict=True)))
     return drawn

@@ -170,7 +170,7 @@ def write_new_files(contents: Mapping[Path, bytes]) -> None:
 
 
 @contextlib.contextmanager
-def written_beside(target: Path, data: bytes, sync: bool = True) -> Iterator[Path]:
+def written_beside(target: Path, data: bytes, sync: bool) -> Iterator[Path]:
     """A file with `data` beside `target`, to be checked and then renamed; removed at the end if it was not.
 
     sync: wait until it is on the disk. OSError if it cannot be written.

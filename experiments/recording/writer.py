@@ -336,7 +336,7 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
     return stored
 
 
-def save_as_parquet(recording: Recording, target: Path, sync: bool = True) -> Recording:
+def save_as_parquet(recording: Recording, target: Path, sync: bool) -> Recording:
     """Write a recording as Parquet and read it back to compare; what was read back.
 
     An existing file must hold the same, else InputError (neither is touched). OSError if it cannot be written.
@@ -381,7 +381,7 @@ def _parquet_bytes(recording: Recording) -> bytes:
 
 
 def make_schema(
-    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None = None,
+    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None,
     columns: Iterable[str] | None = None,
 ) -> pa.Schema:  # fmt: skip
     """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.

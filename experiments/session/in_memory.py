@@ -58,7 +58,8 @@ class InMemory:
             gone.append(session / min(missing))
         if not gone:
             return ""
-        return f"{gone[0]} is gone{_with_recordings(len(missing))}"
+        inside = f", with the {counted(len(missing), 'recording')} in it" if missing else ""
+        return f"{gone[0]} is gone{inside}"
 
     def put_into(self, target: Path, old: Path, rows: Sequence[TrialRow], sync: bool) -> int:
         """Copy the session into an empty folder: recordings and journal from the old one if they can be read, all else
@@ -107,10 +108,6 @@ class InMemory:
         with contextlib.suppress(OSError):
             on_disk = {Path(name).stem for name in os.listdir(session / files.TRIALS) if not name.startswith(".")}
         return {row.recording for row in rows if row.recording and Path(row.recording).stem not in on_disk}
-
-
-def _with_recordings(number: int) -> str:
-    return f", with the {counted(number, 'recording')} in it" if number else ""
 
 
 def discard(session: Path) -> None:

@@ -26,7 +26,7 @@ import joblib
 from core.device import Device
 from core.files import InputError
 from experiments.analysis.trials_table import csv_bytes
-from experiments.progress import Progress, no_progress
+from experiments.progress import Progress
 from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.session.files import LOCK, hold_lock
 from experiments.study.helpers import end_with
@@ -74,9 +74,7 @@ class Finished(NamedTuple):
     wall_s: float
 
 
-def run_work(
-    work: Work, out: Path, resume: bool = False, cluster: str | None = None, progress: Progress = no_progress
-) -> Finished:
+def run_work(work: Work, out: Path, resume: bool, cluster: str | None, progress: Progress) -> Finished:
     """Run every job that is not done yet, then write the table. InputError for wrong input.
 
     cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.

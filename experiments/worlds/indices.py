@@ -137,11 +137,3 @@ def _split(member: np.ndarray, sizes: Sequence[int], holds: np.ndarray) -> Split
         people = triples / (triples - 1) * (mean * (1.0 - mean)).mean(axis=0) / variance
     alone = first.sum(axis=1)
     return Split(first, alone, 1.0 - alone, people, 1.0 - alone - people)
-
-
-def _spread(of: Sequence[np.ndarray], judged: np.ndarray) -> Split:
-    """The numbers of the statements that have any, among nan of the others."""
-    fields = [np.full((len(judged), *x.shape[1:]), np.nan) for x in of]
-    for field, x in zip(fields, of, strict=True):
-        field[judged] = x
-    return Split(*fields)
