@@ -12,16 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from core.device_file import (
-    ELBOWS,
-    BrakeFile,
-    Castor,
-    DeviceFile,
-    Link,
-    Sensing,
-    parse_brake,
-    read_brake_text,
-)
+from core.device_file import ELBOWS, BrakeFile, Castor, DeviceFile, Link, Sensing, parse_brake, read_brake_text
 from core.files import (
     InputError,
     Pair,

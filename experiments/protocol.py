@@ -19,14 +19,7 @@ from core.control.controllers import ALGORITHMS, Preset
 from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
-from core.files import (
-    InputError,
-    from_plain,
-    parse_toml,
-    read_text,
-    shipped_names,
-    shipped_or_file,
-)
+from core.files import InputError, from_plain, parse_toml, read_text, shipped_names, shipped_or_file
 from core.obstacles import build_obstacles, nearest_obstacle
 from core.path import Path as PathAhead
 from core.path import PathFile, build_path, outline, path_from, point_at

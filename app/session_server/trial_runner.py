@@ -13,17 +13,7 @@ from app.ipc.messages import (
     TimingChecked,
     TrialReturned,
 )
-from app.ipc.ring import (
-    BRAKES_OFF,
-    END_TRIAL,
-    HAND_BACK,
-    LET_GO,
-    RING_FULL,
-    SERVER_SILENT,
-    STOPPED,
-    UNTOUCHED,
-    Ring,
-)
+from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, LET_GO, RING_FULL, SERVER_SILENT, STOPPED, UNTOUCHED, Ring
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_loop

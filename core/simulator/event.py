@@ -9,16 +9,7 @@ are given to `stepping`, and that is counted.
 from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
-from core.simulator.event_location import (
-    LOOSE_MINUS,
-    LOOSE_PLUS,
-    NONE,
-    PLAY,
-    SPEED,
-    STOP,
-    first_event,
-    locate,
-)
+from core.simulator.event_location import LOOSE_MINUS, LOOSE_PLUS, NONE, PLAY, SPEED, STOP, first_event, locate
 from core.simulator.hand import hand_force
 from core.simulator.lag import age_yields, begin, pace_ends, yield_error
 from core.simulator.runge_kutta import rk4

@@ -11,15 +11,7 @@ from string import Template
 from typing import NamedTuple
 
 from core.files import InputError
-from experiments.analysis.findings import (
-    CHANCE,
-    CONTROLLER,
-    HOLDS,
-    Finding,
-    box_findings_of,
-    findings,
-    why_no_findings,
-)
+from experiments.analysis.findings import CHANCE, CONTROLLER, HOLDS, Finding, box_findings_of, findings, why_no_findings
 from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED
 from experiments.analysis.sensitivity import sensitivity, swapped
 from experiments.analysis.statistics import (

@@ -11,16 +11,7 @@ from matplotlib.figure import Figure
 
 from core.device import COBOT_FOLDER
 from core.path import line
-from experiments.analysis.sheet import (
-    BLUE,
-    ORANGE,
-    PAGE_IN,
-    QUIET,
-    TEXT,
-    plain,
-    sheet,
-    title,
-)
+from experiments.analysis.sheet import BLUE, ORANGE, PAGE_IN, QUIET, TEXT, plain, sheet, title
 from experiments.simulate.cobot_scene import ALONG_PATH, AT_WALL, FREE, CobotRun, CobotScene, load_cobot
 
 SECONDS, STEP_S = 4.0, 1e-3

@@ -13,17 +13,7 @@ from core.device import Device
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import Array, arm_pose, free_tips, in_turn_of, joint_angles, sines
 from experiments.analysis.colours import ON_LIGHT
-from experiments.analysis.sheet import (
-    CM,
-    MIDDLE,
-    PAGE_IN,
-    QUIET,
-    TEXT,
-    legend_at,
-    plain,
-    sheet,
-    title,
-)
+from experiments.analysis.sheet import CM, MIDDLE, PAGE_IN, QUIET, TEXT, legend_at, plain, sheet, title
 from experiments.paper_figures.brake import parameters_of
 
 #: Joint -> colour and line; a print without colour tells the lines apart.

@@ -16,15 +16,7 @@ from fastcrc.crc32 import iso_hdlc as crc32
 from core import tick_log
 from core.files import InputError
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.schema import (
-    FORM,
-    SEAL,
-    TEXT_COLUMNS,
-    Recording,
-    Sensors,
-    footer_at,
-    recording_columns,
-)
+from experiments.recording.schema import FORM, SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at, recording_columns
 
 MARKER = b"\xff\xff\xff\xff"  # begins every message of an Arrow stream
 STREAM_END = MARKER + bytes(4)  # Arrow's own end of a stream

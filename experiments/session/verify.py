@@ -30,12 +30,7 @@ from experiments.session import files
 from experiments.session.blind import KEY, read_key
 from experiments.session.checksums import NO_CHECKSUM
 from experiments.session.files import cell
-from experiments.session.journal import (
-    NAME,
-    JournalSummary,
-    journal_summary,
-    rows_without_recording,
-)
+from experiments.session.journal import NAME, JournalSummary, journal_summary, rows_without_recording
 
 #: Largest share by which a number of the table may differ from what the recording gives: library versions round apart.
 TOLERANCE = 1e-6

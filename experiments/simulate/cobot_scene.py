@@ -15,16 +15,7 @@ from core.cobot import COBOT, UNSTEERED, CobotFile, advance, advance_at_wall, ne
 from core.control.rule_sets import SETTLED, Rules
 from core.control.velocity_field import BLEND_WIDTH, Seen, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
-from core.files import (
-    InputError,
-    Positive,
-    Table,
-    from_plain,
-    is_assumed,
-    parse_toml,
-    read_text,
-    shipped_or_file,
-)
+from core.files import InputError, Positive, Table, from_plain, is_assumed, parse_toml, read_text, shipped_or_file
 from core.kernels import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, path_from

@@ -14,15 +14,7 @@ import numpy as np
 from core.control.guard import Guard
 from core.device import Device, load_device
 from experiments.assumptions import DEFAULTS, ENCODERS, Assumptions
-from tests.support.reaches import (
-    KINDS,
-    PUSHES_N,
-    Attack,
-    Reached,
-    attack_with,
-    changed_attack,
-    random_attack,
-)
+from tests.support.reaches import KINDS, PUSHES_N, Attack, Reached, attack_with, changed_attack, random_attack
 
 BY_ENCODERS = Assumptions(sensing=ENCODERS)
 GENERATION = 100

@@ -8,14 +8,7 @@ from scipy import signal
 from core import tick_log
 from core.path import Arc, build_path, line, point_at
 from core.simulator.hand import grip_force, new_hand
-from experiments.trial.operator import (
-    Moment,
-    begin_approach,
-    minimum_jerk,
-    new_operator,
-    operate,
-    take_handle,
-)
+from experiments.trial.operator import Moment, begin_approach, minimum_jerk, new_operator, operate, take_handle
 from experiments.trial.population import load_population
 
 BOW = Arc((0.0, 0.36), 0.08, 180.0, 0.0)

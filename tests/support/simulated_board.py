@@ -2,18 +2,7 @@
 
 from hardware.emulated_board.board import FULL_BOARD, TICK_US, Board, Readings
 from hardware.wire.frames import FrameDecoder, encode_frame
-from hardware.wire.messages import (
-    AskHello,
-    Command,
-    Hello,
-    Limits,
-    Sample,
-    SetLimits,
-    State,
-    layout_of,
-    pack,
-    unpack,
-)
+from hardware.wire.messages import AskHello, Command, Hello, Limits, Sample, SetLimits, State, layout_of, pack, unpack
 
 STILL = Readings(counts=(0, 0, 0, 0), force=(0,) * 6)
 FULL = (1000, 1000, 1000, 1000)
