@@ -57,7 +57,7 @@ UNSTEERED = (0.0, 0.0, 0.0)  # in place of a goal
 
 
 class CobotFile(Table, frozen=True):
-    """A cobot file."""
+    """The keys of a cobot file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     mass_kg: CobotMass

@@ -197,7 +197,7 @@ class Mass(Table, frozen=True):
 
 
 class HardStops(Table, frozen=True):
-    """Hard stops."""
+    """The hard stops of the joints."""
 
     margin: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.3
     theta_A_rad: Pair | None = None
@@ -305,7 +305,7 @@ class Castor(Table, frozen=True):
 
 
 class DeviceFile(Table, frozen=True):
-    """A device file."""
+    """The keys of a device file."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     geometry: Geometry

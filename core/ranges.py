@@ -15,7 +15,7 @@ import msgspec
 
 
 class Range(NamedTuple):
-    """Of one quantity, in its unit; both bounds are of the size where `least` is negative."""
+    """The plausible range of a quantity, in its unit; with a negative `least` both bounds are of the size."""
 
     unit: str
     least: float

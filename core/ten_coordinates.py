@@ -25,7 +25,7 @@ COORDINATES, CONSTRAINTS = 10, 8
 
 
 class Bodies(NamedTuple):
-    """What Eq. (5) is made of: the links one by one, order AE, ED, BC, CD where there are four."""
+    """The bodies of Eq. (5): the links one by one, order AE, ED, BC, CD where there are four."""
 
     base: np.ndarray  # (2, 2) m, A and B
     length: np.ndarray  # (4,) m

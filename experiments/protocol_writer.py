@@ -44,7 +44,7 @@ def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = Fals
 
 
 class Variant(NamedTuple):
-    """What a protocol of one device and one path has in place of another protocol's."""
+    """The keys that a protocol of one device and one path has in place of another's."""
 
     device: Device
     path: int  # its number in the other protocol

@@ -232,7 +232,7 @@ class Check(NamedTuple):
 
 
 class StepCard(NamedTuple):
-    """What the window shows of a step that comes before the next trial."""
+    """The card of a step that comes before the next trial."""
 
     title: str
     text: str  # what is to be done, one sentence
@@ -349,7 +349,7 @@ class Snapshot(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """How much of the running recording is in its file."""
+    """The part of the running recording that is in its file."""
 
     name: str
     rows: int

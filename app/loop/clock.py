@@ -33,7 +33,7 @@ FINE_TIMER, COARSE_TIMER = "high-resolution timer", "timer of 1 ms: the loop nev
 
 
 def new_timer() -> np.ndarray:
-    """What calls of the clock need; one per thread."""
+    """The arguments that calls of the clock need; one per thread."""
     timer = np.zeros(5, dtype=np.int64)
     timer[_SPIN] = SPIN_NS
     if NATIVE and sys.platform == "win32":

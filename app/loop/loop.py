@@ -123,7 +123,7 @@ class Loop:
             raise BrokenPipeError from error
 
     def do(self, job: m.LoopJob) -> None:
-        """One job, and the answer to it."""
+        """Do a job and send the answer."""
         try:
             match job:
                 case m.CheckTiming(ticks):
@@ -201,7 +201,7 @@ class Loop:
             self.report_device()
 
     def report_device(self) -> None:
-        """How the device is, to the server."""
+        """Send the state of the device to the server."""
         self._reported_s = self._clock()
         self._answer(self._status())
         if self._looking:

@@ -70,7 +70,7 @@ def take_aim(control, grip, tip, phase, force_max):
 
 @kernel
 def go_home(home, grip):
-    """Where the spring pulls to comes a tick's way nearer to home (m), in a straight line."""
+    """Move the target of the spring a tick's way towards home (m), in a straight line."""
     way_x, way_y = home[0] - grip.target[0], home[1] - grip.target[1]
     share = min(HOMEWARD_M_S * 1e-9 * TICK_NS / max(math.sqrt(way_x * way_x + way_y * way_y), 1e-12), 1.0)
     grip.target[0] += share * way_x

@@ -36,7 +36,7 @@ class LoopProcess(Child):
         super().send(job)
 
     def receive(self, wait_s: float = 0.0) -> list:
-        """Its answers since the last call; waits at most `wait_s` for the first."""
+        """The loop's answers since the last call; waits at most `wait_s` for the first."""
         answers = super().receive(wait_s)
         for answer in answers:
             self._running &= not isinstance(answer, TrialReturned)

@@ -26,7 +26,7 @@ MOST_NAMED = 8  # trials in one sentence
 
 
 class Asked(NamedTuple):
-    """What the questions are about: a block or a controller of a configuration."""
+    """The subject of the questions: a block or a controller of a configuration."""
 
     configuration: str
     block: int = 0

@@ -64,7 +64,7 @@ class Storage:
 
     @property
     def in_memory(self) -> str:
-        """What is in no file: "run 5, 5,481 ticks"; "": nothing."""
+        """The data that are in no file: "run 5, 5,481 ticks"; "": none."""
         parts = []
         if self._unsaved_trial is not None and (writer := self._unsaved_trial.unsaved) is not None:
             parts.append(f"{self._unsaved_trial.name.lower()}, {counted(writer.rows - writer.lost, 'tick')}")
@@ -315,7 +315,7 @@ class Storage:
 
 
 def _ticks_of(writer: RecordingWriter) -> str:
-    """Where the ticks are that the file of a recording lacks."""
+    """The place of the ticks that the file of a recording lacks, in words."""
     if not writer.lost:
         return f"All its {counted(writer.rows, 'tick')} are in memory"
     kept = f"{grouped(writer.rows - writer.lost)} are {'in memory' if writer.in_memory else 'in its file'}"

@@ -92,7 +92,7 @@ def simulate_verb(args: argparse.Namespace) -> None:
 
 
 def _beside_obstacles(done: dict[str, Any]) -> str:
-    """What a summary says about obstacles, as the end of a sentence; "": there were none."""
+    """Obstacles in a summary, as the end of a sentence; "": there were none."""
     if "least_obstacle_m" not in done:
         return ""
     words = f"; {1e3 * done['least_obstacle_m']:.3g} mm from an obstacle at least"

@@ -131,7 +131,7 @@ def lock(tick):
 
 @kernel
 def limit(tick):
-    """What each brake may have at most of what was asked for: 0 .. its largest, 0 without a brake."""
+    """Limit each current to 0 .. the brake's largest; 0 without a brake."""
     brakes, current = tick.brakes, tick.current
     for i in range(4):
         most = brakes.current_max[i] if brakes.present[i] != 0.0 else 0.0

@@ -88,7 +88,7 @@ class Preset(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Its algorithm and its parameters, to be read: "proportional, gap 0 mm, gain 5 N s/m"."""
+        """The algorithm and its parameters in words: "proportional, gap 0 mm, gain 5 N s/m"."""
         own = zip(ALGORITHMS[self.kind].parameters, self.values, strict=True)
         words = (f"{known.word} {known.scale * value:g} {known.unit}".rstrip() for known, value in own)
         return ", ".join([self.kind, *words])

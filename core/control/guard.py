@@ -68,7 +68,7 @@ class Guard(Table, frozen=True):
 
 
 class Around(Table, frozen=True):
-    """What a protocol says of the obstacles of its trials."""
+    """The obstacles of a protocol's trials, and how its controllers keep off them."""
 
     obstacles: tuple[ObstacleFile, ...] = ()
     guide: bool = True
@@ -79,7 +79,7 @@ NOTHING = Around()
 
 
 class Sensed(NamedTuple):
-    """How far what a controller sees of the tip may be from what it is."""
+    """The largest errors of what a controller sees of the tip."""
 
     tip_age: float = 0.0  # s
     velocity_age: float = 0.0  # s, of the oldest motion that has a part in it
@@ -98,7 +98,7 @@ class MovedOn(NamedTuple):
 
 
 def make_around(how: Around, device: Device, sensed: Sensed = EXACT) -> np.ndarray:
-    """What the kernels read of a trial's obstacles; one record."""
+    """A trial's obstacles as the kernels read them; one record."""
     edges, guard = build_obstacles(how.obstacles), how.guard
     around = new_record(AROUND, count=len(edges), guide=int(how.guide), **sensed._asdict())
     around["edges"][0, : len(edges)] = edges
@@ -113,7 +113,7 @@ NO_OBSTACLE = new_record(AROUND)
 
 
 def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
-    """What a full lock holds (N) in whatever direction, at the worst of places (n, 2), m."""
+    """The force (N) that a full lock holds in any direction, at the worst of places (n, 2), m."""
     present = brakes.present > 0.0
     full = make_stopping(mechanism, brakes, 1.0)["full"][0]
     return float(held_in_any_direction(brake_rows(mechanism, *places.T)[present], full[present]).min())

@@ -111,7 +111,7 @@ def commanded_force(gain, v_beta_y, force_normalised):
 
 
 class Push(NamedTuple):
-    """Where the hand would start the tip."""
+    """The direction in which the hand would start the tip."""
 
     felt: bool  # it pushes hard enough to be told from noise
     x: float  # unit vector, the impending direction
@@ -120,7 +120,7 @@ class Push(NamedTuple):
 
 @kernel
 def push_of(tick, rules):
-    """`Push` of the hand in this tick."""
+    """The direction of the hand's push in this tick."""
     fx, fy = tick.seen.fx, tick.seen.fy
     x, y = impending_direction(fx, fy, tick.mass)
     return Push(fx * fx + fy * fy > rules.felt_force * rules.felt_force, x, y)

@@ -90,7 +90,7 @@ STOPPING = np.dtype(
 
 
 def make_stopping(mechanism: Mechanism, brakes: Brakes, push: float) -> np.ndarray:
-    """What the kernels here read of a device and of the largest push (N); one record."""
+    """A device and the largest push (N) as the kernels here read them; one record."""
     record = new_record(STOPPING, push=push, present=brakes.present, round=ROUND, tries=TRIES, lag=TINY)
     record["mechanism"][0] = pack_mechanism(mechanism)[0]
     learn_brakes(record[0], pack_brakes(brakes, backlash=True)[0])

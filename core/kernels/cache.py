@@ -173,7 +173,7 @@ class Place(NamedTuple):
 
 @functools.cache
 def cache_place() -> Place:
-    """The same for all of this process; where it is not the user's cache, that is told."""
+    """The place of this process, found once; says why where it is not the user's cache."""
     folder, wrong = _kept_folder()
     if folder is None and (handed := _handed_down()) is not None:
         return Place(handed, wrong, True)  # which the process that made it has told
@@ -192,7 +192,7 @@ def cache_folder() -> Path | None:
 
 
 def _checksum(file: Path, data: bytes) -> bytes:
-    """Of what a file holds, and which it is: a sound file under the name of another is not that one."""
+    """The checksum of a file's content and name: a sound file under another's name is refused."""
     return hashlib.sha256("/".join(file.parts[-3:]).encode() + b"\0" + data).digest()
 
 
@@ -202,7 +202,7 @@ def wrong_with(file: Path) -> str:
 
 
 def read_kept(file: Path) -> bytes | None:
-    """What was kept in a file; None: nothing was, or not that, which is told."""
+    """The content of a cache file; None: there is none, or a wrong one, which is reported."""
     data, wrong = _proven(file)
     if wrong:
         tell(
@@ -212,7 +212,7 @@ def read_kept(file: Path) -> bytes | None:
 
 
 def _proven(file: Path) -> tuple[bytes | None, str]:
-    """What a file holds that is this user's own and matches its checksum, or why it is not."""
+    """The content of a file that this user owns and whose checksum is right; else the reason."""
     try:
         with open(os.open(file, _OPEN), "rb") as opened:
             about = os.fstat(opened.fileno())

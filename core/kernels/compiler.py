@@ -30,7 +30,7 @@ from core.kernels.cache import cache_folder, keep, read_kept, watchers
 
 
 class _Count:
-    """How far the compilation of an entry is."""
+    """The progress of compiling an entry."""
 
     done = of = 0
 
@@ -166,7 +166,7 @@ class EntryCache(_Cache):
         return folder and folder / self._folder / f"{self._name}.{digest}.kernel"
 
     def save_overload(self, sig: Any, cres: Any) -> None:
-        """What numba calls with what it has compiled; addresses of this process are of no use to another."""
+        """Called by numba with a compiled function; does not keep addresses, which hold in this process alone."""
         file = self._file(sig, cres.target_context)
         if file is not None and not cres.library.has_dynamic_globals:
             keep(file, dumps(self.reduced(cres)))
@@ -192,7 +192,7 @@ class EntryCache(_Cache):
         return str(cache_folder())
 
     def enable(self) -> None:
-        """It always is."""
+        """Do nothing: this cache is always on."""
 
     disable = flush = enable
 

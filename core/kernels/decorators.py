@@ -25,7 +25,7 @@ class Kernel:
 
     @functools.cached_property
     def entry(self) -> Any:
-        """What numba calls."""
+        """The dispatcher that numba calls."""
         import numba
 
         # LLVM may do the same arithmetic on several numbers at once, which numba leaves out: a tick takes a tenth less.
@@ -39,7 +39,7 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba asks where a kernel names another."""
+        """The type by which numba knows a kernel that another names."""
         from numba.core import types
 
         return types.Dispatcher(self.entry)

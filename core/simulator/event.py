@@ -229,7 +229,7 @@ def none_falls(state):
 
 @kernel
 def still_until(model, data, t, step):
-    """How long the resting tip stays at rest: `step`, or the first time at which the hand pushes it loose.
+    """The time (s) for which the tip stays at rest: `step`, or until the hand pushes it loose.
 
     Seen at the middle and the end of the step, then bisected to rounding. Under a steady hand it stays for sure where
     no brake falls.

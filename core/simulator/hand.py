@@ -112,7 +112,7 @@ def table_force(hand, i, t):
 
 @kernel
 def split_at_knots(hand, t, end):
-    """Where a step from t to `end` (s) must end so that it sees the course of the force table; `end` where it does.
+    """The end (s) of a step from t that sees the course of the force table: `end`, or earlier.
 
     A step evaluates the force at its start, middle and end: it sees a parabola. Where the table leaves that by more
     than `FORCE_MISSED` allows, at a knot or halfway between two, the step ends at the knot next to the worst place.

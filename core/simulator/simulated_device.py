@@ -33,7 +33,7 @@ class SimulatedDevice(Simulation):
 
     @property
     def tip(self) -> tuple[float, float]:
-        """Where the handle is, m."""
+        """The place of the handle, m."""
         x, y = self.state["tip"][0, :2].tolist()
         return x, y
 
@@ -50,7 +50,7 @@ class SimulatedDevice(Simulation):
         self._before = self.ledger()
 
     def settle(self, currents: np.ndarray, t: float) -> None:
-        """What moves and what rests at t (s) with these currents (4,), A: forces and acceleration are then known."""
+        """Find which brakes slip at t (s) with these currents (4,), A: forces and acceleration are then known."""
         settle(self.model, self.data, currents, t)
 
     def move(self, currents: np.ndarray, t: float, step: float) -> None:
@@ -87,7 +87,7 @@ class SimulatedDevice(Simulation):
         }
 
     def end_record(self) -> dict[str, Any]:
-        """What the simulator counted since `begin`."""
+        """The simulator's counts since `begin`."""
         now, before = self.ledger(), self._before
         return {
             "events": now.events - before.events,
@@ -145,5 +145,5 @@ def is_start(start: dict[str, Any]) -> bool:
 
 
 def carried_parts(places: int) -> dict[str, Any]:
-    """What of each carried field belongs to so many places: only a device with couplings has all `PLACES`."""
+    """The part of each carried field that so many places use: only a device with couplings has all `PLACES`."""
     return {name: slice(places) if STATE[name].shape[:1] == (PLACES,) else ... for name in CARRIED}

@@ -127,7 +127,7 @@ def start(model, data):
 
 
 class Schedule(NamedTuple):
-    """What the brakes are commanded."""
+    """The commands to the brakes over time."""
 
     times: np.ndarray  # (n,) s, rising, the first <= 0; each row holds from its time on
     values: np.ndarray  # (n, 4) N m or A, as the fidelity has it
@@ -245,12 +245,12 @@ class Simulation:
 
     @property
     def model(self) -> Model:
-        """What stays as it is, as kernels take it."""
+        """The constant part, as kernels take it."""
         return Model(self.mechanism, self.brakes, self.fidelity, self.integrator)
 
     @property
     def data(self) -> Data:
-        """What changes, as kernels take it."""
+        """The changing part, as kernels take it."""
         return Data(self.hand, self.state, self.step_scratch)
 
     def rows(self, n: int, schedule: Schedule, grid: Grid) -> np.ndarray:

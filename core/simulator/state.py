@@ -120,7 +120,7 @@ Record = Any
 
 
 class Model(NamedTuple):
-    """What stays as it is while a device is simulated."""
+    """The constant part of a simulated device."""
 
     mechanism: Record  # MECHANISM
     brakes: Record  # BRAKES
@@ -129,7 +129,7 @@ class Model(NamedTuple):
 
 
 class Data(NamedTuple):
-    """What changes while it is simulated."""
+    """The changing part of a simulated device."""
 
     hand: "Hand"
     state: Record  # STATE

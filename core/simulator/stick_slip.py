@@ -34,7 +34,7 @@ def same_line(i, j, lines):
 
 
 class Joints(NamedTuple):
-    """What the joints can hold, in the order of the places of core/mechanism.py."""
+    """The torques that the joints can hold, in the order of the places of core/mechanism.py."""
 
     g: np.ndarray  # (PLACES, 2) 1/m, rows
     active: np.ndarray  # (PLACES,) 1: it carries a brake or touches a stop

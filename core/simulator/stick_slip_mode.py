@@ -163,7 +163,7 @@ def resolve(model, data, t):
 
 @inlined
 def joints_of(mechanism, state):
-    """`Joints` of a state."""
+    """The joints' rows and holding torques of a state, as `stick_slip` takes them."""
     return Joints(state.g, state.active, state.cost_plus, state.cost_minus, mechanism.lines)
 
 

@@ -68,7 +68,7 @@ SLANT_DEG = 60.0  # of names that have no room side by side
 
 
 class Sizes(NamedTuple):
-    """Of box plots: their widths (inches), and the formats of all measures beside each other."""
+    """The widths of box plots (inches), and the formats of all measures beside each other."""
 
     single: float
     beside: float
@@ -216,7 +216,7 @@ def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, n
 
 
 def _method(counts: set[int]) -> str:
-    """What a reader must know about the boxes, which hold these numbers of trials."""
+    """How the boxes are drawn, for the caption; counts: their numbers of trials."""
     if counts == {1}:
         return "1 trial a box, drawn as a square."
     trials = f"{min(counts)} trials a box." if len(counts) == 1 else "Under each box: the number of its trials."
@@ -249,7 +249,7 @@ def _draw_panel(axes: Axes, chart: Chart, show_counts: bool, slanted: bool) -> N
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
-    """One chart on `axes`."""
+    """Draw a chart."""
     for at in chart.boxes:
         box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
         draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.look)
@@ -282,7 +282,7 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
 
 
 def title_of(chart: Chart, width_in: float) -> str:
-    """What a chart shows, with its unit, in lines that have room over axes of this width."""
+    """The title of a chart with its unit, broken to fit over axes of this width."""
     return textwrap.fill(f"{chart.title} ({chart.unit})", max(12, int(width_in / TITLE_LETTER_IN)))
 
 
@@ -292,7 +292,7 @@ def colour_of(controller: int | str) -> str:
 
 
 def marker_of(controller: int | str) -> str:
-    """Likewise, of a point."""
+    """The marker of a point: one of Table I's five, which begin again; a code has none of its own."""
     return "o" if isinstance(controller, str) else MARKERS[(controller - 1) % len(MARKERS)]
 
 

@@ -30,7 +30,7 @@ WINDOW_RUNS = 5  # the curve over runs is the median of this run and so many bef
 
 
 class Box(NamedTuple):
-    """What one box shows. Whiskers end at the furthest values within 1.5 box lengths."""
+    """The numbers of a box. Whiskers end at the furthest values within 1.5 box lengths."""
 
     n: int  # values
     median: float
@@ -77,7 +77,7 @@ class PlacedBox(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """What one plot shows."""
+    """The content of one plot."""
 
     name: str  # of its file
     title: str
@@ -99,7 +99,7 @@ class Chart(NamedTuple):
 
 
 class View(NamedTuple):
-    """How results are to be shown."""
+    """The choices by which charts show results."""
 
     configurations: tuple[str, ...]  # drawn as `LOOKS`, in this order
     names: Mapping[Controller, str]  # controller -> what stands under its boxes
@@ -108,7 +108,7 @@ class View(NamedTuple):
     logarithmic: bool = False
 
     def look(self, configuration: str) -> int:
-        """Which of `LOOKS` a configuration has."""
+        """The index in `LOOKS` of a configuration."""
         return self.configurations.index(configuration) % len(LOOKS)
 
     def name(self, controller: Controller) -> str:
@@ -238,7 +238,7 @@ def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Cha
 
 
 class Grouping(NamedTuple):
-    """How boxes stand side by side."""
+    """The order of boxes side by side."""
 
     groups: Mapping  # each with its name
     members: Sequence  # of every group: one box each
@@ -370,7 +370,7 @@ def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:
 
 
 def legend(chart: Chart, view: View) -> list[str]:
-    """What a reader must know about a chart's marks, in short sentences."""
+    """The meaning of a chart's marks, in short sentences."""
     parts = []
     if len(view.configurations) > 1:
         for look, word in enumerate(LOOKS[: len(view.configurations)]):

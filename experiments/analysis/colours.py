@@ -22,7 +22,7 @@ class Colours(NamedTuple):
 
     @property
     def joints(self) -> tuple[str, str, str, str]:
-        """Of A, E, B and C."""
+        """Colours of the joints A, E, B and C."""
         return self.blue, self.orange, self.warm, self.pale
 
 

@@ -90,7 +90,7 @@ class Claim(NamedTuple):
         return [PAPER_CONFIGURATIONS] if self.devices else [(name, name) for name in configurations]
 
     def cells(self, place: Place) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
-        """What is compared at a place: device and controller, of either side."""
+        """The cells (device, controller) of either side of the comparison at a place."""
         return [(place[0], k) for k in self.first], [(place[1], k) for k in self.second]
 
 
@@ -213,7 +213,7 @@ class Evidence(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What is compared with what, where, and the difference with its interval."""
+        """The comparison in words: measure, sides, place, difference and interval."""
         metric, claim = BY_NAME[self.measure], self.claim
         against = named(claim.first) + ("" if claim.devices else f" against {named(claim.second)}")
         where = " against ".join(dict.fromkeys(self.place))

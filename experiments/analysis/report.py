@@ -156,7 +156,7 @@ def _means_csv(rows: Sequence[TrialRow]) -> bytes:
 
 
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
-    """What a reader must know before the findings: that the people are too few, or that they are simulated."""
+    """Warnings that stand before the findings: too few people, or simulated ones."""
     few = too_few(fewest_people(rows, found))
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
 

@@ -120,7 +120,7 @@ class StudyData(NamedTuple):
 
 
 class DictionaryEntry(NamedTuple):
-    """What a column of a table means."""
+    """The meaning of a column of a table."""
 
     meaning: str
     unit: str = ""  # "" for text, counts, and numbers without a unit
@@ -264,7 +264,7 @@ def read_table(path: str | Path) -> list[TrialRow]:
 
 
 def _cut(value: object) -> str:
-    """A value in a sentence."""
+    """A value as text, cut to fit into a sentence."""
     text = repr(value)
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}.."
 

@@ -114,7 +114,7 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
 
 
 def machine() -> dict:
-    """What the times were measured on."""
+    """The machine and the versions that the times were measured with."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
@@ -173,7 +173,7 @@ def four_accelerations(simulation: Simulation) -> float:
 
 
 def ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
-    """One row of this simulator."""
+    """Measure this simulator: one row."""
     simulation, found = simulated(run)
     ledger, out = simulation.ledger(), np.zeros((2, 10))
     seconds(run, out)
@@ -187,14 +187,14 @@ def ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
 
 
 def peer(scene: BenchScene, integrator: str, step: float, tips: np.ndarray) -> Row:
-    """One row of a peer."""
+    """Measure a peer: one row."""
     other = PEERS[integrator].run(scene, step)
     found, wall = other.tips(), min(other.seconds() for _ in range(PEER_REPEATS))
     return row_of(BenchRun(scene, integrator, "ideal", step), found, tips, wall)
 
 
 def row_of(run: BenchRun, found: np.ndarray, tips: np.ndarray, wall: float) -> Row:
-    """What is known of any simulator: the tips (n, 2) that it found beside the right ones, m, and its wall time (s)."""
+    """The row of any simulator, from the tips (n, 2) that it found, the right ones (m), and its wall time (s)."""
     scene, integrator, fidelity, step = run
     return Row(
         integrator, fidelity, scene.device.name, scene.name, step, wall / round(scene.duration_s / step) * 1e6,
@@ -233,7 +233,7 @@ def with_order(group: list[Row]) -> list[Row]:
 
 
 def band_row(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dict:
-    """What delta_omega of Eq. (6) does at 1 ms: the error, and in S3 the creep after a throw at half the band."""
+    """The effect of delta_omega, Eq. (6), at 1 ms: the error, and in S3 the creep after a throw at half the band."""
     rms = creeps = None
     run = BenchRun(scene, "karnopp", "ideal", 1e-3)
     if scene.name != "S3":

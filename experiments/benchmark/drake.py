@@ -28,7 +28,7 @@ _ORIGIN, _UPWARD = [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 
 
 def drake_version() -> str | None:
-    """Its version; None where it is not installed."""
+    """The version of Drake; None where it is not installed."""
     return version("drake") if find_spec("pydrake") else None
 
 

@@ -51,7 +51,7 @@ _HANDLE = """
 
 
 def mujoco_version() -> str | None:
-    """Its version; None where it is not installed."""
+    """The version of MuJoCo; None where it is not installed."""
     return import_module("mujoco").__version__ if find_spec("mujoco") else None
 
 

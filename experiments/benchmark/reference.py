@@ -200,7 +200,7 @@ class _Reference:
             return self.sign[i] * (self.bodies.rates[i] @ z[RATES])
 
         def hold_left(i: int, time: float, z: np.ndarray) -> float:
-            """What stuck joint i could hold besides; zero: it breaks loose."""
+            """The load that stuck joint i could hold besides; at zero it breaks loose."""
             return z[20 + i] - abs(self.answer(time, z, self.sign, self.stuck).torque[i])
 
         slipping = [i for i in self.braked if self.sign[i] != 0.0]

@@ -112,7 +112,7 @@ def export(
 
 
 class _Session(NamedTuple):
-    """What the files of a session hold besides its recordings."""
+    """The content of a session's files besides its recordings."""
 
     has_table: bool
     recorded: dict[str, TrialRow]  # by the name of the recording, without suffix

@@ -130,7 +130,7 @@ class ExportedTrial(NamedTuple):
 
 
 class Exported(NamedTuple):
-    """What describes an export as a whole."""
+    """The description of an export as a whole."""
 
     name: str  # of the data folder
     left_out: list[str]  # recordings, and why

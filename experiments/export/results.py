@@ -42,7 +42,7 @@ class Results(NamedTuple):
 
 
 class Conclusions(NamedTuple):
-    """What these trials show."""
+    """Findings, statistics and warnings of some trials."""
 
     refusal: str  # why the paper's statements are not tested; "": they are
     found: tuple[Finding, ...]
@@ -148,7 +148,7 @@ def _answers(sessions: Sequence[Path]) -> list[AnswerSet]:
 
 
 class ResultsJob(NamedTuple):
-    """What is shown, and where it is to be written."""
+    """A page of results, and the folder to write it into."""
 
     page: str  # of `charts`
     rows: tuple[TrialRow, ...]  # their recordings are named from the data folder

@@ -34,7 +34,7 @@ class Zero(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """In words, where it is not nothing."""
+        """The offset as a warning; none where it is too small to matter."""
         if abs(self.value) <= 2.0 * self.half_width:  # our choice: a chance of some 1e-4 as well
             return []
         return [f"torque_N_m: without torque the sensor reads {significant(self.value, 3)} N m, which was taken off"]
@@ -130,7 +130,7 @@ class Transients(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """In words."""
+        """The doubts as sentences."""
         if not self.exponential:
             return [
                 "t_s: after the steps the torque does not follow Eq. (3), with or without a dead time: a coil or "
@@ -166,7 +166,7 @@ class Drift(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """In words."""
+        """The doubts as sentences."""
         if not self.share:
             return []
         speed = ", or torque that depends on the speed, which changed along the session," * self.with_speed

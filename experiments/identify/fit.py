@@ -76,7 +76,7 @@ def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
 
 
 def torque_change(step: Step, gain: LinearFit) -> float:
-    """What a step changes the steady torque by (N m), by the fit of Eq. (2)."""
+    """The change of the steady torque by a step (N m), by the fit of Eq. (2)."""
     return float(np.subtract(gain_row(step.current_to), gain_row(step.current_from)) @ gain.coefficients)
 
 
@@ -193,7 +193,7 @@ def choose_omega_0(scatter: dict[float, float]) -> float:
 
 
 def _measured_at(found: Sequence[Measured], speeds: bool = True) -> str:
-    """Where the steps are, for a refusal."""
+    """The currents and speeds of the steps, for a refusal."""
     if not found:
         return "no step shows a time constant"
     count = f"{len(found)} averaged step{'s' if len(found) > 1 else ''}"
@@ -226,7 +226,7 @@ class Parameter(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Its bounds."""
+        """The bounds of the interval."""
         return None if self.half_width is None else (self.value - self.half_width, self.value + self.half_width)
 
     @property
@@ -282,7 +282,7 @@ class Identification:
 
     @property
     def warnings(self) -> list[str]:
-        """What a reader of the numbers must know."""
+        """Warnings that stand with the numbers."""
         assumed = "omega_0_rpm" in self.assumed
         zero = self.zero.warnings if self.zero else []
         found = [*self.doubtful.values(), *zero, *self.transients.warnings, *self.drift.warnings]
@@ -398,7 +398,7 @@ class Plausible:
     others: Mapping[str, float]  # unit -> how much of `unit` one of it is
 
     def warning(self, value: float) -> str:
-        """That a value is outside, and which unit it is likely in."""
+        """A sentence on a value outside the range, and the unit that it is likely in."""
         text = (
             f"{self.column}: {self.quantity} would be {significant(value)} {self.unit}, plausible is {self.low:g} to "
             f"{self.high:g} {self.unit}"

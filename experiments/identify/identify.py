@@ -140,7 +140,7 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
 
 
 def with_zero(found: Identification) -> str:
-    """What k_2 holds besides the brake's drag, as the end of a remark."""
+    """The part of k_2 that is not the brake's drag, as the end of a remark."""
     return ", with the sensor's zero, which steps one way alone do not show" if found.zero is None else ""
 
 

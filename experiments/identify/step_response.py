@@ -60,7 +60,7 @@ class Step:
 
     @property
     def key(self) -> tuple[float, float, float]:
-        """What repeats have in common."""
+        """The key that repeats of a step share."""
         return self.current_from, self.current_to, self.speed_rpm
 
     def __str__(self) -> str:
@@ -123,7 +123,7 @@ def mean_step(repeats: Sequence[Step]) -> Step:
 
 
 class Measured(NamedTuple):
-    """What one averaged step shows."""
+    """The result of one averaged step."""
 
     step: Step
     typical: float  # s, time constant of all steps at that speed in that direction, roughly

@@ -189,7 +189,7 @@ def step_response(brake: Brake, steps: Sequence[tuple[float, float]], times: Arr
 
 
 def _over_time(text: str, height_in: float) -> tuple[Figure, Axes, Axes]:
-    """What is commanded above, the torque below, over the same time."""
+    """Two axes over the same time: the command above, the torque below."""
     figure, grid = sheet(
         text,
         (PAGE_IN, height_in),

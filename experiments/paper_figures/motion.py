@@ -60,7 +60,7 @@ from experiments.trial.trial import Conditions, SimulatedTrial
 
 
 def _heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
-    """What the figure shows, and under it the legend of all its panels."""
+    """Write the heading of the figure, and under it the legend of all its panels."""
     width, height = figure.get_size_inches()
     figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=TITLE, parse_math=False)
     legend_at(figure, handles, 0.65, 0.36, columnspacing=1.5, **legend)

@@ -41,7 +41,7 @@ def scenes() -> dict[str, CobotScene]:
 
 
 def draw_scooter() -> Figure:
-    """Where the body comes, its castors as strokes; the hand's force as an arrow."""
+    """Draw the path of the body, its castors as strokes, the hand's force as an arrow."""
     cobot = next(iter(scenes().values())).cobot
     text = (
         f"Assumed parameters: {cobot.name} ({cobot.mass_kg:g} kg, {cobot.inertia_kg_m2:g} kg m², servos of at most "

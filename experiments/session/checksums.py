@@ -74,7 +74,7 @@ def _of_meaning(plain: Mapping[str, Any]) -> str:
 
 
 class Lines(NamedTuple):
-    """What is read of a journal; lines count from 1."""
+    """The readable lines of a journal, counted from 1, and what is wrong with the others."""
 
     valid: dict[int, dict[str, Any]]  # line -> its fields
     faults: list[str]  # which lines are damaged or missing
@@ -126,7 +126,7 @@ def _is_whole(text: bytes) -> bool:
 
 
 def _link(text: bytes) -> str:
-    """What a whole line says of the lines before it."""
+    """The checksum of the lines before it that a line holds."""
     found = _WHOLE_END.search(text)
     return found[1].decode() if found else ""
 
@@ -159,7 +159,7 @@ def _add_valid(read: Lines, i: int, text: bytes) -> None:
 
 
 def _break_of_chain(texts: Sequence[bytes], i: int, before: int | None) -> str:
-    """What is wrong where a whole line does not follow the one before it."""
+    """The fault where a line does not follow the one before it."""
     if texts[i] in texts[:i]:
         return f"line {i + 1}: is the same as line {texts.index(texts[i]) + 1}"
     if before is None and i:
@@ -186,7 +186,7 @@ def _lines(places: Sequence[int]) -> str:
 
 
 class NotedEnd(NamedTuple):
-    """How long a journal was when its session was last closed."""
+    """The length of a journal when its session was last closed."""
 
     lines: int
     last: str  # checksum of the last whole line
@@ -205,7 +205,7 @@ def noted_end(session: Path) -> NotedEnd | None:
 
 
 def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
-    """What a journal lacks before its noted end; "": nothing."""
+    """The part that a journal lacks before its noted end; "": none."""
     if end is None or end.last in read.whole:
         return ""
     if read.length < end.lines:

@@ -299,7 +299,7 @@ def write_pooled_table(data_dir: Path) -> list[TrialRow]:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What defines a study."""
+    """Protocol, population and number of operators of a study."""
 
     operators: int
     protocol: Protocol
@@ -354,7 +354,7 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
 
 
 def _content(name: str, thing: Any) -> tuple[object, str]:
-    """What is compared of an option (texts of files, or the value), and its name in a refusal."""
+    """The content of an option that is compared (texts of files, or the value), and its name in a refusal."""
     if isinstance(thing, Protocol | Population):
         return thing.text, f"another {name} ({thing.name})"
     if isinstance(thing, tuple):

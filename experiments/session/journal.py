@@ -118,7 +118,7 @@ def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", *
 
 
 class Journal(NamedTuple):
-    """What can be read of a journal, and what is wrong with it."""
+    """The readable events of a journal, and its faults."""
 
     entries: list[JournalEntry]  # in order
     faults: list[str]  # each a sentence: which lines are left out or missing, and why

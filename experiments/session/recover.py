@@ -30,7 +30,7 @@ CUT_OFF = "cut off before its end"
 
 @dataclass
 class Rescue:
-    """What was done, file by file; the journal's event has the same fields."""
+    """The files that were recovered; the journal's event has the same fields."""
 
     recovered: list[str] = field(default_factory=list)  # trials that a crash cut short
     completed: list[str] = field(default_factory=list)  # closed streams that had not become Parquet
@@ -132,7 +132,7 @@ def _recover_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None
 
 
 def as_recovered(stream: Recording) -> Recording:
-    """What can be read of a stream, marked as recovered."""
+    """The readable part of a stream, marked as recovered."""
     outcome = {**stream.outcome, "status": RECOVERED, "reason": "; ".join(stream.damaged) or CUT_OFF}
     return replace(stream, outcome=outcome, complete=True, damaged=[])
 

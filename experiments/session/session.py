@@ -444,7 +444,7 @@ class Session:
     # ------------------------------------------------------------------------------- what session and recordings store
 
     def _common(self) -> dict[str, Any]:
-        """What session.json and the recordings both store."""
+        """The metadata that session.json and the recordings both store."""
         return {
             "participant": self.participant,
             "operators": self.operators._asdict() if self.operators else None,

@@ -190,7 +190,7 @@ class AnyScene(Protocol):
 
     @property
     def doubt(self) -> tuple[str, str]:
-        """Where the check comes apart from the run: what `finer` was, and what to do."""
+        """Where the check comes apart from the run: the name of the check, and what to do."""
 
     def row_times(self, first: int, count: int) -> np.ndarray:
         """Times (s) of output rows first .. first + count - 1."""

@@ -47,7 +47,7 @@ from experiments.study.unrecorded import errors_in
 
 @dataclass
 class Found:
-    """What was read from a folder so far."""
+    """Rows of the recordings read so far, and what figures and report name."""
 
     rows: list[TrialRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)

@@ -24,7 +24,7 @@ _SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
 
 
 class Shared(NamedTuple):
-    """What the processes of a study share."""
+    """Counters and a stop signal that all processes of a study share."""
 
     begun: Synchronized  # operators that some process has taken on
     finished: Synchronized  # trials
@@ -71,7 +71,7 @@ def helpers(most: int) -> Iterator[Helpers]:
 
 
 def _cores() -> int:
-    """Those that this process may use."""
+    """The number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -79,7 +79,7 @@ _in_helper: list[Shared] = []
 
 
 def _begin(parent: int, shared: Shared) -> None:
-    """Of a helper: an interrupt is for the study's own process, which then asks the helpers to stop."""
+    """Prepare a helper. It ignores interrupts: the study's own process gets them and asks the helpers to stop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     end_with(parent)

@@ -35,7 +35,7 @@ PARTS = "parts"
 
 
 class Done(NamedTuple):
-    """What a job made."""
+    """The result of a job."""
 
     rows: bytes  # its lines of the table
     ticks: int  # simulated
@@ -46,7 +46,7 @@ class Job(Protocol):
 
     @property
     def number(self) -> int:
-        """Its place in the table, from 1."""
+        """The job's place in the table, from 1."""
 
     def run(self) -> Done: ...
 
@@ -66,7 +66,7 @@ class Work(Generic[AnyJob]):
 
 
 class Finished(NamedTuple):
-    """How a run of work went."""
+    """The result of a run of work."""
 
     table: Path
     already_done: int  # jobs
@@ -136,7 +136,7 @@ def first_done(work: Work, out: Path) -> bytes:
 
 
 def going_on(out: Path) -> str:
-    """What is said of work that was interrupted and can go on."""
+    """The message of work that was interrupted and can go on."""
     return f"{out}: interrupted; go on with the same command and --resume"
 
 
@@ -193,7 +193,7 @@ def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
 
 
 def _cells_of(part: Path) -> int:
-    """How many cells the rows of a part have. One of an earlier version may have fewer: its job runs again."""
+    """The number of cells in the rows of a part; an earlier version's has fewer, and its job runs again."""
     with part.open(encoding="utf-8", newline="") as rows:
         return len(next(csv.reader(rows), ()))
 

@@ -56,7 +56,7 @@ WANTED = ("wanted_fx_N", "wanted_fy_N")  # n/a in the recordings of earlier vers
 
 
 class Checked(NamedTuple):
-    """What came of it."""
+    """How many recorded decisions the controller takes again from the recording, and how many differ."""
 
     decisions: int  # that were taken again
     different: int  # of them, by the decision or by any current
@@ -231,7 +231,7 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording
 
 
 def short_ways(common: float | None, ways: tuple[float, float], status: str) -> list[str]:
-    """That one of the two made less of the way, if so: the measures are of the part that both made."""
+    """A warning where replay and recording made different shares of the way: measures cover the part that both made."""
     if common is None or ways[0] == ways[1]:
         return []
     short = f"the replay ({status})" if ways[1] < ways[0] else "the recorded trial"

@@ -146,7 +146,7 @@ class ReplayedDevice(SimulatedDevice):
         self.recorded, self.whole = trial, whole
 
     def begin(self) -> None:
-        """As the trial before had left it; or as the recorded movement found it, as far as tip and hand show it."""
+        """Begin as the trial before had left the device; or as tip and hand of the recorded movement show it."""
         recording, first, state = self.recorded.recording, self.recorded.first, self.state
         if self.whole:
             with reading_stored(recording.path):

@@ -177,7 +177,7 @@ class StudyRun:
         return Session(self.out, who, protocol, sync=False)
 
     def run_operator(self, session: Session) -> None:
-        """What an operator has still to do."""
+        """Run the trials that an operator has still to do."""
         shared, whole = self.shared, self.study.operators * len(session.plan)
         with shared.finished:
             shared.finished.value += session.finished_count
@@ -247,7 +247,7 @@ def run_share(out: Path, study: StudyPlan) -> Counter[str]:
 
 
 def verdicts(found: Sequence[Finding]) -> str:
-    """How many of the paper's statements the data support, in words."""
+    """The paper's statements counted by verdict, as a sentence."""
     counted = Counter(finding.verdict for finding in found)
     counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS))
     return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"

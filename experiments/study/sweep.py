@@ -108,7 +108,7 @@ class SweepFile(Table, frozen=True):
 
 @dataclass(frozen=True)
 class CellOfSweep:
-    """What one process does at a time: every path and repetition of one person in one cell."""
+    """The trials of one person in one cell of the sweep: every path and repetition."""
 
     number: int  # in the order of the table
     population: Population
@@ -121,7 +121,7 @@ class CellOfSweep:
     controller_name: str  # as the protocol has it, else its algorithm and parameters as the sweep has them
 
     def run(self) -> Done:
-        """Its rows, in the order of `COLUMNS`."""
+        """Run the trials; their rows, in the order of `COLUMNS`."""
         person = person_of(self.population, self.protocol.seed, self.operator)
         device = switched_on(self.device, self.protocol)
         lines, ticks = [], 0

@@ -103,7 +103,10 @@ def run_trial(trial: Trial) -> np.ndarray:
 
 
 def errors_in(folder: Path) -> list[Moved]:
-    """Those of the first simulated operator in a data folder, none if there is none. InputError: cannot be read."""
+    """`simulation_errors` of the first simulated operator in a data folder; none without one.
+
+    InputError: the session cannot be read.
+    """
     for session in sorted(folder.glob("sub-*/ses-*")):
         stored = read_stored(session)
         if person := stored_person(session, stored):

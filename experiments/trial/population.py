@@ -93,19 +93,19 @@ class PopulationFile(_Spreads, Table, frozen=True, kw_only=True):
 
 
 class Operators(NamedTuple):
-    """What session and recordings store of the population of their simulated operator."""
+    """The population of a simulated operator, as session and recordings store it."""
 
     population: str
     changed_after_findings: tuple[str, ...]
 
     @property
     def label(self) -> str:
-        """As a figure names them."""
+        """The operators' name on a figure."""
         return f"simulated operators ({self.population})"
 
     @property
     def note(self) -> str:
-        """As a report names them, with whatever was tuned to what they show."""
+        """The operators' name in a report, with the numbers that were tuned after results were seen."""
         changed = "; ".join(self.changed_after_findings) or "nothing"
         return f"simulated operators ({self.population} population; changed after findings were looked at: {changed})"
 
@@ -121,7 +121,7 @@ class Population:
 
     @property
     def operators(self) -> Operators:
-        """What is stored and shown of operators drawn from it."""
+        """The population as session and figures name it."""
         return Operators(self.name, self.changed_after_findings)
 
     @property

@@ -66,7 +66,7 @@ class RealTrial(Trial):
         return {**self.__dict__, "_connected": None}
 
     def connect(self, device: RealDevice) -> None:
-        """Bring it to its device."""
+        """Give the trial its device."""
         self._connected = device
 
     def leave(self) -> None:
@@ -84,7 +84,7 @@ class RealTrial(Trial):
 
     @property
     def currents(self) -> tuple[float, float, float, float]:
-        """What the brakes of a real device are to have now, A; zero in doubt, and once the trial is over."""
+        """The currents (A) for the brakes of a real device now; zero in doubt, and once the trial is over."""
         device = self._connected
         if device is None or self.finished or self._run["stop"][0] or not device.clock() - self._heard_s < SILENT_S:
             return (0.0, 0.0, 0.0, 0.0)
@@ -160,7 +160,7 @@ class RealTrial(Trial):
         return rows
 
     def _look_at(self, sample: DeviceSample) -> None:
-        """What must not be while a hand is at the device ends the trial, with this sample or without it."""
+        """End the trial where this sample shows a fault of the board, of its encoders or of the wire."""
         self._not_closed = 0 if sample.closed else self._not_closed + 1
         if sample.fault:
             self.abort(after("the board: ", sample.fault))

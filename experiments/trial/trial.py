@@ -85,7 +85,7 @@ class Trial(ABC):
         """The device's part of `outcome`."""
 
     def aim(self, x: float, y: float) -> None:
-        """Where the hand wants the handle to be (m), from now on; its velocity counts as zero."""
+        """Set the target of the hand (m) from now on; its velocity counts as zero."""
         self.simulation.hand.grips["target"][0] = (x, y, 0.0, 0.0)
 
     def run(self, rows: np.ndarray) -> int:
@@ -100,13 +100,13 @@ class Trial(ABC):
         )  # fmt: skip
 
     def changed(self) -> Changed:
-        """What running it has changed, to be sent to the process that has the device and the session."""
+        """The arrays and the end that running the trial has changed, for the process that has device and session."""
         hand, state, scratch = self.simulation.data
         arrays = hand.grips, state, scratch, self._run, self._operator, self._memory, self.sensing.sensors
         return arrays, {name: getattr(self, name) for name in self._told}
 
     def take_back(self, changed: Changed) -> None:
-        """It was run in another process, which sends what it changed."""
+        """Take over what another process changed by running the trial."""
         arrays, end = changed
         for ours, theirs in zip(self.changed()[0], arrays, strict=True):
             ours[...] = theirs
@@ -129,7 +129,7 @@ class Trial(ABC):
 
     @property
     def tip(self) -> tuple[float, float]:
-        """Where the handle is, or was last, m."""
+        """The place of the handle, now or when it was last known, m."""
         x, y = self.simulation.state["tip"][0, :2].tolist()
         return x, y
 

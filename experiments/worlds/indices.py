@@ -40,7 +40,7 @@ class Split(NamedTuple):
 
 
 class Indices(NamedTuple):
-    """How the verdicts' variance is split, and how sure that is."""
+    """The split of the verdicts' variance, with its uncertainty."""
 
     of: Split
     half_width: Split  # of the 95 % intervals

@@ -36,7 +36,7 @@ Value = str | float | int | bool
 
 
 class AssumptionRange(Table, frozen=True):
-    """What one assumption may be: one value, {low, high} or choices, and where that comes from."""
+    """The values that an assumption may take (one, {low, high} or choices), and their source."""
 
     source: Text
     value: Value | None = None  # the same in all worlds
@@ -74,7 +74,7 @@ class AssumptionRange(Table, frozen=True):
 
     @property
     def ends(self) -> tuple[Value, ...]:
-        """What must be possible for the whole range to be."""
+        """The ends of the range: if both make a study, the whole range does."""
         return self.choices if self.choices is not None else tuple(dict.fromkeys((self.at(0.0), self.at(1.0))))
 
 

@@ -49,7 +49,7 @@ class Judgement:
 
     @cached_property
     def chance(self) -> Verdicts:
-        """Of the same studies, if no controller did anything."""
+        """The verdicts of the same studies if no controller did anything."""
         groups = self.ranges.operators * len(self.ranges.protocol.paths)
         return self._judged(self.worlds.without_controllers(groups, SEED))
 
@@ -85,7 +85,7 @@ class Judgement:
         return self._judged(self.worlds.some(rows).pooled(slice(self.worlds.triples // 2, None)))
 
     def note(self, seed: int) -> str:
-        """What was run, for report and pictures."""
+        """A sentence on what was run, for report and pictures."""
         triples, ranges = self.worlds.triples, self.ranges
         text = (
             f"{self.n} worlds of the ranges {ranges.name!r}, seed {seed}: under assumptions of its own each, tried by "
@@ -303,7 +303,7 @@ def _nearest_files(found: Judgement) -> dict[str, bytes]:
 
 
 def _command(ranges: Ranges) -> str:
-    """What runs the nearest world again, in the folder of the report."""
+    """The command that runs the nearest world again, in the folder of the report."""
     return f"phd study {NEAREST} --population {PEOPLE} --operators {ranges.operators} --out nearest"
 
 

@@ -29,14 +29,14 @@ Cell = tuple[str, str, int]  # measure, device, controller
 
 
 def cells(protocol: Protocol) -> list[Cell]:
-    """Those of a row, in their order."""
+    """The cells of a row (measure, device, controller), in order."""
     return [
         (metric.name, device.name, k) for metric in JUDGED for device in protocol.devices for k in protocol.controllers
     ]
 
 
 def columns(ranges: Ranges) -> tuple[str, ...]:
-    """Of worlds.csv."""
+    """The columns of worlds.csv."""
     return (*ABOUT, *ranges.ranges, *(":".join(map(str, cell)) for cell in cells(ranges.protocol)))
 
 
@@ -60,7 +60,7 @@ class Worlds(NamedTuple):
     values: np.ndarray  # (rows, cells, trials), in the order of the table; nan: missing
 
     def boxes(self) -> list[Boxes]:
-        """Of each row; none where under 90 % of the trials reached the end."""
+        """The boxes of each row; none where under 90 % of the trials reached the end."""
         there = np.isfinite(self.values)
         enough, whole = there.mean(axis=2) >= LEAST_FINISHED, there.all(axis=2)
         quartiles, at = np.full((3, *enough.shape), np.nan), (0.25, 0.5, 0.75)
@@ -120,7 +120,7 @@ def read_worlds(table: Sequence[str]) -> Worlds:
 
 
 class Verdicts(NamedTuple):
-    """Of worlds, a row a study: each statement's verdict and margin by boxes."""
+    """Each statement's verdict and margin by boxes; a row is a study."""
 
     words: np.ndarray  # (rows, statements)
     margins: np.ndarray  # (rows, statements), in units of U; nan: one cannot tell

@@ -41,7 +41,7 @@ class World:
     ranges: Ranges
 
     def run(self) -> Done:
-        """Its row, in the order of `columns`."""
+        """Run the study; its row, in the order of `columns`."""
         protocol, population = self.ranges.study(self.values, self.seed)
         about = self.world, self.triple, self.seed, *self.values.values()
         try:
