@@ -3,11 +3,17 @@
 A path is a row of pieces, straight or bent (arcs), each starting where the last one ends. A single straight piece
 counts as its infinite line. Any other path goes on straight beyond its two ends.
 
+A path may be closed, cross itself and run back on itself: it is followed from its start on, piece by piece (`follow`).
+The nearest point is sought no further than `near` along the path from the last one, so that another part of the path
+which happens to come by does not count.
+
 At a corner of a polyline (our choice):
     outside    the nearest point is the corner itself; there the tangent turns with the tip, from the one piece's to
                the other's, so that it stays at right angles to the way to the corner
-    inside     the nearer piece counts. On the line between them both are equally near: `held_piece` stays with the
+    inside     the nearer piece counts. On the line between them both are equally near: `follow` stays with the
                last one until the other is clearly nearer, else noise would turn the direction back and forth
+    turned     by more than `CORNER_DEG`: a place to arrive at and leave. Near it the next piece counts as soon as the
+               last one is not clearly nearer, or a tip would never leave a corner that turns straight back
 """
 
 import math
@@ -18,7 +24,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from core.files import InputError, Pair, from_plain
+from core.files import InputError, Pair, Positive, from_plain
 from core.kernels import kernel
 
 #: Columns of `Path.pieces`: progress at the piece's start (m), its length (m), start (m), unit tangent there,
@@ -28,6 +34,8 @@ FROM, LENGTH, X, Y, TX, TY, CURVATURE, TURN = range(8)
 #: m. Outside a corner, nearer to it than this, the tangent turns in proportion to the distance from it: at the corner
 #: itself it is that of the piece. Zero: encoder steps at the corner turn the direction by the whole corner.
 CORNER_M = 1e-3
+#: A sharper turn is a corner: a place to arrive at, within a quarter of `near`, and to leave.
+CORNER_DEG = 45.0
 #: m. A shorter way counts as none: its square would be no normal number.
 LEAST_M = 1e-100
 #: m. A piece is left for another one that is nearer by more than this times (1 - cosine between their tangents).
@@ -44,6 +52,8 @@ class Path(NamedTuple):
     x1: float  # end
     y1: float
     length: float
+    near: float  # the nearest point is sought so far along the path from the last one
+    blend_width: float  # nearer than this the desired direction is blended to the path's
 
 
 def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> Path:
@@ -55,7 +65,7 @@ def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> P
     if length <= 0.0:
         raise InputError(f"{where}: start and end are the same point {start!r}, the segment has no length")
     pieces = np.array([[0.0, length, x0, y0, (x1 - x0) / length, (y1 - y0) / length, 0.0, 0.0]])
-    return Path(pieces, x0, y0, x1, y1, length)
+    return Path(pieces, x0, y0, x1, y1, length, *_widths(pieces, (x1, y1)))
 
 
 def joined(pieces: Sequence[Sequence[float]]) -> Path:
@@ -70,7 +80,37 @@ def joined(pieces: Sequence[Sequence[float]]) -> Path:
     last = len(rows) - 1
     x1, y1, _, _ = along_piece(rows, last, rows[last, LENGTH])
     length = rows[last, FROM] + rows[last, LENGTH]
-    return Path(rows, *(float(value) for value in (rows[0, X], rows[0, Y], x1, y1, length)))
+    near, blend_width = _widths(rows, (x1, y1))
+    return Path(rows, *(float(value) for value in (rows[0, X], rows[0, Y], x1, y1, length)), near, blend_width)
+
+
+def _widths(pieces: np.ndarray, end: Sequence[float]) -> tuple[float, float]:
+    """`near` and `blend_width` of a path by its size, m: of the paper's, 20 cm long, 2 cm and its 5 cm."""
+    places = np.vstack([pieces[:, [X, Y]], end])
+    size = math.hypot(*np.ptp(places, axis=0))
+    near = min(NEAR_M, NEAR_SHARE * size)
+    loop = _shortest_loop(pieces, 2.0 * near)
+    return max(min(near, 0.5 * loop), 0.25 * near), min(BLEND_WIDTH_M, BLEND_SHARE * size)
+
+
+def _shortest_loop(pieces: np.ndarray, within: float) -> float:
+    """Way (m) round the shortest loop that straight pieces close by crossing, if shorter than `within`; else inf."""
+    shortest = math.inf
+    for k in range(2, len(pieces)):
+        first, second = pieces[:-k], pieces[k:]
+        between = second[:, FROM] - first[:, FROM] - first[:, LENGTH]
+        if between.min() >= within:
+            break
+        first, second, between = (rows[between < within] for rows in (first, second, between))
+        tx, ty, ux, uy = *first[:, [TX, TY]].T, *second[:, [TX, TY]].T
+        dx, dy = (second[:, [X, Y]] - first[:, [X, Y]]).T
+        cross = tx * uy - ty * ux
+        with np.errstate(divide="ignore", invalid="ignore"):  # side by side
+            a, b = (dx * uy - dy * ux) / cross, (dx * ty - dy * tx) / cross
+        meet = (a >= 0.0) & (a <= first[:, LENGTH]) & (b >= 0.0) & (b <= second[:, LENGTH])
+        loops = between[meet] + first[meet, LENGTH] - a[meet] + b[meet]
+        shortest = float(loops.min(initial=shortest))
+    return shortest
 
 
 @kernel
@@ -114,15 +154,19 @@ def along_piece(piece, i, way):
 
 
 @kernel
-def gap(piece, i, x, y):
-    """Distance (m) of (x, y) from piece i itself, between its ends."""
+def way_on(piece, i, x, y):
+    """Way (m) from the start of piece i to its point nearest to (x, y), 0 to its length."""
     if piece[i, CURVATURE] != 0.0:
-        along, distance, _, _ = beside_arc(piece, i, x, y)
-        if 0.0 <= along <= piece[i, LENGTH]:
-            return abs(distance)
+        along, _, _, _ = beside_arc(piece, i, x, y)
     else:
         along, _ = beside(piece[i, X], piece[i, Y], piece[i, TX], piece[i, TY], x, y)
-    px, py, _, _ = along_piece(piece, i, min(max(along, 0.0), piece[i, LENGTH]))
+    return min(max(along, 0.0), piece[i, LENGTH])
+
+
+@kernel
+def gap(piece, i, x, y, least, most):
+    """Distance (m) of (x, y) from the part of piece i that is `least` to `most` (m) from its start."""
+    px, py, _, _ = along_piece(piece, i, min(max(way_on(piece, i, x, y), least), most))
     return math.sqrt((x - px) * (x - px) + (y - py) * (y - py))
 
 
@@ -188,27 +232,67 @@ def on_piece_of_many(path, i, x, y, along, distance):
 
 @kernel
 def nearest_piece(path, x, y):
-    """The piece nearest to (x, y); of several, the first."""
-    if path.pieces.shape[0] == 1:
-        return 0
+    """The piece nearest to (x, y) of the whole path; of several, the first."""
     nearest_so_far, least = 0, math.inf
     for i in range(path.pieces.shape[0]):
-        distance = gap(path.pieces, i, x, y)
+        distance = gap(path.pieces, i, x, y, 0.0, path.pieces[i, LENGTH])
         if distance < least:
             nearest_so_far, least = i, distance
     return nearest_so_far
 
 
 @kernel
-def held_piece(path, last, x, y):
-    """The nearest piece, or still the `last` one (-1: none yet) where the nearest is not clearly nearer."""
-    i = nearest_piece(path, x, y)
-    if i == last or last < 0:
+def nearest_within(path, at, x, y):
+    """The piece nearest to (x, y) within `near` along the path of the nearest point on piece `at`; rather that one."""
+    piece, last = path.pieces, path.pieces.shape[0] - 1
+    way = way_on(piece, at, x, y)
+    found, least = at, gap(piece, at, x, y, way, way)
+    i, left = at, path.near - (piece[at, LENGTH] - way)
+    while left > 0.0 and i < last:
+        i += 1
+        distance = gap(piece, i, x, y, 0.0, min(left, piece[i, LENGTH]))
+        if distance < least:
+            found, least = i, distance
+        left -= piece[i, LENGTH]
+    i, left = at, path.near - way
+    while left > 0.0 and i > 0:
+        i -= 1
+        distance = gap(piece, i, x, y, max(piece[i, LENGTH] - left, 0.0), piece[i, LENGTH])
+        if distance < least:
+            found, least = i, distance
+        left -= piece[i, LENGTH]
+    return found
+
+
+@kernel
+def follow(path, last, x, y):
+    """The piece that counts for a tip that has come to (x, y), and for which the piece `last` counted before."""
+    return 0 if path.pieces.shape[0] == 1 else follow_pieces(path, last, x, y)
+
+
+@kernel
+def follow_pieces(path, last, x, y):
+    """`follow` along several pieces."""
+    piece = path.pieces
+    turn = abs(piece[last, TURN])
+    if turn > CORNER_DEG * math.pi / 180.0:  # the last piece has none
+        left = piece[last, LENGTH] - way_on(piece, last, x, y)
+        if left <= 0.25 * path.near and nearer_by(path, last, last + 1, x, y) < 0.5 * HOLD_M * (1.0 - math.cos(turn)):
+            last += 1
+    i = nearest_within(path, last, x, y)
+    if i == last:
         return i
     _, _, tx, ty = on_piece(path, i, x, y)
     _, _, last_tx, last_ty = on_piece(path, last, x, y)
     clear = HOLD_M * (1.0 - (tx * last_tx + ty * last_ty))
-    return i if gap(path.pieces, last, x, y) - gap(path.pieces, i, x, y) > clear else last
+    return i if nearer_by(path, i, last, x, y) > clear else last
+
+
+@kernel
+def nearer_by(path, i, j, x, y):
+    """By how much (m) piece i is nearer to (x, y) than piece j."""
+    piece = path.pieces
+    return gap(piece, j, x, y, 0.0, piece[j, LENGTH]) - gap(piece, i, x, y, 0.0, piece[i, LENGTH])
 
 
 @kernel
@@ -237,31 +321,52 @@ def measure(path, points, found):
         found[n, 0], found[n, 1], found[n, 2], found[n, 3] = nearest(path, points[n, 0], points[n, 1])
 
 
+@kernel
+def track(path, tips, found):
+    """Progress and signed distance (m) of a tip that sets out at the start of the path: tips and found (n, 2).
+
+    Progress is that of the piece that `follow` stays with; the distance that of the nearest one about it.
+    """
+    piece = 0
+    for n in range(tips.shape[0]):
+        x, y = tips[n, 0], tips[n, 1]
+        piece = follow(path, piece, x, y)
+        found[n, 0], found[n, 1], _, _ = on_piece(path, piece, x, y)
+        if path.pieces.shape[0] > 1:
+            found[n, 1] = on_piece(path, nearest_within(path, piece, x, y), x, y)[1]
+
+
 LONGEST_M = 10.0
-LEAST_RADIUS_M = 0.01
-LARGEST_CORNER_DEG = 140.0  # between the directions of two pieces; 180 would be straight back
-#: Points of the path nearer to each other than this must not be more than NEAR_RATIO times as far apart along it (a
-#: corner of 140 degrees: 2.9 times).
-NEAR_M = 0.02
-NEAR_RATIO = 3.0
-_CHECKED_EVERY_M = 0.002
+LEAST_RADIUS_M = 0.001
+MOST_POINTS = 1000
+#: m, of the paper's path; shares of the size (diagonal) of a smaller one. `near` is less where the path makes a loop
+#: that could be passed over.
+NEAR_M, NEAR_SHARE = 0.02, 0.1
+BLEND_WIDTH_M, BLEND_SHARE = 0.05, 0.25
 
 
-class Segment(msgspec.Struct, tag="segment", tag_field="kind", forbid_unknown_fields=True, frozen=True):
+class Followed(msgspec.Struct, kw_only=True, frozen=True, omit_defaults=True):
+    """How any path is followed; None: by its size."""
+
+    near_m: Positive | None = None
+    blend_width_m: Positive | None = None
+
+
+class Segment(Followed, tag="segment", tag_field="kind", forbid_unknown_fields=True, frozen=True):
     """A straight line from start to end."""
 
     start_m: Pair
     end_m: Pair
 
 
-class Polyline(msgspec.Struct, tag="polyline", tag_field="kind", forbid_unknown_fields=True, frozen=True):
-    """Straight lines from point to point. At most 1000: each tick of control looks at every piece."""
+class Polyline(Followed, tag="polyline", tag_field="kind", forbid_unknown_fields=True, frozen=True):
+    """Straight lines from point to point."""
 
-    points_m: Annotated[tuple[Pair, ...], msgspec.Meta(min_length=2, max_length=1000)]
+    points_m: Annotated[tuple[Pair, ...], msgspec.Meta(min_length=2, max_length=MOST_POINTS)]
 
 
-class Arc(msgspec.Struct, tag="arc", tag_field="kind", forbid_unknown_fields=True, frozen=True):
-    """Part of a circle; counter-clockwise where to_deg > from_deg."""
+class Arc(Followed, tag="arc", tag_field="kind", forbid_unknown_fields=True, frozen=True):
+    """Part of a circle, or all of it; counter-clockwise where to_deg > from_deg."""
 
     centre_m: Pair
     radius_m: float
@@ -287,8 +392,8 @@ def build_path(path_file: PathFile, where: str) -> Path:
         path = _polyline(path_file, where) if isinstance(path_file, Polyline) else _arc(path_file, where)
     if path.length > LONGEST_M:
         raise InputError(f"{where}: the path is {path.length:g} m long, at most {LONGEST_M:g} m can be followed")
-    _refuse_near_itself(path, where)
-    return path
+    near, blend_width = path_file.near_m, path_file.blend_width_m
+    return path._replace(near=near or path.near, blend_width=blend_width or path.blend_width)
 
 
 def outline(path_file: PathFile, spacing_m: float) -> np.ndarray:
@@ -300,14 +405,7 @@ def outline(path_file: PathFile, spacing_m: float) -> np.ndarray:
 def _polyline(polyline: Polyline, where: str) -> Path:
     points = polyline.points_m
     lines = [line(*ends, f"{where}: point {i} to point {i + 1}") for i, ends in enumerate(pairwise(points), 1)]
-    path = joined([tuple(each.pieces[0, LENGTH:TURN]) for each in lines])
-    for i, turn in enumerate(np.degrees(path.pieces[:-1, TURN]), 2):
-        if abs(turn) > LARGEST_CORNER_DEG:
-            raise InputError(
-                f"{where}: at point {i} the path turns by {abs(turn):.0f} degrees, nearly straight back, at most "
-                f"{LARGEST_CORNER_DEG:g} can be followed"
-            )
-    return path
+    return joined([tuple(each.pieces[0, LENGTH:TURN]) for each in lines])
 
 
 def _arc(arc: Arc, where: str) -> Path:
@@ -320,11 +418,13 @@ def _arc(arc: Arc, where: str) -> Path:
         raise InputError(f"{where}: from_deg and to_deg are the same, the arc has no length")
     if abs(swept) > 360.0:
         raise InputError(f"{where}: from_deg to to_deg is {abs(swept):g} degrees, more than a full turn")
-    sense = math.copysign(1.0, swept)
-    c, s = math.cos(math.radians(arc.from_deg)), math.sin(math.radians(arc.from_deg))
-    x, y = arc.centre_m[0] + arc.radius_m * c, arc.centre_m[1] + arc.radius_m * s
-    length = math.radians(abs(swept)) * arc.radius_m
-    return joined([(length, x, y, -sense * s, sense * c, sense / arc.radius_m)])
+    sense, parts = math.copysign(1.0, swept), math.ceil(abs(swept) / 90.0)  # a piece is at most a quarter turn
+    pieces = []
+    for angle in np.radians(arc.from_deg + swept * np.arange(parts) / parts):
+        c, s = math.cos(angle), math.sin(angle)
+        x, y = arc.centre_m[0] + arc.radius_m * c, arc.centre_m[1] + arc.radius_m * s
+        pieces.append((math.radians(abs(swept)) * arc.radius_m / parts, x, y, -sense * s, sense * c, sense / arc.radius_m))
+    return joined(pieces)
 
 
 def _stations(path: Path, spacing_m: float) -> np.ndarray:
@@ -335,26 +435,3 @@ def _stations(path: Path, spacing_m: float) -> np.ndarray:
         for n in [math.ceil(length / spacing_m)]
     ]
     return np.append(np.concatenate(parts), path.length)
-
-
-def _refuse_near_itself(path: Path, where: str) -> None:
-    if len(path.pieces) == 1 and path.pieces[0, CURVATURE] == 0.0:
-        return
-    between_ends = math.hypot(path.x1 - path.x0, path.y1 - path.y0)
-    if between_ends < NEAR_M and path.length > NEAR_RATIO * between_ends:
-        raise InputError(
-            f"{where}: the path ends {100 * between_ends:.1f} cm from where it starts, leave at least "
-            f"{100 * NEAR_M:g} cm between its ends"
-        )
-    stations = _stations(path, _CHECKED_EVERY_M)
-    points = np.array([point_at(path, s)[:2] for s in stations])
-    for i in range(len(stations)):
-        apart = np.hypot(*(points[i + 1 :] - points[i]).T)
-        way = stations[i + 1 :] - stations[i]
-        near = np.flatnonzero((apart < NEAR_M) & (way > NEAR_RATIO * apart))
-        if len(near):
-            j = near[0]
-            raise InputError(
-                f"{where}: the path comes within {100 * NEAR_M:g} cm of itself: {100 * stations[i]:.1f} cm and "
-                f"{100 * stations[i + 1 + j]:.1f} cm along it are {100 * apart[j]:.1f} cm apart"
-            )

@@ -28,7 +28,6 @@ from core.control.controllers import Preset, make_controller
 from core.control.guard import make_around
 from core.control.proportional import least_gain_felt
 from core.control.rule_sets import RULE_SETS
-from core.control.velocity_field import BLEND_WIDTH
 from core.device import Device
 from core.files import InputError
 from core.path import build_path, outline
@@ -118,12 +117,16 @@ class Sandbox:
         ):  # fmt: skip
             if value not in among:
                 raise InputError(f"Try: {name} {value!r} is none of {', '.join(map(str, among))}.")
+        if settings.path != before.path:
+            settings = settings._replace(blend_width_m=self._own_blend_width(settings.path))
         if wrong := settings.values.keys() ^ before.values.keys():
             raise InputError(f"Try: {min(wrong)} is no parameter of this protocol's controllers, or is missing.")
         numbers = {name: getattr(settings, name) for name in ("spring_N_m", "brake_strength", "backlash_deg")}
         for name, number in (numbers | settings.values).items():
             if not 0.0 <= number < math.inf:
                 raise InputError(f"Try: {name} {number!r} must be finite and not negative.")
+        if not 0.0 < settings.blend_width_m < math.inf:
+            raise InputError(f"Try: blend width {settings.blend_width_m!r} must be positive and finite, in m.")
         for name in self.fixed:
             if getattr(settings, name) != getattr(before, name):
                 raise InputError(f"Try: {name} cannot be changed with this device and hand.")
@@ -163,11 +166,13 @@ class Sandbox:
         if s.spring_N_m != mouse.stiffness_N_m:
             mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
         backlash = None if self._own_backlash() else s.backlash_deg
-        variant = Variant(device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing)
+        blend_width = None if s.blend_width_m == self._own_blend_width(s.path) else s.blend_width_m
+        variant = Variant(
+            device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing, blend_width,
+        )  # fmt: skip
         save_variant(path, p, variant)
         self._saved = str(path)
-        left_out = "" if s.blend_width_m == BLEND_WIDTH else " A protocol has no blend width: it is left out."
-        self._notify(f"Saved as {path}.{left_out}", False)
+        self._notify(f"Saved as {path}.", False)
 
     def leave(self) -> None:
         """Leave Try and end the running pass."""
@@ -210,7 +215,7 @@ class Sandbox:
             values |= {name: max(value, values.get(name, value)) for name, value in preset.named.items()}
         play = float(np.degrees(self._file(device).brakes.play.max()))
         return SandboxSettings(
-            device, path, number, {**values, **p.controllers[number].named}, p.rules, BLEND_WIDTH,
+            device, path, number, {**values, **p.controllers[number].named}, p.rules, self._own_blend_width(path),
             p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
         )  # fmt: skip
 
@@ -322,7 +327,7 @@ class Sandbox:
         path = build_path(self._protocol.paths[s.path], "path")
         seen = sensed(device, middle_of(path), self._assumed(s))
         around = make_around(self._protocol.trial.around, self._tuned(device, s), seen)
-        return make_controller(self._preset(s), force, s.rules, s.blend_width_m, noise, around)
+        return make_controller(self._preset(s), force, s.rules, noise, around)
 
     def _tuned(self, device: Device, s: SandboxSettings) -> Device:
         """The device with the brakes of the sliders, for the guard."""
@@ -342,8 +347,13 @@ class Sandbox:
         """Give a trial the controller, brakes and spring of the settings; its motion goes on."""
         before, self._now = self._now, self.settings
         s, assumed = self._now, self._assumed(self._now)
+<<<<<<< HEAD
         if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
             trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
+=======
+        trial.path = trial.path._replace(blend_width=s.blend_width_m)
+        if not isinstance(trial.simulation, SimulatedDevice):  # its controller knows the noise of its sensing
+>>>>>>> paths
             return
         if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
@@ -353,6 +363,10 @@ class Sandbox:
         if "spring_N_m" not in self.fixed:
             grip, damping = trial.simulation.hand.grips, self._damping()
             grip["stiffness"][0], grip["damping"][0] = (s.spring_N_m, 0.0, s.spring_N_m), (damping, 0.0, damping)
+
+    def _own_blend_width(self, path: int) -> float:
+        """The blend width of a path of the protocol, m."""
+        return build_path(self._protocol.paths[path], "path").blend_width
 
     def _own_backlash(self) -> bool:
         """Whether each brake keeps the backlash of its file."""

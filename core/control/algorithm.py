@@ -63,7 +63,6 @@ class Controller(NamedTuple):
     gap_m: float  # half-width (our reading) of the band around the path without control
     values: tuple[float, ...]  # of its parameters, in their order
     force_normalised: float  # N, the most that is commanded of any brake
-    blend_width: float  # m
     rules: Rules
     around: np.ndarray  # one record: the obstacles of the trial, their guide and guard (`core.control.guard.AROUND`)
 

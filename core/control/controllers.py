@@ -30,7 +30,7 @@ from core.control.algorithm import (
 )
 from core.control.guard import NO_OBSTACLE, keep_out
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import BLEND_WIDTH, NO_FIELD, field_at, field_round
+from core.control.velocity_field import NO_FIELD, field_at, field_round
 from core.files import InputError
 from core.kernels import kernel
 from core.obstacles import nearest_obstacle
@@ -120,7 +120,6 @@ def make_controller(
     preset: Preset,
     device_force_normalised: float,
     rules: str = "settled",
-    blend_width: float = BLEND_WIDTH,
     velocity_noise: float = 0.0,
     around: np.ndarray = NO_OBSTACLE,
 ) -> Controller:
@@ -136,14 +135,11 @@ def make_controller(
             raise InputError(f"controller {preset.name}: {parameter.word} {value!r} must be finite and not negative")
     if not 0.0 < device_force_normalised < math.inf:
         raise InputError(f"controller: normalised force {device_force_normalised!r} must be positive and finite, in N")
-    if not 0.0 < blend_width < math.inf:
-        raise InputError(f"controller: blend width {blend_width!r} must be positive and finite, in m")
     return Controller(
         list(ALGORITHMS).index(preset.kind),
         preset.value(GAP_M.name),
         preset.values + (0.0,) * (_MOST - len(preset.values)),  # one type for the kernels
         float(device_force_normalised),
-        float(blend_width),
         rule_set(rules, velocity_noise),
         around,
     )
@@ -191,11 +187,11 @@ def decide(controller, path, tick):
 
     Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
     """
-    seen, memory, blend, rules = tick.seen, tick.memory, controller.blend_width, controller.rules
+    seen, memory, rules = tick.seen, tick.memory, controller.rules
     release(tick.current)
     if not math.isfinite(seen.x + seen.y + seen.vx + seen.vy + seen.fx + seen.fy):
         return NONE if controller.algorithm == NO_CONTROL else NOT_FINITE, NO_FIELD
-    field = field_at(path, memory, seen, blend, rules)
+    field = field_at(path, memory, seen, rules)
     around = controller.around[0]
     if around.count > 0:
         if around.guard != 0:
@@ -203,8 +199,8 @@ def decide(controller, path, tick):
             if locked != NONE:
                 return locked, field
         near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
-        if around.guide != 0 and near.distance < blend:
-            field = field_round(near, field.distance, memory, seen, blend, rules)
+        if around.guide != 0 and near.distance < path.blend_width:
+            field = field_round(near, field.distance, memory, seen, path.blend_width, rules)
             return _decide_within_limits(controller, field, tick), field
     if field.distance < controller.gap_m:
         return IN_GAP, field

@@ -1,7 +1,7 @@
 """The field of desired directions around the path (Section IV-A, Fig. 12), and which way along it is forward.
 
-t is the tangent in the travel sense, n the inward normal (towards the path), beta the desired direction. Half-way
-between two pieces of a path the field is that of the piece that the tip was nearest to last (`core.path.held_piece`).
+t is the tangent in the travel sense, n the inward normal (towards the path), beta the desired direction. The field is
+that of the piece which the tip has come to along the path (`core.path.follow`).
 """
 
 import math
@@ -10,12 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from core.kernels import kernel
-from core.path import Path, held_piece, measure, on_piece
-
-BLEND_WIDTH = 0.05  # m, the paper's boundary: nearer than this the direction is blended to the path's
+from core.path import Path, follow, measure, on_piece
 
 #: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
-#: (-1: not yet known). Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
+#: that the tip has come to. Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
 #: the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round an obstacle.
 TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
 #: The guard's (`core.control.guard`): whether it has locked the brakes, what each brake holds at least (four places,
@@ -57,8 +55,8 @@ NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is 
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (20,), at the start of a trial: towards the end, no side, no piece."""
-    return np.array([1.0, 0.0, -1.0, *[math.nan] * 4, 1.0, *[0.0] * 11, math.nan])
+    """What a controller remembers between ticks, (20,), at the start of a trial: towards the end, on no side."""
+    return np.array([1.0, 0.0, 0.0, *[math.nan] * 4, 1.0, *[0.0] * 11, math.nan])
 
 
 @kernel
@@ -105,9 +103,9 @@ def desired_direction(distance, n_x, n_y, t_x, t_y, blend_width):
 
 
 @kernel
-def field_at(path, memory, seen, blend_width, rules):
+def field_at(path, memory, seen, rules):
     """The field at the tip for its velocity and the hand force (`Seen`); updates memory."""
-    piece = held_piece(path, int(memory[PIECE]), seen.x, seen.y)
+    piece = follow(path, int(memory[PIECE]), seen.x, seen.y)
     memory[PIECE] = piece
     _, distance, tx, ty = on_piece(path, piece, seen.x, seen.y)
     sense = sense_along(tx, ty, memory[TRAVEL], seen, rules)
@@ -116,7 +114,7 @@ def field_at(path, memory, seen, blend_width, rules):
     memory[SIDE] = side
     t_x, t_y = sense * tx, sense * ty
     n_x, n_y = side * ty, -side * tx
-    beta_x, beta_y = desired_direction(abs(distance), n_x, n_y, t_x, t_y, blend_width)
+    beta_x, beta_y = desired_direction(abs(distance), n_x, n_y, t_x, t_y, path.blend_width)
     return Field(abs(distance), t_x, t_y, n_x, n_y, beta_x, beta_y)
 
 
@@ -136,8 +134,8 @@ def field_round(near, distance, memory, seen, blend_width, rules):
     return Field(distance, t_x, t_y, near.n_x, near.n_y, beta_x, beta_y)
 
 
-def field_around(path: Path, places: np.ndarray, sense: float, blend_width: float = BLEND_WIDTH) -> Field:
-    """The field at places (n, 2), m, with this travel sense (+1, -1), each as if the tip came there first; parts (n,).
+def field_around(path: Path, places: np.ndarray, sense: float) -> Field:
+    """The field at places (n, 2), m, with this travel sense (+1, -1), each of the nearest piece of all; parts (n,).
 
     For drawings, in numpy: it compiles no kernel of control. On the path itself n is to the right of t.
     """
@@ -146,6 +144,6 @@ def field_around(path: Path, places: np.ndarray, sense: float, blend_width: floa
     distance, (t_x, t_y) = sense * found[:, 1], sense * found[:, 2:].T
     side = np.where(distance < 0.0, -1.0, 1.0)  # of the tip, as seen along t
     n_x, n_y = side * t_y, -side * t_x
-    angle = 0.5 * np.pi * np.minimum(np.abs(distance) / blend_width, 1.0)
+    angle = 0.5 * np.pi * np.minimum(np.abs(distance) / path.blend_width, 1.0)
     c, s = np.cos(angle), np.sin(angle)
     return Field(np.abs(distance), t_x, t_y, n_x, n_y, c * t_x + s * n_x, c * t_y + s * n_y)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ import numpy as np
 from core.control.algorithm import BY_GUARD, GAP, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
 from core.files import InputError
-from core.path import Path, measure
+from core.path import Path, track
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -33,11 +33,11 @@ SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
 def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Furthest way along the path so far (n,), clipped to its ends, and distance |d| from it (n,), m; tip (n, 2).
 
-    Both of the nearest point, tick by tick: beyond an end it is the distance from the straight line on. A tip
-    that cuts a corner leaps ahead in progress; the leap counts with its own length.
+    Both of the nearest point, which is followed from the start of the path on: beyond an end it is the distance from
+    the straight line on. A tip that cuts a corner leaps ahead in progress; the leap counts with its own length.
     """
-    found = np.empty((len(tip), 4))
-    measure(path, np.ascontiguousarray(tip), found)
+    found = np.empty((len(tip), 2))
+    track(path, np.ascontiguousarray(tip), found)
     return np.maximum.accumulate(np.clip(found[:, 0], 0.0, path.length)), np.abs(found[:, 1])
 
 

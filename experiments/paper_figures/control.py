@@ -15,11 +15,11 @@ from matplotlib.patches import Arc, Wedge
 from core.control.proportional import force_direction, in_beta, influence, priority
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, sdof_direction, valid_sense
-from core.control.velocity_field import BLEND_WIDTH, Field, Seen, desired_direction, field_at, new_memory
+from core.control.velocity_field import Field, Seen, desired_direction, field_at, new_memory
 from core.device import Device
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
-from core.path import line
+from core.path import BLEND_WIDTH_M, line
 from core.workspace import Array
 from experiments.analysis.sheet import (
     BLUE,
@@ -55,13 +55,13 @@ def draw_velocity_field() -> Figure:
     )
     figure, [[axes]] = sheet(text, (PAGE_IN, 5.6), (0.6, 0.5, 0.5, 0.75))
     plain(axes, grid=False)
-    axes.axhspan(CM * (PATH_Y_M - BLEND_WIDTH), CM * (PATH_Y_M + BLEND_WIDTH), color=SHADED, linewidth=0)
+    axes.axhspan(CM * (PATH_Y_M - BLEND_WIDTH_M), CM * (PATH_Y_M + BLEND_WIDTH_M), color=SHADED, linewidth=0)
     axes.axhline(CM * PATH_Y_M, color=ORANGE, linewidth=2.0, zorder=3)
     path = line((-HALF_WIDTH_M, PATH_Y_M), (HALF_WIDTH_M, PATH_Y_M))
     columns = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M + 0.5 * APART_M, APART_M)
     rows = np.arange(PATH_Y_M - HALF_HEIGHT_M, PATH_Y_M + HALF_HEIGHT_M + 0.25 * APART_M, 0.5 * APART_M)
     tips = [(float(x), float(y)) for x in columns for y in rows]
-    fields = [field_at(path, new_memory(), Seen(*tip, 0.0, 0.0, PUSH_N, 0.0), BLEND_WIDTH, SETTLED) for tip in tips]
+    fields = [field_at(path, new_memory(), Seen(*tip, 0.0, 0.0, PUSH_N, 0.0), SETTLED) for tip in tips]
     beta = np.array([(field.beta_x, field.beta_y) for field in fields])
     axes.quiver(
         *(CM * np.array(tips).T), *beta.T, angles="xy", scale_units="xy", scale=1.0 / 0.9, pivot="mid", width=0.0026,
@@ -94,7 +94,7 @@ def sdof_choice(device: Device, tip: tuple[float, float], alpha: float, distance
     foot = tip[0] + distance * t[1], tip[1] - distance * t[0]
     path = line(foot, (foot[0] + 0.1 * t[0], foot[1] + 0.1 * t[1]))
     seen = Seen(*tip, 0.0, 0.0, PUSH_N * t[0], PUSH_N * t[1])
-    field = field_at(path, new_memory(), seen, BLEND_WIDTH, SETTLED)
+    field = field_at(path, new_memory(), seen, SETTLED)
     g = np.zeros((4, 2))
     tip_force_map(device.mechanism, *tip, g)
     directions = {joint: sdof_direction(*g[JOINTS.index(joint)]) for joint in device.braked}
@@ -180,7 +180,7 @@ def draw_sdof_choice(device: Device) -> Figure:
 
 def _draw_path(axes: Axes, field: Field, t: float, alpha: float) -> None:
     """The path at its distance (one unit is 5 cm, the boundary) and its angle alpha."""
-    away = field.distance / BLEND_WIDTH
+    away = field.distance / BLEND_WIDTH_M
     along, across = np.array([field.t_x, field.t_y]), np.array([field.n_x, field.n_y])
     corner, far = (away * across + s * along for s in (-1.25, 0.8))
     axes.plot(*zip(corner, far, strict=True), color=TEXT, linewidth=2.4, zorder=2)
@@ -232,7 +232,7 @@ def five_forces() -> Forces:
     """The five forces of Fig. 14 through the functions of proportional control."""
     n = (-math.sin(math.radians(EXAMPLE_BETA_DEG)), math.cos(math.radians(EXAMPLE_BETA_DEG)))
     t = (n[1], -n[0])
-    field = Field(0.0, *t, *n, *desired_direction(0.0, *n, *t, BLEND_WIDTH))
+    field = Field(0.0, *t, *n, *desired_direction(0.0, *n, *t, BLEND_WIDTH_M))
     v = _polar(0.1, math.radians(EXAMPLE_BETA_DEG + EXAMPLE_VELOCITY_DEG))
     v_beta = in_beta(*v, field)
     pulls = [_polar(4.0, math.radians(EXAMPLE_BETA_DEG + degrees)) for degrees in EXAMPLE_FORCES_DEG]

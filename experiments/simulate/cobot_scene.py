@@ -13,12 +13,12 @@ from pyarrow import csv as pa_csv
 
 from core.cobot import COBOT, UNSTEERED, CobotFile, advance, advance_at_wall, new_cobot, path_goal, velocity
 from core.control.rule_sets import SETTLED, Rules
-from core.control.velocity_field import BLEND_WIDTH, Seen, field_at, new_memory
+from core.control.velocity_field import PIECE, Seen, field_at, new_memory
 from core.device import COBOT_FOLDER, UNICYCLE, load_device
 from core.files import InputError, Positive, Table, from_plain, is_assumed, parse_toml, read_text, shipped_or_file
 from core.kernels import kernel
 from core.path import Path as PathAhead
-from core.path import build_path, line, path_from
+from core.path import build_path, line, nearest_piece, path_from
 from core.ranges import Angle, Coordinate, Force, Place, Push, Torque
 from core.simulator.state import new_record
 from experiments.progress import Progress, no_progress
@@ -191,7 +191,7 @@ def run_cobot(cobots, memory, task, forces, first, rows):
             elif task.mode == ALONG_PATH:
                 vx, vy, _ = velocity(cobot)
                 seen = Seen(cobot.pose[0], cobot.pose[1], vx, vy, force[0], force[1])
-                field = field_at(task.path, memory, seen, BLEND_WIDTH, task.rules)
+                field = field_at(task.path, memory, seen, task.rules)
                 advance(cobot, force, 1, path_goal(cobot, field, force, task.heading, task.within, step), step)
             else:
                 advance(cobot, force, 0, UNSTEERED, step)
@@ -206,6 +206,7 @@ class CobotRun:
         self.scene, self.done = scene, 0
         self.cobots = np.concatenate([new_cobot(scene.cobot, scene.pose), new_record(COBOT)])
         self.memory = new_memory()
+        self.memory[PIECE] = nearest_piece(scene.path, *scene.pose[:2])
 
     def run_chunk(self, count: int) -> np.ndarray:
         """The next output rows (count, WIDTH); the first call begins at t = 0."""

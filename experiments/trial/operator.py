@@ -1,7 +1,8 @@
 """A simulated operator: a virtual hand that moves along the path with minimum jerk and pulls the handle by an arm.
 
     arm         spring-damper and mass at the handle, stiff across the path and soft along it; its force is clipped
-    plan        minimum jerk along the path (Flash & Hogan 1985), off it by a bias and an S of this person
+    plan        minimum jerk along the path (Flash & Hogan 1985), from corner to corner where it has any, off it by a
+                bias and an S of this person
     correction  of the distance to the path: felt (late, at once, in part) and seen (later, little by little)
     stall       a virtual hand does not run away from a handle that stands; the push along the path grows instead
     unrest      noise in proportion to the force (PMID 10385989), and tremor (PMC4594250)
@@ -15,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from core.kernels import kernel
-from core.path import Path, nearest, point_at
+from core.path import CORNER_DEG, FROM, LENGTH, TURN, Path, follow, on_piece, point_at
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
 from experiments.trial.normals import Normals
@@ -86,6 +87,7 @@ OPERATOR = np.dtype(
         ("tremor_draw", "f8"),
         # what changes from tick to tick
         ("progress", "f8"),  # 0 .. 1 of the minimum-jerk movement
+        ("piece", "i8"),  # of the path, that the tip has come to
         ("origin", "f8", (2,)),  # m, where the approach began
         ("approach_s", "f8"),
         ("offset", "f8", (2,)),  # m, correction learned from what is seen: x, y on the approach, along, across after
@@ -157,15 +159,34 @@ def minimum_jerk(r):
 
 
 @kernel
+def course(path, r):
+    """Share of the path at share r of the time, and its slope: minimum jerk from each corner to the next.
+
+    Our choice: a hand stops where the path turns by more than `CORNER_DEG`; each stroke takes its share of the time.
+    """
+    if path.pieces.shape[0] == 1 or r <= 0.0 or r >= 1.0:
+        return minimum_jerk(r)
+    piece, way, begin = path.pieces, r * path.length, 0.0
+    for i in range(piece.shape[0]):
+        end = piece[i, FROM] + piece[i, LENGTH]
+        if i == piece.shape[0] - 1 or abs(piece[i, TURN]) > CORNER_DEG * math.pi / 180.0:
+            if way < end or i == piece.shape[0] - 1:
+                share, slope = minimum_jerk((way - begin) / (end - begin))
+                return (begin + share * (end - begin)) / path.length, slope
+            begin = end
+    return minimum_jerk(r)
+
+
+@kernel
 def begin_approach(operator, x, y, path):
     """The operator sets out for the start of the path from (x, y)."""
     operator.origin[0], operator.origin[1] = x, y
     distance = math.sqrt((path.x0 - x) * (path.x0 - x) + (path.y0 - y) * (path.y0 - y))
     operator.approach_s = max(operator.approach_least_s, distance / operator.approach_speed_m_s)
-    operator.progress = 0.0
+    operator.progress, operator.piece = 0.0, 0
     operator.offset[0] = operator.offset[1] = operator.effort = 0.0
     operator.noise[0] = operator.noise[1] = 0.0
-    progress, distance, _, _ = nearest(path, x, y)
+    progress, distance, _, _ = on_piece(path, 0, x, y)
     for i in range(operator.ring.shape[0]):
         past = operator.ring[i]
         past[0], past[1], past[2], past[3] = x, y, progress, distance
@@ -186,7 +207,9 @@ def operate(operator, grip, path, moment, tip, noise):
     tip: x, y (m); noise (n, 2): standard normal draws.
     """
     tick = moment.tick
-    progress, distance, tx, ty = nearest(path, tip[0], tip[1])
+    if moment.phase == MOVE:
+        operator.piece = follow(path, operator.piece, tip[0], tip[1])
+    progress, distance, tx, ty = on_piece(path, operator.piece, tip[0], tip[1])
     now = operator.ring[tick & _LAST]
     now[0], now[1], now[2], now[3] = tip[0], tip[1], progress, distance
     if moment.phase == APPROACH or moment.phase == HOLD:
@@ -194,7 +217,7 @@ def operate(operator, grip, path, moment, tip, noise):
     elif moment.phase == MOVE:
         if moment.phase_tick == 0:
             set_out(operator, path)
-        follow(operator, grip, path, tick, moment.phase_tick, progress)
+        move_along(operator, grip, path, tick, moment.phase_tick, progress)
     else:
         grip.target[2] = grip.target[3] = 0.0
         operator.effort -= operator.effort_ease_per_s * TICK_S * operator.effort
@@ -256,12 +279,12 @@ def set_out(operator, path):
 
 
 @kernel
-def follow(operator, grip, path, tick, phase_tick, tip_progress):
+def move_along(operator, grip, path, tick, phase_tick, tip_progress):
     """Along the path with minimum jerk, waiting for a tip that lags; corrections across it, and along it at its end."""
     seen = operator.ring[(tick - operator.seen_ticks) & _LAST]
     felt = operator.ring[(tick - operator.felt_ticks) & _LAST]
     rate_along, rate_across = felt_motion(operator, tick, 2)
-    share, slope = minimum_jerk(operator.progress)
+    share, slope = course(path, operator.progress)
     lead = share * path.length + operator.offset[0] - tip_progress
     moving = phase_tick * TICK_S >= operator.reaction_s and lead < operator.lead_max_m
     if moving and operator.progress < 1.0:
@@ -294,6 +317,8 @@ def set_target(operator, grip, path, progress, across, speed):
     """The arm's target: `across` (m) to the left of the point at `progress` (m), moving on at `speed` (m/s)."""
     x, y, tx, ty = point_at(path, progress)
     ux, uy = operator.direction[0], operator.direction[1]
+    if ux * tx + uy * ty < 0.0:  # the path turns back: the arm is as stiff the other way
+        ux, uy = -ux, -uy
     if ux != tx or uy != ty:  # at a bend
         share = min(TICK_S / operator.turn_s, 1.0)
         ux, uy = ux + share * (tx - ux), uy + share * (ty - uy)

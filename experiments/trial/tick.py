@@ -30,11 +30,11 @@ from core.brake import lagged_yield, time_constant, torque_gain
 from core.cobot import COBOT
 from core.control.algorithm import OFF, Controller, Tick, release
 from core.control.controllers import decide
-from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, SIDE, TRAVEL, WANTED, seen_in
+from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, PIECE, SIDE, TRAVEL, WANTED, seen_in
 from core.kernels import inlined, kernel
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
-from core.path import Path, nearest
+from core.path import Path, follow, on_piece
 from core.simulator.event import advance_event
 from core.simulator.runge_kutta import kinetic
 from core.simulator.simulation import apply, stuck_bits
@@ -304,7 +304,7 @@ def next_phase(trial):
             enter(run, APPROACH, RUNNING, NO_REASON)
         elif run.phase_tick >= run.hold_ticks:
             enter(run, MOVE, RUNNING, NO_REASON)
-    elif arrived(path, run.end_radius, x, y):
+    elif arrived(path, int(trial.memory[PIECE]), run.end_radius, x, y):
         enter(run, END, DONE, NO_REASON)
     elif run.phase_tick >= run.move_ticks:
         enter(run, END, TIMEOUT, NO_REASON)
@@ -318,12 +318,12 @@ def at_start(run, path, x, y):
 
 
 @kernel
-def arrived(path, end_radius, x, y):
-    """Whether the end of the path is reached, and along the path: not near the end on another part of it."""
+def arrived(path, piece, end_radius, x, y):
+    """Whether the end of the path is reached, and along the path; piece: that the tip has come to."""
     dx, dy = x - path.x1, y - path.y1
     if dx * dx + dy * dy > end_radius * end_radius:
         return False
-    progress, _, _, _ = nearest(path, x, y)
+    progress, _, _, _ = on_piece(path, follow(path, piece, x, y), x, y)
     return progress >= path.length - end_radius - ROUNDING_M
 
 
@@ -402,7 +402,8 @@ def choose_currents(trial, seen, row):
     else:
         log_field(NO_FIELD, memory, row)
         if run.phase == MOVE:
-            row[log.PATH_DISTANCE] = memory[TRAVEL] * nearest(trial.path, seen.tip[0], seen.tip[1])[1]
+            piece = follow(trial.path, int(memory[PIECE]), seen.tip[0], seen.tip[1])
+            row[log.PATH_DISTANCE] = memory[TRAVEL] * on_piece(trial.path, piece, seen.tip[0], seen.tip[1])[1]
         else:
             release(run.current)
             run.decision = OFF

@@ -82,7 +82,6 @@ def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(prese
         ({}, math.nan, {}),
         ({}, FORCE, {"rules": "loose"}),
         ({}, FORCE, {"velocity_noise": -1e-3}),
-        ({}, FORCE, {"blend_width": 0.0}),
     ],
 )
 def test_a_controller_that_cannot_be_is_refused_in_a_sentence(change, force, options):

@@ -10,7 +10,6 @@ from paths import curves, point, segments
 
 from core.control.rule_sets import LITERAL, SETTLED
 from core.control.velocity_field import (
-    BLEND_WIDTH,
     PIECE,
     SIDE,
     TRAVEL,
@@ -22,7 +21,7 @@ from core.control.velocity_field import (
     travel_sense,
 )
 from core.files import InputError
-from core.path import CORNER_M, Arc, Polyline, build_path, line, nearest, point_at
+from core.path import BLEND_WIDTH_M, CORNER_M, Arc, Polyline, build_path, line, nearest, nearest_piece, point_at
 
 pytestmark = pytest.mark.nojit
 
@@ -57,7 +56,14 @@ def test_distance_is_positive_left_of_the_way_to_the_end_and_progress_runs_past_
     assert nearest(line((0.1, 0.4), (-0.1, 0.4)), 0.0, 0.43)[1] == pytest.approx(-0.03)
 
 
-def beta_angle(distance, n, t, width=BLEND_WIDTH):
+def come_to(path, at):
+    """The memory of a trial whose tip has come to the piece nearest to this place."""
+    memory = new_memory()
+    memory[PIECE] = nearest_piece(path, *at)
+    return memory
+
+
+def beta_angle(distance, n, t, width=BLEND_WIDTH_M):
     """Angle of beta from t towards n, rad."""
     bx, by = desired_direction(distance, *n, *t, width)
     assert math.hypot(bx, by) == pytest.approx(1.0)
@@ -68,13 +74,13 @@ def beta_angle(distance, n, t, width=BLEND_WIDTH):
 def test_the_angle_of_the_field_grows_linearly_with_distance_to_a_right_angle_at_the_boundary(direction, side, d):
     t = (math.cos(direction), math.sin(direction))
     n = (side * t[1], -side * t[0])
-    assert beta_angle(d, n, t) == pytest.approx(min(d / BLEND_WIDTH, 1.0) * math.pi / 2, abs=1e-12)
+    assert beta_angle(d, n, t) == pytest.approx(min(d / BLEND_WIDTH_M, 1.0) * math.pi / 2, abs=1e-12)
 
 
 @given(st.one_of(segments, curves), point, point, angle, st.floats(0.1, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
-    field = field_at(path, new_memory(), Seen(*at, *v, fx, fy), BLEND_WIDTH, rules)
+    field = field_at(path, come_to(path, at), Seen(*at, *v, fx, fy), rules)
     assert field.distance == pytest.approx(abs(nearest(path, *at)[1]))
     assert field.t_x * field.n_x + field.t_y * field.n_y == pytest.approx(0.0, abs=1e-12)
     assert field.beta_x * field.n_x + field.beta_y * field.n_y >= -1e-12
@@ -88,7 +94,7 @@ def test_a_small_step_along_the_field_never_leads_away_from_the_path(path, at, v
 @given(segments, point, angle, st.floats(1.5, 40.0), st.sampled_from([SETTLED, LITERAL]))
 def test_a_push_along_the_path_sets_the_travel_sense_and_the_field_never_opposes_it(path, at, push, force, rules):
     fx, fy = force * math.cos(push), force * math.sin(push)
-    field = field_at(path, new_memory(), Seen(*at, 0.0, 0.0, fx, fy), BLEND_WIDTH, rules)
+    field = field_at(path, new_memory(), Seen(*at, 0.0, 0.0, fx, fy), rules)
     along = fx * field.t_x + fy * field.t_y
     assert along >= (0.0 if rules is LITERAL else -rules.turn_force) - 1e-12
 
@@ -110,11 +116,11 @@ def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_
 def test_settled_6_on_the_path_the_last_side_is_kept_and_the_first_is_the_left_of_t():
     path = line((-0.1, 0.4), (0.1, 0.4))
     memory = new_memory()
-    first = field_at(path, memory, Seen(0.0, 0.4, 0.0, 0.0, 5.0, 0.0), BLEND_WIDTH, SETTLED)
+    first = field_at(path, memory, Seen(0.0, 0.4, 0.0, 0.0, 5.0, 0.0), SETTLED)
     assert first.n_y == -1.0, "left of t: n points right"
     for y, expected in ((0.39, 1.0), (0.4, 1.0), (0.41, -1.0), (0.4, -1.0)):
-        assert field_at(path, memory, Seen(0.0, y, 0.0, 0.0, 5.0, 0.0), BLEND_WIDTH, SETTLED).n_y == expected
-    backwards = field_at(path, new_memory(), Seen(0.0, 0.4, 0.0, 0.0, -5.0, 0.0), BLEND_WIDTH, SETTLED)
+        assert field_at(path, memory, Seen(0.0, y, 0.0, 0.0, 5.0, 0.0), SETTLED).n_y == expected
+    backwards = field_at(path, new_memory(), Seen(0.0, 0.4, 0.0, 0.0, -5.0, 0.0), SETTLED)
     assert (backwards.t_x, backwards.n_y) == (-1.0, 1.0), "left of a tangent that points to the start"
 
 
@@ -129,7 +135,7 @@ def test_memory_holds_travel_sense_and_side_of_the_last_tick():
     path = line((-0.1, 0.4), (0.1, 0.4))
     memory = new_memory()
     assert memory[TRAVEL] == 1.0, "a trial begins towards the end"
-    field_at(path, memory, Seen(0.0, 0.37, 0.0, 0.0, -5.0, 0.0), BLEND_WIDTH, SETTLED)
+    field_at(path, memory, Seen(0.0, 0.37, 0.0, 0.0, -5.0, 0.0), SETTLED)
     assert (memory[TRAVEL], memory[SIDE], memory[PIECE]) == (-1.0, -1.0, 0.0)
 
 
@@ -139,10 +145,10 @@ def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, sha
     x, y, tx, ty = point_at(path, s)
     assume(all(abs(s - begin) > 0.01 for begin in path.pieces[1:, 0]))
     tip = (x - off * ty, y + off * tx)
-    field = field_at(path, new_memory(), Seen(*tip, 0.0, 0.0, 5.0 * sense * tx, 5.0 * sense * ty), BLEND_WIDTH, SETTLED)
+    field = field_at(path, come_to(path, tip), Seen(*tip, 0.0, 0.0, 5.0 * sense * tx, 5.0 * sense * ty), SETTLED)
     assert (field.t_x, field.t_y) == pytest.approx((sense * tx, sense * ty), abs=1e-9)
     assert field.distance == pytest.approx(abs(off), abs=1e-9)
-    cosine = math.cos(0.5 * math.pi * abs(off) / BLEND_WIDTH)
+    cosine = math.cos(0.5 * math.pi * abs(off) / path.blend_width)
     assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
 
 
@@ -165,7 +171,7 @@ def test_a_tip_that_goes_where_the_field_points_comes_to_the_path_and_along_it_t
     for _ in range(1500):
         _, _, tx, ty = nearest(path, *tip)
         seen = tip + generator.normal(size=2) * 2e-5
-        field = field_at(path, memory, Seen(*seen, 0.0, 0.0, 5.0 * tx, 5.0 * ty), BLEND_WIDTH, SETTLED)
+        field = field_at(path, memory, Seen(*seen, 0.0, 0.0, 5.0 * tx, 5.0 * ty), SETTLED)
         tip = tip + 5e-4 * np.array([field.beta_x, field.beta_y])
         if math.dist(tip, (path.x1, path.y1)) < 0.003:
             break

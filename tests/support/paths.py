@@ -2,22 +2,31 @@
 
 import math
 
+import numpy as np
 from hypothesis import strategies as st
 
-from core.files import InputError
-from core.path import Arc, Polyline, build_path, line
+from core.path import Arc, Path, Polyline, build_path, line, point_at
 
 coordinate = st.floats(-0.5, 0.5)
 point = st.tuples(coordinate, coordinate)
 segments = st.tuples(point, point).filter(lambda ends: math.dist(*ends) > 1e-3).map(lambda ends: line(*ends))
 
 
+NEAR_M, NEAR_RATIO = 0.02, 3.0  # a corner of 140 degrees: 2.9 times
+
+
+def comes_near_itself(path: Path) -> bool:
+    """Whether points nearer to each other than `NEAR_M` lie more than `NEAR_RATIO` times as far apart along the path."""
+    stations = np.linspace(0.0, path.length, math.ceil(path.length / 0.002))
+    points = np.array([point_at(path, s)[:2] for s in stations])
+    apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
+    return bool(np.any((apart < NEAR_M) & (np.abs(stations[:, None] - stations) > NEAR_RATIO * apart + 1e-9)))
+
+
 def built(path_file):
-    """The path, or None where it comes near itself."""
-    try:
-        return build_path(path_file, "random")
-    except InputError:
-        return None
+    """The path, or None where it comes near itself: the nearest point then says where along it a place is."""
+    path = build_path(path_file, "random")
+    return None if comes_near_itself(path) else path
 
 
 def turtle(start, heading, steps):

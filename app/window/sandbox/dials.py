@@ -58,7 +58,7 @@ class Dial(NamedTuple):
 
 #: Those that do not belong to a controller.
 DIALS = (
-    Dial("blend_width_m", "Blend width", "mm", 1e3, 5.0, 100.0, 1.0),
+    Dial("blend_width_m", "Blend width", "mm", 1e3, 1.0, 100.0, 1.0),
     Dial("spring_N_m", "Hand spring", "N/m", 1.0, 100.0, 5000.0, LOG_STEP, log=True),
     Dial("brake_strength", "Brake strength", "%", 1e2, 5.0, 100.0, 1.0),
     Dial("backlash_deg", "Backlash", "°", 1.0, 0.0, 3.0, 0.05),
