@@ -156,4 +156,4 @@ def _trials(rows: Iterable[TrialRow]) -> pd.DataFrame:
 def _rows(trials: pd.DataFrame) -> list[TrialRow]:
     known = [name for name in COLUMNS if name in trials]
     plain = trials[known].astype(object).where(trials[known].notna(), None)
-    return [TrialRow(**record) for record in plain.to_dict("records")]  # type: ignore[arg-type]
+    return [TrialRow(**record) for record in plain.to_dict("records")]
