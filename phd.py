@@ -32,6 +32,7 @@ from experiments.recording.reader import read_recording
 from experiments.session.files import TABLE
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
+from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
 from experiments.study.unrecorded import study_trials, with_low_gain_found
 from experiments.trial.population import load_population
@@ -113,7 +114,7 @@ def replay(file: str | Path, controller: int | None = None, device: str | None =
     controller: by its number in the protocol; None: the recorded one. attrs["summary"]: what the verb prints.
     """
     load_kernels()
-    summary = _replay(file, controller=controller, device=device)
+    summary = _replay(file, Replacement(controller, device))
     frame = pd.DataFrame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])
     for warning in summary["warnings"]:
         warnings.warn(warning, stacklevel=2)
