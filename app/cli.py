@@ -6,6 +6,7 @@ Data on stdout, log and progress on stderr. Exit 0: done; 1: failed; 2: wrong in
 import argparse
 import io
 import os
+import re
 import signal
 import sys
 import warnings
@@ -15,12 +16,12 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from app import __version__
-from core.files import InputError, StrangeInput, cut
+from core.files import InputError, StrangeInput, cut, did_you_mean
 from core.kernels.cache import tellers
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
-VERBS = ("run", "study", "models", "folders", "bench", "machine", "bundle")
+VERBS = ("new", "run", "study", "models", "folders", "bench", "machine", "bundle")
 #: Errors of the file system that mean a wrong path, not a broken disk.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 
@@ -44,7 +45,8 @@ def _run(argv: Sequence[str]) -> int:
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
-            raise InputError(f"unrecognized arguments: {' '.join(unknown)} (see phd {args.verb} --help)")
+            guess = did_you_mean(unknown[0], args.options)
+            raise InputError(f"unrecognized arguments: {' '.join(unknown)}{guess} (see phd {args.verb} --help)")
         code = args.do(args) or DONE
         sys.stdout.flush()
         return code
@@ -117,6 +119,8 @@ class _Parser(argparse.ArgumentParser):
     """argparse whose refusals are one sentence."""
 
     def error(self, message: str) -> NoReturn:
+        if choice := re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message):
+            message += did_you_mean(choice[1], re.findall(r"[\w-]+", choice[2]))
         raise InputError(f"{message} (see {self.prog} --help)")
 
 

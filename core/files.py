@@ -3,13 +3,14 @@
 A file format is a tree of `Table`s. Every refusal is an `InputError` that names file, key and reason.
 """
 
+import difflib
 import json
 import math
 import os.path
 import re
 import tomllib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -206,8 +207,9 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
     if found := _MISSING.match(reason):
         return f"the required key {inside}{found[1]} is missing"
     if found := _UNKNOWN.match(reason):
-        known = ", ".join(_keys(kind, key))
-        return f"unknown key {inside}{found[1]}" + (f" (there are: {known})" if known else "")
+        known = _keys(kind, key)
+        there = f" (there are: {', '.join(known)})" if known else ""
+        return f"unknown key {inside}{found[1]}{did_you_mean(found[1], known)}{there}"
     if found := _TYPE.match(reason):
         wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
         return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
@@ -220,6 +222,12 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
     if found := _LENGTH.match(reason):
         return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
     return f"{key}: {reason}" if key else reason
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A question with the known word that a misspelt one is most like; empty where none is near."""
+    near = difflib.get_close_matches(word, list(known), 1, 0.7)
+    return f", did you mean {near[0]}?" if near else ""
 
 
 def _keys(kind: Any, key: str) -> list[str]:

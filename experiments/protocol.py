@@ -114,9 +114,11 @@ class Protocol(Settings, frozen=True, kw_only=True):
             )
 
     def note(self) -> str:
-        """The note on every figure: protocol, rules, the low gain, what is assumed."""
-        parts = [f"{self.name} protocol", f"{self.rules} rules"]
-        if self.low_gain is not None:
+        """The note on every figure: protocol, rules and low gain where controllers have them, what is assumed."""
+        kinds = [preset.kind for preset in self.controllers.values()]
+        ruled = "sdof" in kinds or "proportional" in kinds
+        parts = [f"{self.name} protocol", *([f"{self.rules} rules"] if ruled else [])]
+        if kinds.count("proportional") > 1:
             rule = f" ({NO_VIBRATION})" if self.assumptions.low_gain == NO_VIBRATION else ""
             parts.append(f"low gain {self.low_gain:g} N s/m{rule}")
         parts += [words] if (words := self.assumptions.words()) else []

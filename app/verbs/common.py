@@ -58,7 +58,7 @@ def add_verb(
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    verb.set_defaults(do=do, verb=name)
+    verb.set_defaults(do=do, verb=name, options=verb._option_string_actions)
     if prints:
         verb.add_argument("--json", action="store_true", help=f"print {prints} as JSON")
     return verb

@@ -9,6 +9,7 @@ from app.verbs.common import (
     RULES,
     add_verb,
     low_gain,
+    number_between,
     print_result,
     summary_text,
     whole_number_of,
@@ -18,6 +19,7 @@ from core.files import InputError
 
 #: Of a study that is new; one that is resumed has as many as it had.
 OPERATORS = 3
+SIMULATED_PEOPLE, LEAST_SIMULATED = 100, 30  # of `phd power`
 #: What may be asked for in place of what the protocol has.
 OVERRIDES = ("seed", "rules", "low_gain")
 #: What the file of a sweep decides.
@@ -76,6 +78,39 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--report", action="store_true", help="run nothing: the report of what is done in DIR, judged again")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+    option = add_verb(
+        verbs, "power", power_verb, "find how many people an experiment needs to tell two controllers apart\n"
+        "By the test that phd analyze will use: signed-rank on each person's mean, Holm over all pairs.\n"
+        "From simulated people of several populations, or from a pilot's trials (--from). The number has an interval,\n"
+        "that of hanging on the people it was found from. Leaves DIR/power.csv and DIR/power.png.",
+        "phd power paper --between 1 3 --measure path_error_m --out power-1", prints="the summary",
+    ).add_argument  # fmt: skip
+    option("protocol", metavar="PROTOCOL.toml", help="a file, or a shipped one's name")
+    option("--between", nargs=2, required=True, metavar="CONTROLLER", help="two, by name or number in the protocol")
+    option("--measure", default="path_error_m", metavar="NAME", help="a column of trials.csv (default: path_error_m)")
+    option("--power", type=number_between(0.0, 1.0, "a share between 0 and 1"), default=0.8, metavar="SHARE",
+           help="of studies that find the difference (default: 0.8)")  # fmt: skip
+    option("--population", nargs="+", metavar="NAME|PATH", help="of simulated people (default: all that are shipped)")
+    option("--people", type=whole_number_of(LEAST_SIMULATED, 10_000), metavar="N",
+           help=f"how many to simulate of each population (default: {SIMULATED_PEOPLE})")  # fmt: skip
+    option("--from", dest="pilot", type=Path, metavar="DIR", help="a pilot's folder, in place of simulated people")
+    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+
+
+def power_verb(args: argparse.Namespace) -> None:
+    if args.pilot and (args.population or args.people):
+        raise InputError("--from: a pilot has its own people; --population and --people are for simulated ones")
+    from experiments.protocol import load_protocol
+    from experiments.study.power import power, question_of
+    from experiments.trial.population import SHIPPED_FOLDER, load_population
+
+    protocol = load_protocol(args.protocol)
+    asked = question_of(protocol, args.between, args.measure, args.power)
+    names = args.population or sorted(path.stem for path in SHIPPED_FOLDER.glob("*.toml"))
+    source = args.pilot or {one.name: one for one in map(load_population, names)}
+    what = protocol, asked, source, args.people or SIMULATED_PEOPLE, args.out
+    summary = with_progress("power", power, *what, compiles=args.pilot is None)
+    print_result(args, summary, summary_text(summary))
 
 
 def study(args: argparse.Namespace) -> None:

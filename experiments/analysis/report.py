@@ -72,7 +72,7 @@ def write_report(
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers, coded)
     names = {k: preset.name for k, preset in controllers.items()} if refusal else CONTROLLER
-    none = next((k for k, preset in controllers.items() if preset.kind == "none"), 0)
+    none = next((k for k, preset in controllers.items() if preset.kind == "none"), None)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
     warned = warnings(rows, found, data.simulated)
@@ -80,14 +80,17 @@ def write_report(
         "note": f"{data.note[:1].upper()}{data.note[1:].rstrip('.')}",
         "trials": _trials(rows, names, timeouts),
         "warnings": "\n\n".join(f"**{warning}**" for warning in warned),
-        "refusal": refusal,
+        "coded": refusal if coded else "",
         "findings": _findings_table(found, by_boxes),
     }
     files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
     if not coded:
-        results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none)]
+        results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none or 0)]
         files["statistics.csv"] = _csv(Result._fields, results)
-        parts["against_none"], parts["against_none_how"] = _against_none(results, names, none)
+        if refusal:
+            parts["contrasts"], parts["contrasts_how"] = _contrasts(results, names)
+        if none is not None:
+            parts["against_none"], parts["against_none_how"] = _against_none(results, names, none)
         parts["roughness"], parts["locks"] = _roughness(results, names), _locks_and_releases(rows, names)
         parts["sentences"] = "\n".join(f"- {sentence}" for sentence in sentences(results, names))
     if found:
@@ -210,6 +213,21 @@ def chance(number: int) -> str:
     """How often a statement holds by boxes where nothing differs between the controllers."""
     low, high = CHANCE[number]
     return percent(low) if low == high else f"{fixed(100.0 * low, 0)} to {percent(high)}"
+
+
+def _contrasts(results: Sequence[Result], names: Mapping[int, str]) -> tuple[str, str]:
+    """Table of each pair of controllers by measure and configuration, and how to read its intervals."""
+    lines, tested = [], False
+    for metric in JUDGED:
+        for r in results:
+            if (r.measure, r.statistic) == (metric.name, "hodges_lehmann"):
+                pair = f"{_name(r.first, names)} - {_name(r.second, names)}"
+                p = "" if r.p_holm is None else "< 0.001" if r.p_holm < 0.001 else f"{r.p_holm:.3f}"
+                measure = f"{metric.short} ({metric.shown_unit})"
+                lines.append((measure, r.configuration, pair, _number(r, metric.scale, metric.decimals), p))
+                tested |= r.p_holm is not None
+    how = " with the 95 % interval of Wilcoxon's test; p after Holm's correction for all pairs of the same rows."
+    return _table(("measure", "device", "controllers", "difference", "p"), lines), how if tested else "."
 
 
 def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> tuple[str, str]:

@@ -77,7 +77,7 @@ def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]
     rows = to_compare(rows, timeouts)
     results: list[Result] = []
     for measure in MEASURES:
-        for configuration, table in _by_configuration(rows, measure):
+        for configuration, table in by_configuration(rows, measure):
             results += [*means(measure, configuration, table), *friedman(measure, configuration, table)]
             results += pairs(measure, configuration, table)
     for measure in MEASURES:
@@ -85,7 +85,7 @@ def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]
     return results + error_and_speed(rows)
 
 
-def _by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[str, ByController]]:
+def by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[str, ByController]]:
     """Each configuration, and all pooled if there are several: means of those who tried a controller in all of them."""
     table, configurations, people = scores(rows, measure), configurations_of(rows), people_of(rows)
     several = [(POOLED, configurations)] if len(configurations) > 1 else []
@@ -228,7 +228,7 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
             ends = shift[2:], rank_biserial_interval(effect, len(differences))
         results.append(Result(*about, "hodges_lehmann", shift.middle, *ends[0]))
         results.append(Result(*about, "rank_biserial", effect, *ends[1]))
-    for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())), strict=True):
+    for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())).tolist(), strict=True):
         results[place] = results[place]._replace(p=p, p_holm=p_holm)
     return results
 
@@ -241,12 +241,14 @@ def signed_rank_p(differences: np.ndarray) -> float:
     return float(stats.wilcoxon(rest).pvalue) if len(rest) else 1.0
 
 
-def holm(chances: Sequence[float]) -> list[float]:
-    """p-values adjusted for being several (Holm's step-down)."""
-    order, n = np.argsort(chances, kind="stable"), len(chances)
-    adjusted = np.empty(n)
-    adjusted[order] = np.minimum(np.maximum.accumulate((n - np.arange(n)) * np.array(chances)[order]), 1.0)
-    return adjusted.tolist()
+def holm(chances: Sequence[float] | np.ndarray) -> np.ndarray:
+    """p-values (.., n) adjusted for being several (Holm's step-down), along the last axis."""
+    given = np.asarray(chances, dtype=float)
+    order, n = np.argsort(given, axis=-1, kind="stable"), given.shape[-1]
+    rising = np.maximum.accumulate((n - np.arange(n)) * np.take_along_axis(given, order, -1), axis=-1)
+    adjusted = np.empty_like(given)
+    np.put_along_axis(adjusted, order, np.minimum(rising, 1.0), -1)
+    return adjusted
 
 
 def least_p_holm(pairs: Sequence[Result]) -> float:

@@ -243,10 +243,13 @@ class Scene:
         return k / per_second if per_second and 1.0 / per_second == interval else k * interval
 
 
-def read_scene(path: str | Path) -> Scene:
-    """The scene of a file; every path inside is relative to it. An InputError names file, key and reason."""
+def read_scene(path: str | Path, text: str | None = None) -> Scene:
+    """The scene of a file, or of a text that is taken for its; every path inside is relative to it.
+
+    An InputError names file, key and reason.
+    """
     path = Path(path)
-    file = parse_toml(read_text(path), SceneFile, str(path))
+    file = parse_toml(read_text(path) if text is None else text, SceneFile, str(path))
     try:
         device = load_device(file.device, path.parent)
     except InputError as error:

@@ -70,15 +70,22 @@ def study_trials(
 ) -> Iterator[tuple[TrialRow, int]]:
     """Every trial of a study, in its order, and its ticks; the same numbers as `phd study` writes into its table."""
     for operator in range(1, operators + 1):
-        label = f"{operator:02d}"
-        person = person_of(population, protocol.seed, participant_index(label))
-        devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
-        for planned in make_plan(protocol, label, coded=False):
-            preset = protocol.controllers[int(planned.controller)]
-            device = devices[planned.configuration]
-            trial = trial_of(protocol, person, operator, planned, device, preset)
-            row, ticks = run_measured(trial, label, metrics)
-            yield replace(row, controller_name=preset.name), ticks
+        yield from operator_trials(protocol, population, operator, metrics)
+
+
+def operator_trials(
+    protocol: Protocol, population: Population, operator: int, metrics: Sequence[Metric] = METRICS
+) -> Iterator[tuple[TrialRow, int]]:
+    """Those of the operator of this number (1..)."""
+    label = f"{operator:02d}"
+    person = person_of(population, protocol.seed, participant_index(label))
+    devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
+    for planned in make_plan(protocol, label, coded=False):
+        preset = protocol.controllers[int(planned.controller)]
+        device = devices[planned.configuration]
+        trial = trial_of(protocol, person, operator, planned, device, preset)
+        row, ticks = run_measured(trial, label, metrics)
+        yield replace(row, controller_name=preset.name), ticks
 
 
 def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) -> tuple[TrialRow, int]:

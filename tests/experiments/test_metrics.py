@@ -364,7 +364,7 @@ def test_acceleration_filter_halves_the_power_twice_at_20_hz():
 def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
     """A sum over more than 10,000 ticks is shared out among threads by OpenBLAS, unless it is kept from it."""
     code = (
-        "from experiments.analysis.metrics import mean_over_progress; import numpy as np; "
+        "import app; from experiments.analysis.metrics import mean_over_progress; import numpy as np; "
         "r = np.random.default_rng(1); progress = np.cumsum(r.random(50_000)); "
         "print([mean_over_progress(r.random(50_000), progress) for _ in range(5)])"
     )

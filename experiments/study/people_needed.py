@@ -1,0 +1,128 @@
+"""How many people a test needs to find a difference between two controllers, from the scores of some people.
+
+The test is the one of `phd analyze`: each person's mean over their trials, the signed-rank test of the differences
+between two controllers, Holm's correction over all pairs of controllers of that configuration.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from experiments.analysis.statistics import LEAST_PEOPLE, LEVEL, holm, signed_rank_distribution
+
+MOST_PEOPLE = 200
+STUDIES = 1000  # drawn for each number of people
+REDRAWN, STUDIES_REDRAWN = 100, 200  # of the interval: people drawn anew, and studies drawn of each
+TIES_APART = 1e-9  # relative: a person drawn twice makes two equal differences, which the exact test has none of
+
+
+class People(Protocol):
+    """Where the people of a simulated study come from."""
+
+    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
+        """Scores (studies, people, controllers); NaN where a person has none."""
+
+    def redrawn(self, generator: np.random.Generator) -> "People":
+        """As they might have been known from as many other people of the same kind."""
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """Many known people, each as likely as any other."""
+
+    known: np.ndarray  # (people, controllers)
+
+    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
+        return self.known[generator.integers(0, len(self.known), (studies, people))]
+
+    def redrawn(self, generator: np.random.Generator) -> "Resampled":
+        return Resampled(self.known[generator.integers(0, len(self.known), len(self.known))])
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Few known people: those of a pilot. Others are taken as normal about their mean, with their covariance."""
+
+    known: np.ndarray  # (people, controllers), without NaN
+
+    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
+        covariance = np.atleast_2d(np.cov(self.known.T))
+        return generator.multivariate_normal(self.known.mean(axis=0), covariance, (studies, people), method="eigh")
+
+    def redrawn(self, generator: np.random.Generator) -> "Normal":
+        return Normal(self.scores(generator, 1, len(self.known))[0])
+
+
+class Needed(NamedTuple):
+    """The least number of people whose study finds the difference with the power that is wanted."""
+
+    people: int | None  # None: more than MOST_PEOPLE
+    low: int | None  # 95 % interval: how far it hangs on the people it was found from
+    high: int | None
+
+
+def people_needed(people: People, pair: tuple[int, int], power: float, seed: int) -> Needed:
+    """How many people find the difference between two controllers (their places in the scores) with this power."""
+    generator = np.random.default_rng(seed)
+    least = _least(people, pair, power, STUDIES, seed)
+    others = [
+        _least(people.redrawn(generator), pair, power, STUDIES_REDRAWN, seed + 1 + again) for again in range(REDRAWN)
+    ]
+    ends = np.quantile(others, (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)), method="closest_observation")
+    return Needed(*(None if n > MOST_PEOPLE else int(n) for n in (least, min(ends[0], least), max(ends[1], least))))
+
+
+def _least(people: People, pair: tuple[int, int], power: float, studies: int, seed: int) -> int:
+    """By bisection: power rises with the number of people. MOST_PEOPLE + 1: even so many are too few."""
+    low, high = LEAST_PEOPLE, MOST_PEOPLE + 1
+    while low < high:
+        middle = (low + high) // 2
+        if share_found(people, pair, middle, studies, seed) >= power:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+def share_found(people: People, pair: tuple[int, int], n: int, studies: int, seed: int) -> float:
+    """The share of simulated studies of n people in which the corrected p of the pair is below 5 %."""
+    scores = people.scores(np.random.default_rng([seed, n]), studies, n)
+    pairs = list(combinations(range(scores.shape[-1]), 2))
+    jitter = 1.0 + TIES_APART * np.random.default_rng([seed, n, 1]).random((studies, n))
+    found = [signed_rank_chances((scores[..., a] - scores[..., b]) * jitter) for a, b in pairs]
+    corrected = holm(np.stack(found, axis=-1))[:, pairs.index((min(pair), max(pair)))]
+    return float(np.mean(corrected < 1.0 - LEVEL))
+
+
+def signed_rank_chances(differences: np.ndarray) -> np.ndarray:
+    """Two-sided p (studies,) of the exact signed-rank test of each row (studies, people) of differences without ties.
+
+    Zeros and NaN are left out, as `statistics.signed_rank_p` leaves them out.
+    """
+    sizes = np.nan_to_num(np.abs(differences))
+    empty = np.count_nonzero(sizes == 0.0, axis=1)
+    ranks = np.argsort(np.argsort(sizes, axis=1), axis=1) + 1 - empty[:, None]  # those of zeros are not positive
+    sums = np.sum(np.where((differences > 0.0) & (ranks > 0), ranks, 0), axis=1)
+    chances = np.ones(len(differences))
+    for zeros in np.unique(empty):
+        of_it, n = empty == zeros, differences.shape[1] - int(zeros)
+        if n:
+            below = _cumulative(n)
+            from_both_ends = np.minimum(sums[of_it], n * (n + 1) // 2 - sums[of_it])
+            chances[of_it] = np.minimum(1.0, 2.0 * below[from_both_ends])
+    return chances
+
+
+@cache
+def _cumulative(n: int) -> np.ndarray:
+    return np.cumsum(signed_rank_distribution(n))
+
+
+def scores_of(table: Mapping[int, Mapping[str, float]], controllers: Sequence[int]) -> np.ndarray:
+    """Scores (people, controllers) of a table of one configuration; NaN where a person has none with a controller."""
+    people = list(dict.fromkeys(person for of in table.values() for person in of))
+    return np.array([[table.get(one, {}).get(person, np.nan) for one in controllers] for person in people])

@@ -1,0 +1,257 @@
+"""`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
+
+import csv
+import io
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import joblib
+import matplotlib
+import numpy as np
+
+from core.control.controllers import Preset
+from core.files import InputError
+from experiments.analysis.metrics import METRICS, Metric
+from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
+from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
+from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.numbers import percent, significant
+from experiments.progress import Progress, no_progress
+from experiments.protocol import Protocol
+from experiments.recording.atomic_files import make_empty_folder, write_new_files
+from experiments.session.files import TABLE
+from experiments.study.helpers import end_with
+from experiments.study.people_needed import (
+    MOST_PEOPLE,
+    Needed,
+    Normal,
+    People,
+    Resampled,
+    people_needed,
+    scores_of,
+    share_found,
+)
+from experiments.study.unrecorded import operator_trials, with_low_gain_found
+from experiments.trial.population import Population
+from experiments.trial.real_trial import load_kernels
+
+SEED = 1
+CURVE = (6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 70, 100, 140, 200)  # people, of the figure
+CURVE_STUDIES = 400
+SIMULATED = "people are simulated, and most of their numbers assumed: run a pilot, then phd power --from its folder"
+FROM_PILOT = "a pilot's people stand for all: the fewer they were, the wider the interval"
+COLUMNS = ("from", "configuration", "first", "second", "measure", "unit", "power", "people", "low", "high", "shift")
+
+
+class Question(NamedTuple):
+    """What the experiment is to find."""
+
+    first: Preset
+    second: Preset
+    measure: Metric
+    power: float
+
+
+class Answer(NamedTuple):
+    """How many people find it, of one kind and in one configuration."""
+
+    source: str  # a population, or the pilot's folder
+    configuration: str
+    needed: Needed
+    shift: float  # median over people of first minus second, in the measure's unit
+    curve: tuple[float, ...]  # power at the numbers of `CURVE`
+
+    @property
+    def words(self) -> str:
+        low, high = self.needed.low, self.needed.high
+        between = f"{_people(low)} to {_people(high)}" if low != high else _people(low)
+        return f"{self.source}, {self.configuration}: {_people(self.needed.people)} people (95 %: {between})"
+
+
+def _people(count: int | None) -> str:
+    return f"more than {MOST_PEOPLE}" if count is None else str(count)
+
+
+def question_of(protocol: Protocol, between: Sequence[str], measure: str, power: float) -> Question:
+    """The question in the words of the protocol: controllers by name or number. InputError for unknown ones."""
+    first, second = (_controller(protocol, name) for name in between)
+    if first == second:
+        raise InputError(f"--between: {between[0]!r} and {between[1]!r} are the same controller")
+    return Question(first, second, measure_of(measure), power)
+
+
+def _controller(protocol: Protocol, name: str) -> Preset:
+    for number, preset in protocol.controllers.items():
+        if name.casefold() in (str(number), " ".join(preset.name.split()).casefold()):
+            return preset
+    known = ", ".join(f'{number} "{" ".join(preset.name.split())}"' for number, preset in protocol.controllers.items())
+    raise InputError(f"--between: protocol {protocol.name} has no controller {name!r}; it has {known}")
+
+
+def measure_of(name: str) -> Metric:
+    """InputError unless it is a measure of trials.csv."""
+    for metric in METRICS:
+        if metric.name == name:
+            return metric
+    raise InputError(f"--measure: there is no {name!r}; there are {', '.join(metric.name for metric in METRICS)}")
+
+
+def simulated_trials(
+    protocol: Protocol, population: Population, people: int, measure: Metric, progress: Progress = no_progress
+) -> list[TrialRow]:
+    """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
+    load_kernels()
+    protocol = with_low_gain_found(protocol, population)
+    calls = (joblib.delayed(_trials_of)(protocol, population, one, measure.name, os.getpid())
+             for one in range(1, people + 1))  # fmt: skip
+    found: list[TrialRow] = []
+    for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
+        found += rows
+        progress(done / people)
+    return found
+
+
+def _trials_of(protocol: Protocol, population: Population, one: int, measure: str, parent: int) -> list[TrialRow]:
+    if parent != os.getpid():
+        end_with(parent)
+    return [row for row, _ in operator_trials(protocol, population, one, (measure_of(measure),))]
+
+
+def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, asked: Question, pilot: bool) -> list[Answer]:
+    """The answer for each configuration, and for all pooled where there are several. InputError: too few people."""
+    found = []
+    for configuration, table in by_configuration(to_compare(rows), asked.measure.name):
+        people, pair, shift = _people_of(table, protocol, asked, pilot, f"{source}, {configuration}")
+        curve = tuple(share_found(people, pair, n, CURVE_STUDIES, SEED) for n in CURVE)
+        found.append(Answer(source, configuration, people_needed(people, pair, asked.power, SEED), shift, curve))
+    return found
+
+
+def _people_of(
+    table: ByController, protocol: Protocol, asked: Question, pilot: bool, where: str
+) -> tuple[People, tuple[int, int], float]:
+    """The people, the places of the two controllers in their scores, and the median of their differences."""
+    numbers = {preset: number for number, preset in protocol.controllers.items()}
+    controllers = list(table)
+    wanted = [numbers[preset] for preset in (asked.first, asked.second)]
+    scores = scores_of(table, controllers) if controllers else np.empty((0, 0))
+    missing = [number for number in wanted if number not in controllers]
+    if missing:
+        raise InputError(f"{where}: nobody finished a trial with controller {missing[0]}")
+    if pilot:
+        scores = scores[np.isfinite(scores).all(axis=1)]
+    a, b = (controllers.index(number) for number in wanted)
+    differences = scores[:, a] - scores[:, b]
+    differences = differences[np.isfinite(differences)]
+    if len(differences) < LEAST_PEOPLE:
+        raise InputError(f"{where}: {len(differences)} people finished trials with both, at least {LEAST_PEOPLE} must")
+    return (Normal(scores) if pilot else Resampled(scores)), (a, b), float(np.median(differences))
+
+
+def pilot_trials(folder: Path, protocol: Protocol) -> list[TrialRow]:
+    """The trials of a pilot's folder. InputError unless they name the protocol's controllers, not blind."""
+    rows = read_table(folder / TABLE)
+    for row in rows:
+        known = row.controller in protocol.controllers if isinstance(row.controller, int) else False
+        if not known or row.controller_name not in (None, protocol.controllers[int(row.controller)].name):
+            name = row.controller_name or row.controller
+            raise InputError(f"{folder / TABLE}: controller {name!r} is not one of protocol {protocol.name}")
+    return rows
+
+
+def write_power(found: Sequence[Answer], asked: Question, protocol: Protocol, out: Path, pilot: bool) -> dict:
+    """Write power.csv and power.png into a folder; the summary."""
+    first, second = (" ".join(preset.name.split()) for preset in (asked.first, asked.second))
+    about = f'"{first}" against "{second}", {asked.measure.short}, protocol {protocol.name}'
+    lines: list[Sequence[object]] = [COLUMNS]
+    for one in found:
+        ends = (_cell(one.needed.people), _cell(one.needed.low), _cell(one.needed.high))
+        what = (first, second, asked.measure.name, asked.measure.unit, asked.power)
+        lines.append((one.source, one.configuration, *what, *ends, one.shift))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    measure = asked.measure
+    warning = FROM_PILOT if pilot else SIMULATED
+    picture = power_figure(found, asked, f"{about}. {warning[0].upper()}{warning[1:]}.")
+    write_new_files({out / "power.csv": text.getvalue().encode(), out / "power.png": picture})
+    return {
+        "out": str(out),
+        "question": f"{about}, found with a power of {percent(asked.power)}",
+        "people": [one.words for one in found],
+        "median_difference": [
+            f"{one.source}, {one.configuration}: {significant(one.shift * measure.scale)} {measure.shown_unit}"
+            for one in found
+        ],
+        "warnings": [warning],
+    }
+
+
+def _cell(count: int | None) -> str:
+    return f">{MOST_PEOPLE}" if count is None else str(count)
+
+
+def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
+    """PNG: the power against the number of people, a panel a configuration, a line a source."""
+    configurations = list(dict.fromkeys(one.configuration for one in found))
+    note += (
+        " Test: signed-rank on each person's mean, Holm over all pairs of controllers, as phd analyze does. "
+        "Bars: 95 % interval of the number that is needed."
+    )
+    with matplotlib.rc_context(STYLE):
+        margins, height = (0.6, 0.15, 0.5, 0.35), 3.4
+        figure, grid = sheet(note, (PAGE_IN, height), margins, 1, len(configurations), (0.25, 0.0), sharey=True)
+        for axes, configuration in zip(grid[0], configurations, strict=True):
+            here = [one for one in found if one.configuration == configuration]
+            for place, one in enumerate(here):
+                (line,) = axes.plot(CURVE, one.curve, "o-", markersize=2.5, linewidth=1.2, label=one.source)
+                low, high = (MOST_PEOPLE if end is None else end for end in one.needed[1:])
+                height = asked.power + 0.02 * (place - 0.5 * (len(here) - 1))
+                axes.plot((low, high), (height, height), color=line.get_color(), linewidth=3.0, alpha=0.5)
+            axes.axhline(asked.power, color="black", linewidth=0.6, linestyle=":")
+            axes.set(xscale="log", xlim=(CURVE[0], MOST_PEOPLE), ylim=(0.0, 1.02), xlabel="people")
+            axes.set_xticks((6, 10, 20, 50, 100, 200), ("6", "10", "20", "50", "100", "200"))
+            axes.minorticks_off()
+            plain(axes)
+            title(axes, configuration)
+        grid[0, 0].set_ylabel("power")
+        grid[0, -1].legend(frameon=False, loc="lower right")
+        return figure_bytes(figure, "png")
+
+
+def power(
+    protocol: Protocol,
+    asked: Question,
+    people_from: Mapping[str, Population] | Path,
+    people: int,
+    out: Path,
+    progress: Progress = no_progress,
+) -> dict:
+    """How many people find the difference; the summary.
+
+    people_from: populations by name, of each of which `people` are simulated, or the folder of a pilot.
+    """
+    make_empty_folder(out, "results are never overwritten")
+    try:
+        found = _answers_of(protocol, asked, people_from, people, progress)
+        return write_power(found, asked, protocol, out, isinstance(people_from, Path))
+    except BaseException:
+        out.rmdir()
+        raise
+
+
+def _answers_of(
+    protocol: Protocol, asked: Question, people_from: Mapping[str, Population] | Path, people: int, progress: Progress
+) -> list[Answer]:
+    if isinstance(people_from, Path):
+        return answers(pilot_trials(people_from, protocol), str(people_from), protocol, asked, True)
+    found: list[Answer] = []
+    for done, (name, population) in enumerate(people_from.items()):
+
+        def share_done(share: float, done: int = done) -> None:
+            progress((done + share) / len(people_from))
+
+        rows = simulated_trials(protocol, population, people, asked.measure, share_done)
+        found += answers(rows, name, protocol, asked, False)
+    return found

@@ -1,0 +1,160 @@
+"""PHD from Python: devices, scenes, studies and recordings as pandas frames. Needs pandas: pip install ".[notebook]".
+
+    import phd
+
+    trials = phd.run_study("paper", operators=3, seed=1)
+    phd.boxes(trials, "path_error_m")
+
+Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. No file
+is written, and importing changes nothing in your process. Sums over trials of more than ten seconds have other last
+digits where OpenBLAS uses several threads: for the very digits of `phd study` set OPENBLAS_NUM_THREADS=1 before numpy
+is imported.
+"""
+
+import tempfile
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from core.device import Device, load_device
+from core.files import InputError
+from experiments.analysis.charts import boxes as _boxes
+from experiments.analysis.metrics import BY_NAME, Metric
+from experiments.analysis.statistics import Result, configurations_of
+from experiments.analysis.statistics import statistics as _statistics
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table
+from experiments.export.files import RECORDING
+from experiments.protocol import load_protocol
+from experiments.recording.reader import read_recording
+from experiments.session.files import TABLE
+from experiments.simulate.scene import read_scene
+from experiments.simulate.simulate import simulate
+from experiments.study.replay import Replacement
+from experiments.study.replay import replay as _replay
+from experiments.study.unrecorded import study_trials, with_low_gain_found
+from experiments.trial.population import load_population
+from experiments.trial.real_trial import load_kernels
+
+__all__ = [
+    "Device", "InputError", "boxes", "load_device", "load_recording", "load_trials", "replay", "run_scene", "run_study",
+    "statistics",
+]  # fmt: skip
+
+
+def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFrame:
+    """Simulate a scene (see `phd simulate`): a row an output interval, as the verb writes them.
+
+    scene: a file, or its text (several lines), whose paths are then relative to `folder` (default: the current one).
+    attrs["summary"]: what the verb prints; its warnings are raised as Python's.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        out = Path(temporary) / "motion.csv"
+        text = str(scene) if "\n" in str(scene) else None
+        read = read_scene(scene) if text is None else read_scene(Path(folder or ".") / "scene", text)
+        summary = simulate(read, out)
+        frame = pd.read_csv(out, keep_default_na=False, na_values={})
+    for warning in summary.pop("warnings"):
+        warnings.warn(warning, stacklevel=2)
+    units = {name: RECORDING[name].unit if name in RECORDING else "" for name in frame}
+    frame.attrs = {"units": units, "summary": summary}
+    return frame
+
+
+def run_study(
+    protocol: str | Path = "paper",
+    operators: int = 3,
+    population: str | Path = "average",
+    devices: Sequence[str | Path | Device] | None = None,
+    **overrides: Any,
+) -> pd.DataFrame:
+    """The trials of a study of simulated operators, a row each, without recordings: the numbers of `phd study`.
+
+    protocol, population, devices: shipped names, files; devices also as `load_device` gives them.
+    overrides: seed, rules, low_gain in place of the protocol's.
+    """
+    people = load_population(population)
+    load_kernels()
+    chosen = with_low_gain_found(load_protocol(protocol, devices=devices, **overrides), people)
+    return _trials(row for row, _ in study_trials(chosen, people, operators))
+
+
+def load_trials(folder: str | Path) -> pd.DataFrame:
+    """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value."""
+    path = Path(folder)
+    return _trials(read_table(path / TABLE if path.is_dir() else path))
+
+
+def load_recording(file: str | Path) -> pd.DataFrame:
+    """The ticks of a recording, a row a millisecond; texts (phase, decision, stuck) as categories.
+
+    attrs: metadata, outcome. InputError if it is damaged or was cut off; `phd recover` rescues what is whole.
+    """
+    recording = read_recording(file)
+    if not recording.whole:
+        raise InputError(f"{file}: {'; '.join(recording.damaged) or 'was cut off'}: phd recover rescues what is whole")
+    frame = pd.DataFrame(
+        {
+            name: pd.Categorical.from_codes(values.astype(int), list(recording.words[name]))
+            if name in recording.words
+            else values
+            for name, values in recording.columns.items()
+        }
+    )
+    units = {name: RECORDING[name].unit for name in frame}
+    frame.attrs = {"units": units, "metadata": recording.metadata, "outcome": recording.outcome}
+    return frame
+
+
+def replay(file: str | Path, controller: int | None = None, device: str | None = None) -> pd.DataFrame:
+    """Each measure of a recorded trial, before and after its hand is simulated once more (see `phd replay`).
+
+    controller: by its number in the protocol; None: the recorded one. attrs["summary"]: what the verb prints.
+    """
+    load_kernels()
+    summary = _replay(file, Replacement(controller, device))
+    frame = pd.DataFrame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])
+    for warning in summary["warnings"]:
+        warnings.warn(warning, stacklevel=2)
+    frame.attrs = {"units": {name: BY_NAME[name].unit for name in frame.index}, "summary": summary}
+    return frame
+
+
+def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit."""
+    rows, metric = _rows(trials), _metric(measure)
+    found = _boxes(rows, metric, configurations_of(rows))
+    index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
+    frame = pd.DataFrame([box._asdict() for box in found.values()], index=index).sort_index()
+    numbers = ["median", "q1", "q3", "low", "high"]
+    frame[numbers] = frame[numbers] / metric.scale
+    frame["outliers"] = [tuple(value / metric.scale for value in values) for values in frame["outliers"]]
+    frame.attrs = {"units": dict.fromkeys((*numbers, "outliers"), metric.unit)}
+    return frame
+
+
+def statistics(trials: pd.DataFrame) -> pd.DataFrame:
+    """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed."""
+    return pd.DataFrame(_statistics(_rows(trials)), columns=list(Result._fields))
+
+
+def _metric(name: str) -> Metric:
+    if name not in BY_NAME:
+        raise InputError(f"there is no measure {name!r}; there are {', '.join(BY_NAME)}")
+    return BY_NAME[name]
+
+
+def _trials(rows: Iterable[TrialRow]) -> pd.DataFrame:
+    frame = pd.DataFrame([{name: getattr(row, name) for name in COLUMNS} for row in rows], columns=list(COLUMNS))
+    measured = [name for name in COLUMNS if DICTIONARY[name].unit or name in BY_NAME]
+    frame[measured] = frame[measured].astype(float)
+    frame.attrs = {"units": {name: DICTIONARY[name].unit for name in COLUMNS}}
+    return frame
+
+
+def _rows(trials: pd.DataFrame) -> list[TrialRow]:
+    known = [name for name in COLUMNS if name in trials]
+    plain = trials[known].astype(object).where(trials[known].notna(), None)
+    return [TrialRow(**record) for record in plain.to_dict("records")]

@@ -1,0 +1,45 @@
+"""The first hour with an experiment of one's own: a folder to start from, words nearly right, completion."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from core.device import shipped_devices
+
+SAID = {
+    "a verb": (["stdy"], "did you mean study?"),
+    "an option": (["study", "--opertors", "3", "--out", "x"], "did you mean --operators?"),
+    "a value": (["run", "--theme", "drk"], "did you mean dark?"),
+}
+
+
+@pytest.mark.parametrize("case", SAID)
+def test_a_word_that_is_nearly_right_is_asked_about(case: str, capsys, tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments, wanted = SAID[case]
+    assert main(arguments) == 2 and wanted in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("device", shipped_devices())
+def test_a_new_experiment_can_be_planned_and_a_misspelt_key_of_it_is_asked_about(device: str, tmp_path: Path, capsys):
+    folder = tmp_path / "mine"
+    assert main(["new", str(folder), "--device", device]) == 0
+    protocol = folder / "experiment.toml"
+    assert main(["run", str(protocol), "--print-plan"]) == 0
+    assert "18 trials" in capsys.readouterr().out
+    assert main(["new", str(folder)]) == 2, "nothing is overwritten"
+    protocol.write_text(protocol.read_text().replace("blocks", "bloks"))
+    assert main(["run", str(protocol), "--print-plan"]) == 2
+    assert "unknown key bloks, did you mean blocks?" in capsys.readouterr().err
+
+
+def test_a_shell_completes_the_verbs(tmp_path: Path, capsys):
+    assert main(["completion", "bash"]) == 0
+    (script := tmp_path / "phd.bash").write_text(capsys.readouterr().out)
+    asked = "COMP_WORDS=(phd stu); COMP_CWORD=1; COMPREPLY=(); _shtab_phd phd stu phd; echo ${COMPREPLY[@]}"
+    ask = f"source {script}; {asked}"
+    found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True).stdout
+    assert found.split() == ["study"]

@@ -1,0 +1,109 @@
+"""`phd power`: the number of people it names is the number that finds the difference."""
+
+import csv
+
+import numpy as np
+import pytest
+from protocols import short
+
+from core.files import InputError
+from experiments.analysis.statistics import signed_rank_p
+from experiments.analysis.trials_table import write_table
+from experiments.study.people_needed import (
+    MOST_PEOPLE,
+    Normal,
+    Resampled,
+    people_needed,
+    share_found,
+    signed_rank_chances,
+)
+from experiments.study.power import pilot_trials, power, question_of
+from experiments.study.unrecorded import study_trials
+from experiments.trial.population import load_population
+
+FOUND = 0.8
+
+
+class Known:
+    """People whose distribution is known: normal, with means that are apart."""
+
+    def __init__(self, *means: float) -> None:
+        self.means, self.covariance = means, 0.5 * (np.eye(len(means)) + 1.0)
+
+    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
+        return generator.multivariate_normal(self.means, self.covariance, (studies, people))
+
+    def redrawn(self, generator: np.random.Generator) -> "Known":
+        return self
+
+    def some(self, people: int, seed: int) -> np.ndarray:
+        return self.scores(np.random.default_rng(seed), 1, people)[0]
+
+
+def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
+    generator = np.random.default_rng(1)
+    differences = generator.normal(0.3, 1.0, (200, 11))
+    differences[:30, 2] = 0.0
+    differences[20:40, 3] = np.nan
+    differences[199] = 0.0
+    one_by_one = [signed_rank_p(row[np.isfinite(row)]) for row in differences]
+    assert signed_rank_chances(differences) == pytest.approx(one_by_one, abs=1e-12)
+
+
+@pytest.mark.parametrize("means", [(0.0, 0.8), (0.0, 0.8, 0.4, 0.2)])
+def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(means: tuple[float, ...]):
+    people = Known(*means)
+    named = people_needed(people, (0, 1), FOUND, seed=1)
+    assert named.people and named.low and named.high and named.low <= named.people <= named.high
+    spread = 3.0 * np.sqrt(FOUND * (1.0 - FOUND) * (1.0 / 500 + 1.0 / 1000))
+    assert share_found(people, (0, 1), named.people, 500, seed=99) > FOUND - spread
+    assert share_found(people, (0, 1), named.people - 2, 500, seed=99) < FOUND + spread
+
+
+@pytest.mark.parametrize("kind, known", [(Resampled, 60), (Normal, 10)])
+def test_the_interval_holds_the_true_number(kind: type, known: int):
+    people = Known(0.0, 0.8)
+    true = people_needed(people, (0, 1), FOUND, seed=1).people
+    assert true
+    found = [people_needed(kind(people.some(known, seed)), (0, 1), FOUND, seed) for seed in range(12)]
+    inside = sum((one.low or MOST_PEOPLE) <= true <= (one.high or MOST_PEOPLE) for one in found)
+    assert inside >= 9, "of 12 intervals of 95 %, fewer come true once in 5,000 runs"
+
+
+def test_more_people_than_can_be_had_are_no_number():
+    assert people_needed(Known(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
+
+
+def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tmp_path):
+    protocol = short(paths=1)
+    asked = question_of(protocol, ("none", "4"), "path_error_m", FOUND)
+    populations = {name: load_population(name) for name in ("average", "steady")}
+    done = []
+    summary = power(protocol, asked, populations, 8, tmp_path / "out", done.append)
+    assert "simulated" in summary["warnings"][0] and done[-1] == 1.0
+    with (tmp_path / "out" / "power.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    wanted = {(name, where) for name in populations for where in ("three-brake", "four-brake", "pooled")}
+    assert {(row["from"], row["configuration"]) for row in rows} == wanted
+    assert (tmp_path / "out" / "power.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="not empty"):
+        power(protocol, asked, populations, 8, tmp_path / "out")
+
+
+def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_path):
+    protocol = short(paths=1)
+    asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
+    rows = [row for row, _ in study_trials(protocol, load_population(), 7)]
+    write_table(tmp_path / "trials.csv", rows)
+    assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["people"]) == 3
+    write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)
+    with pytest.raises(InputError, match="4 people finished trials with both, at least 6"):
+        power(protocol, asked, tmp_path, 0, tmp_path / "few")
+    assert not (tmp_path / "few").exists(), "nothing half-written"
+    other = short(paths=1).controllers
+    with pytest.raises(InputError, match="is not one of protocol"):
+        pilot_trials(tmp_path, type("P", (), {"controllers": {1: other[1]}, "name": "mine"}))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="has no controller 'soft'; it has 1 \"None\""):
+        question_of(protocol, ("soft", "1"), "path_error_m", FOUND)
+    with pytest.raises(InputError, match="there is no 'speed'"):
+        question_of(protocol, ("1", "2"), "speed", FOUND)
