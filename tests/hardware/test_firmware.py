@@ -4,8 +4,10 @@ found on every target, and it keeps within its ceilings.
 As a script it prints what it takes: `python tests/hardware/test_firmware.py` (hardware/firmware/check does).
 """
 
+import itertools
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -16,8 +18,13 @@ from firmware_board import Image, Pipe, firmware_boards
 from reference_board import SOURCES, TARGETS, RandomHost, RecordedBoard, live_alike, made, on_a_cortex_m4, recorded
 from simulated_board import SimulatedBoard
 from test_wire_dialogues import DIALOGUES, hello, hold
+from waiting import wait_until
 
+from core.device import load_device
+from core.files import InputError
 from hardware.emulated_board.board import TICK_US
+from hardware.firmware import pin_map
+from hardware.serial_device import SerialDevice
 from hardware.wire.messages import Fault, State
 
 #: Bytes of the NUCLEO-F446RE's image; of the image whose plant is the clock the deepest stack (bytes), and the
@@ -112,6 +119,52 @@ def figures(folder: Path) -> dict[str, int]:
 def test_it_keeps_within_its_ceilings(tmp_path: Path) -> None:
     taken = figures(tmp_path)
     assert not {name: of for name, of in taken.items() if not 0 < of <= CEILINGS[name]}
+
+
+def test_the_firmware_of_the_board_boots_and_a_host_connects_to_it(tmp_path: Path) -> None:
+    """All its files but those of the converters and USB do something in the emulator; the tick is SysTick's."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    emulator = subprocess.Popen(
+        ["qemu-system-arm", "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null",
+         "-serial", f"tcp:127.0.0.1:{number},server=on,wait=on,nodelay=on", "-kernel",
+         made(tmp_path, "emulated-f405.elf")]
+    )  # fmt: skip
+    link = SerialDevice(load_device("four-brake"), f"socket://127.0.0.1:{number}")
+    try:
+        wait_until(lambda: reaches(link))
+        seen: list = []
+        while len(seen) < 200:
+            link.exchange((0.0,) * 4)
+            seen += link.samples()
+        report = link.report()
+        assert report["frames"]["bad"] == 0 and report["refused"] == 0 and report["firmware"] == "1.0.0"
+        assert report["starts"] > 1 and not seen[-1].fault
+        ticks = [(sample.sequence, sample.board_us) for sample in seen]
+        assert all(a < b and 0 < later - sooner for (a, sooner), (b, later) in itertools.pairwise(ticks))
+    finally:
+        link.close()
+        emulator.kill()
+        emulator.wait()
+
+
+def reaches(link: SerialDevice) -> bool:
+    """Whether the board behind a link answers by now."""
+    try:
+        link.open()
+    except InputError:
+        return False
+    return True
+
+
+def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None:
+    rows = pin_map.rows()
+    header = (SOURCES / "stm32f4" / "pins.h").read_text()
+    assert len(rows) == header.count("    PIN(") >= 34
+    for column in (0, 1, 2):
+        assert len({row[column] for row in rows}) == len(rows), "a pin or place is wired twice"
+    assert not {"PA13", "PA14", "PH0", "PH1"} & {row[1] for row in rows}, "the debugger's and the clock's"
+    assert pin_map.table().count("\n") == len(rows) + 2
 
 
 if __name__ == "__main__":

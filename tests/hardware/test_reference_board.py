@@ -1,7 +1,8 @@
 """The board in C (hardware/firmware) does, step by step, what the Python board does: compiled for this machine, and as
 Cortex-M4 machine code in an emulator.
 
-Skipped where compiler or emulator are missing. As a script it feeds a million bytes (more if a number is given) to both boards.
+Skipped where compiler or emulator are missing. As a script it feeds a million bytes (more if a number is given) to
+both boards.
 """
 
 import random

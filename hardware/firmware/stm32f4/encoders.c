@@ -23,16 +23,15 @@ void encoders_begin(void)
         TIM_CCMR1(timer) = 1 | 3 << 4 | 1 << 8 | 3 << 12; /* both inputs, each filtered over eight clocks */
         TIM_SMCR(timer) = 3;                              /* both edges of both */
         TIM_ARR(timer) = UINT32_C(0xFFFFFFFF);            /* of which TIM3 and TIM4 have 16 bits */
-#ifndef EMULATED /* whose timers know no encoder, and would count the time */
         TIM_CR1(timer) = 1;
-#endif
     }
 }
 
 void encoders_read(phd_readings *readings)
 {
     for (unsigned i = 0; i < PHD_JOINTS; i++) {
-        uint32_t timer = encoders[i].timer, now = TIM_CNT(timer);
+        uint32_t timer = encoders[i].timer;
+        uint32_t now = TIM_CNT(timer);
         if (timer == TIM3 || timer == TIM4) /* at most 32,767 counts in a tick */
             now = counted[i] + (uint32_t)(int32_t)(int16_t)(uint16_t)(now - counted[i]);
         counted[i] = now;

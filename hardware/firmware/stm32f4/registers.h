@@ -47,7 +47,11 @@ enum { TIM2 = 0x40000000, TIM3 = 0x40000400, TIM4 = 0x40000800, TIM5 = 0x40000C0
 #define TIM_CCMR1(tim) REG((tim) + 0x18)
 #define TIM_CCMR2(tim) REG((tim) + 0x1C)
 #define TIM_CCER(tim) REG((tim) + 0x20)
+#ifndef EMULATED
 #define TIM_CNT(tim) REG((tim) + 0x24)
+#else
+#define TIM_CNT(tim) UINT32_C(0) /* the emulator's count the time, and know no encoder */
+#endif
 #define TIM_ARR(tim) REG((tim) + 0x2C)
 #define TIM_RCR(tim) REG((tim) + 0x30)
 #define TIM_CCR(tim, n) REG((tim) + 0x34 + 4 * (uint32_t)(n)) /* n from 0 */
