@@ -4,7 +4,9 @@ found on every target, and it keeps within its ceilings.
 As a script it prints what it takes: `python tests/hardware/test_firmware.py` (hardware/firmware/check does).
 """
 
+import ctypes
 import itertools
+import math
 import re
 import shutil
 import socket
@@ -15,7 +17,18 @@ from pathlib import Path
 
 import pytest
 from firmware_board import Image, Pipe, firmware_boards
-from reference_board import SOURCES, TARGETS, RandomHost, RecordedBoard, live_alike, made, on_a_cortex_m4, recorded
+from reference_board import (
+    SOURCES,
+    TARGETS,
+    RandomHost,
+    RecordedBoard,
+    compiled,
+    live_alike,
+    made,
+    needs_compiler,
+    on_a_cortex_m4,
+    recorded,
+)
 from simulated_board import SimulatedBoard
 from test_wire_dialogues import DIALOGUES, hello, hold
 from waiting import wait_until
@@ -94,7 +107,7 @@ def test_the_emergency_stop_latches_what_the_host_s_stop_does(state: State, tmp_
 def figures(folder: Path) -> dict[str, int]:
     """What the firmware takes."""
     sizes = subprocess.run(
-        ["arm-none-eabi-size", "-A", made(folder, "nucleo-f446-uart.elf")], capture_output=True, text=True, check=True
+        ["arm-none-eabi-size", "-A", made(folder, "nucleo-f446-usb.elf")], capture_output=True, text=True, check=True
     ).stdout  # fmt: skip
     of = {name: int(size) for name, size in re.findall(r"^\.(\w+)\s+(\d+)", sizes, re.M)}
     run = Image(image(folder), *ONE_BY_ONE)
@@ -114,6 +127,11 @@ def figures(folder: Path) -> dict[str, int]:
         "stack": max(cost.stack for cost in ticks),
         "instructions of a tick": round(max(cost.clocks for cost in ticks[TICK_US // 10 :]) / CLOCKS),
     }
+
+
+@pytest.mark.parametrize("name", ["nucleo-f446-usb.bin", "nucleo-f446-uart.bin", "f405-usb.elf"])
+def test_every_firmware_is_built_without_a_warning(name: str, tmp_path: Path) -> None:
+    assert made(tmp_path, name).stat().st_size > 0
 
 
 def test_it_keeps_within_its_ceilings(tmp_path: Path) -> None:
@@ -155,6 +173,25 @@ def reaches(link: SerialDevice) -> bool:
     except InputError:
         return False
     return True
+
+
+@needs_compiler
+@pytest.mark.parametrize("supply_V", [0.8 * 24.0, 24.0, 1.2 * 24.0])
+@pytest.mark.parametrize("ohm", [6.0, 8.0, 12.0])
+@pytest.mark.parametrize("asked_mA", [100, 1000])
+def test_the_current_loop_settles_and_zero_is_zero(asked_mA: int, ohm: float, supply_V: float, tmp_path: Path) -> None:
+    """With a coil of 20 mH: also where resistance and supply are not the assumed ones."""
+    loop = ctypes.CDLL(str(compiled(tmp_path, "loop.so", "-shared", "-fPIC", sources="current_loop.c")))
+    integral, amperes, course = ctypes.c_int32(0), 0.0, []
+    for k in range(1000):  # 100 ms
+        mV = loop.current_loop_step(ctypes.byref(integral), asked_mA if k < 500 else 0, round(1000.0 * amperes))
+        assert 0 <= mV <= 24_000 and (k < 500 or mV == 0)
+        steady = mV / 24_000 * supply_V / ohm
+        amperes = steady + (amperes - steady) * math.exp(-ohm / 0.020 / 10_000)
+        course.append(1000.0 * amperes)
+    assert max(course) <= 1.15 * asked_mA + 2.0
+    assert all(abs(mA - asked_mA) <= 0.02 * asked_mA + 2.0 for mA in course[150:500]), "15 ms after the step"
+    assert course[-1] < 1.0
 
 
 def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None:

@@ -76,7 +76,7 @@ static const uint8_t *hear(void)
 {
     uint8_t byte;
     rest();
-    while (uart_read(&plant, &byte, 1) == 1)
+    while (ring_take(&plant.in, &byte))
         if (phd_decode(&decoder, byte) > 0)
             return decoder.bytes;
     return 0;
@@ -225,7 +225,7 @@ void host_poll(void)
 
 size_t host_read(uint8_t *bytes, size_t most)
 {
-    size_t n = awaited == 0 ? 0 : uart_read(&host, bytes, awaited < most ? awaited : most);
+    size_t n = awaited == 0 ? 0 : ring_take_most(&host.in, bytes, awaited < most ? awaited : most);
     awaited -= n;
     return n;
 }

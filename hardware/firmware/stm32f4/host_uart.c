@@ -22,7 +22,7 @@ void host_begin(void)
 
 size_t host_read(uint8_t *bytes, size_t most)
 {
-    return uart_read(&port, bytes, most);
+    return ring_take_most(&port.in, bytes, most);
 }
 
 void host_send(const uint8_t *frame, size_t n)

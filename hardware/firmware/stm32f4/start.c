@@ -45,7 +45,6 @@ void on_adc(void) OR_FAULT;
 void on_usart2(void) OR_FAULT;
 void on_usart3(void) OR_FAULT;
 void on_tim8(void) OR_FAULT;
-void on_usb(void) OR_FAULT;
 
 typedef void (*handler)(void);
 typedef struct {
@@ -56,6 +55,5 @@ typedef struct {
 __attribute__((section(".vectors"), used)) const vector_table vectors = {
     &stack_top,
     {reset, fault, fault, fault, fault, fault, 0, 0, 0, 0, fault, fault, 0, fault, on_systick},
-    {[IRQ_ADC] = on_adc, [IRQ_USART2] = on_usart2, [IRQ_USART3] = on_usart3, [IRQ_TIM8_UP] = on_tim8,
-     [IRQ_OTG_FS] = on_usb},
+    {[IRQ_ADC] = on_adc, [IRQ_USART2] = on_usart2, [IRQ_USART3] = on_usart3, [IRQ_TIM8_UP] = on_tim8},
 };
