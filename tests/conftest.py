@@ -29,7 +29,8 @@ LONG = (
     "test_fault_matrix", "test_worlds", "test_real_trial", "test_kill", "test_paper_figures", "test_sandbox",
     "test_compile_kernels", "test_wire_clocks", "test_bench", "test_analyse_page", "test_replay_equal",
     "test_identify", "test_hard_cases", "test_study", "test_launcher", "test_emulate", "test_main_window",
-    "test_random_scenes", "test_couplings", "test_resume", "test_findings", "test_export",
+    "test_firmware", "test_firmware_faults", "test_random_scenes", "test_couplings", "test_resume", "test_findings",
+    "test_export",
     "test_live_kill", "test_live_experimenter", "test_live_board",
 )  # fmt: skip
 

@@ -241,6 +241,13 @@ void phd_board_receive(phd_board *board, const uint8_t *bytes, size_t n, uint64_
     }
 }
 
+void phd_board_stop(phd_board *board)
+{
+    change(board, PHD_ON_STOP);
+    if (board->state != PHD_BOOT)
+        latch(board, PHD_FAULT_HOST_REQUEST, PHD_NO_DETAIL);
+}
+
 /* ----------------------------------------------------------------------------------------------- each millisecond */
 
 static void check(phd_board *board)

@@ -1,7 +1,7 @@
 /* The board's side of docs/protocol.md: frames, states, limits, watchdog and faults of a board with up to four brakes.
  *
  * It holds no port, no clock and no memory of its own: the firmware tells it bytes, readings and time, and gives it two
- * functions. Its three functions must not interrupt one another: call them from one thread or one interrupt level.
+ * functions. Its functions must not interrupt one another: call them from one thread or one interrupt level.
  * Times are microseconds of the board's own clock, which rises from power-up on and never steps. */
 #ifndef PHD_BOARD_H
 #define PHD_BOARD_H
@@ -66,6 +66,9 @@ void phd_board_power_up(phd_board *board, const phd_capability *capability, cons
 
 /* Bytes from the host, in pieces of any size, as they come. */
 void phd_board_receive(phd_board *board, const uint8_t *bytes, size_t n, uint64_t now_us);
+
+/* An emergency stop beside the board was pressed: the same as Stop from the host, and told with the next tick. */
+void phd_board_stop(phd_board *board);
 
 /* Once each millisecond, from a timer, whatever the host does, with readings taken at now_us. */
 void phd_board_tick(phd_board *board, const phd_readings *readings, uint64_t now_us);

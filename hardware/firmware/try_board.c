@@ -5,6 +5,8 @@
  *       u32 x 4 counts per revolution, u16 x 4 largest current, u32 force unit, i32 full scale, 24 + 16 bytes of text
  *   'R' u64 us, u16 n, n bytes from the host
  *   'T' u64 us, i32 x 4 counts, i32 x 6 force, i16 x 4 current, u8 bits of good encoders
+ *   'S' the emergency stop was pressed
+ *   'F' flush what was said so far; not answered itself
  * After each, on stdout:
  *   u8 state, u16 faults, u16 cause, u16 x 4 currents as the drivers were set, u8 homed, u32 x 8 counters,
  *   u16 n, n bytes sent
@@ -154,9 +156,14 @@ int main(void)
             receive();
         else if (what == 'T')
             tick();
+        else if (what == 'S')
+            phd_board_stop(&board);
+        else if (what == 'F')
+            fflush(stdout);
         else
             stop(2, "no such record");
-        say();
+        if (what != 'F')
+            say();
     }
     return 0;
 }

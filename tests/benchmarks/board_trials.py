@@ -90,9 +90,12 @@ class BoardInStep:
 
     name = "bench"
 
-    def __init__(self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], how: Effects) -> None:
+    def __init__(
+        self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], how: Effects,
+        board: type[Board] = Board,
+    ) -> None:  # fmt: skip
         self.hand, self._operator = operator.hand, operator
-        self.board = Board(hello_of(device, "SIMULATED"))
+        self.board = board(hello_of(device, "SIMULATED"))
         self.device = EmulatedDevice(device, self.board.hello, self, tip, seed=1)
         if not how.noise:
             self.device.sensors.noise[:] = 0.0

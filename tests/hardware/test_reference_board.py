@@ -1,6 +1,8 @@
-"""The board in C (hardware/firmware) does, step by step, what the Python board does.
+"""The board in C (hardware/firmware) does, step by step, what the Python board does: compiled for this machine, and as
+Cortex-M4 machine code in an emulator.
 
-Skipped where there is no C compiler. As a script it feeds a million bytes (more if a number is given) to both boards.
+Skipped where compiler or emulator are missing. As a script it feeds a million bytes (more if a number is given) to
+both boards.
 """
 
 import random
@@ -12,7 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import simulated_board
-from reference_board import RandomHost, RecordedBoard, board_program, live_alike, lived, needs_compiler, recorded
+from reference_board import (
+    TARGETS,
+    Program,
+    RandomHost,
+    RecordedBoard,
+    live_alike,
+    lived,
+    on_this_machine,
+    recorded,
+)
 from test_board_states import SEEN, happen, in_state
 from test_wire_frames import damage, host_frames
 
@@ -20,15 +31,13 @@ from hardware.emulated_board.board import TICK_US
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import WATCHDOG_US, Fault, Heartbeat, State
 
-pytestmark = needs_compiler
+
+@pytest.fixture(scope="module", params=TARGETS)
+def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Program:
+    return TARGETS[request.param](tmp_path_factory.mktemp("board"))
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return board_program(tmp_path_factory.mktemp("board"))
-
-
-def test_each_event_in_each_state_does_the_same(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_event_in_each_state_does_the_same(program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated_board, "Board", RecordedBoard)
     boards = []
     for state, event in SEEN:
@@ -42,7 +51,7 @@ def test_each_event_in_each_state_does_the_same(program: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("phase_us", [0, 1, 500, 999])
-def test_currents_are_zero_50_ms_after_the_last_command_whenever_it_came(program: Path, phase_us: int) -> None:
+def test_currents_are_zero_50_ms_after_the_last_command_whenever_it_came(program: Program, phase_us: int) -> None:
     bench = recorded()
     bench.connect()
     bench.now_us += phase_us
@@ -57,7 +66,7 @@ def test_currents_are_zero_50_ms_after_the_last_command_whenever_it_came(program
         assert (did.state == State.FAULT) == (not any(did.currents))
 
 
-def test_a_command_after_the_watchdog_finds_it_tripped_even_between_ticks(program: Path) -> None:
+def test_a_command_after_the_watchdog_finds_it_tripped_even_between_ticks(program: Program) -> None:
     for late_us, state in ((49_000, State.ACTIVE), (49_001, State.FAULT)):
         bench = recorded()
         bench.activate()
@@ -67,7 +76,7 @@ def test_a_command_after_the_watchdog_finds_it_tripped_even_between_ticks(progra
 
 
 @pytest.mark.parametrize("late", [True, False])
-def test_a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence(program: Path, late: bool) -> None:
+def test_a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence(program: Program, late: bool) -> None:
     bench = recorded()
     bench.connect()
     bench.command(mode=0)
@@ -81,7 +90,7 @@ def test_a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence(progr
     assert live_alike(program, [bench.board])[-1].state == State.IDLE
 
 
-def test_every_limit_lies_where_it_lies_in_python(program: Path) -> None:
+def test_every_limit_lies_where_it_lies_in_python(program: Program) -> None:
     """One less than what is too much is borne, on either side of zero; then one more."""
     edges = [{"current_mA": (0, 0, most, 0)} for most in (1200, 1201, -1200, -1201, -(2**15))]
     edges += [{"force": (0, 0, most, 0, 0, 0)} for most in (66_699, 66_700, -66_699, -66_700, -(2**31))]
@@ -110,7 +119,7 @@ def test_every_limit_lies_where_it_lies_in_python(program: Path) -> None:
     }  # fmt: skip
 
 
-def test_an_encoder_whose_counter_goes_round_is_not_too_fast(program: Path) -> None:
+def test_an_encoder_whose_counter_goes_round_is_not_too_fast(program: Program) -> None:
     bench = recorded()
     bench.connect(speed=(10_000, 0, 10_000, 0))
     for k in range(-15, 15):
@@ -120,7 +129,7 @@ def test_an_encoder_whose_counter_goes_round_is_not_too_fast(program: Path) -> N
     assert lived(program, bench.board.script)[-1].state == State.READY
 
 
-def test_random_sessions_give_the_same_bytes_states_and_currents(program: Path) -> None:
+def test_random_sessions_give_the_same_bytes_states_and_currents(program: Program) -> None:
     boards = [RandomHost(seed).live(1500) for seed in range(16)]
     did = live_alike(program, boards)
     seen: Counter = Counter()
@@ -159,7 +168,7 @@ def fuzzed(n: int, seed: int) -> tuple[RecordedBoard, int]:
     return bench.board, len(true)
 
 
-def test_a_million_bytes_break_nothing_and_no_damaged_frame_is_taken_for_true(program: Path) -> None:
+def test_a_million_bytes_break_nothing_and_no_damaged_frame_is_taken_for_true(program: Program) -> None:
     board, true = fuzzed(1_000_000, 1)
     did = live_alike(program, [board])
     assert board.decoder.counts.good == true
@@ -169,7 +178,7 @@ def test_a_million_bytes_break_nothing_and_no_damaged_frame_is_taken_for_true(pr
 if __name__ == "__main__":
     total = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     with tempfile.TemporaryDirectory() as name:
-        built = board_program(Path(name))
+        built = on_this_machine(Path(name))
         for seed in range(max(1, total // 1_000_000)):
             fuzz_board, sent = fuzzed(min(total, 1_000_000), seed)
             live_alike(built, [fuzz_board])

@@ -9,9 +9,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from reference_board import COMPILER, FLAGS, SOURCES, needs_compiler
+from reference_board import COMPILER, FLAGS, SOURCES, found, made, needs_compiler
 
-SUPPORT = Path(__file__).resolve().parents[1] / "support"
 HEADERS = sorted(SOURCES.glob("phd_*.h"))
 PARTS = sorted(SOURCES.glob("phd_*.c"))  # try_board.c is for this host alone
 AVR = ("avr-gcc", "-mmcu=atmega2560")
@@ -45,12 +44,6 @@ int main()
     return board.state + (int)phd_crc32(&byte, 0) + phd_states[PHD_ON_HELLO][PHD_BOOT] - PHD_IGNORED;
 }
 """
-
-
-def found(*programs: str) -> None:
-    """Skip where one of them is not on this machine."""
-    if missing := [program for program in programs if shutil.which(program) is None]:
-        pytest.skip(f"no {', '.join(missing)} on this machine")
 
 
 def numbers() -> list[str]:
@@ -139,9 +132,8 @@ def test_a_program_in_cpp_is_linked_with_the_board_in_c(processor: str, tmp_path
 
 
 def test_where_an_int_has_16_bits_the_board_stops_after_50_ms_without_a_command(tmp_path: Path) -> None:
-    found(AVR[0], "simavr")
-    program = tmp_path / "small_board.elf"
-    subprocess.run([*AVR, *FLAGS, f"-I{SOURCES}", SUPPORT / "small_board.c", *PARTS, "-o", program], check=True)
+    found("simavr")
+    program = made(tmp_path, "watchdog-avr.elf")
     run = ["simavr", "-m", "atmega2560", "-f", "16000000", program]
     done = subprocess.run(run, capture_output=True, text=True, timeout=120)
     said = re.findall(r"(start|watchdog|silence|late) ([\d ]+)", done.stdout + done.stderr)

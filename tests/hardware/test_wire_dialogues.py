@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from reference_board import RecordedBoard, board_program, live_alike, needs_compiler
+from reference_board import TARGETS, RecordedBoard, live_alike
 
 from hardware.emulated_board.board import FULL_BOARD, TICK_US, Board, Readings
 from hardware.wire.messages import Hello
@@ -53,6 +53,6 @@ def test_the_board_says_and_does_what_the_dialogue_says(dialogue: dict) -> None:
     hold(dialogue, Board)
 
 
-@needs_compiler
-def test_the_board_in_c_does_so_too(tmp_path: Path) -> None:
-    live_alike(board_program(tmp_path), [hold(dialogue, RecordedBoard) for dialogue in DIALOGUES])
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_board_in_c_does_so_too(target: str, tmp_path: Path) -> None:
+    live_alike(TARGETS[target](tmp_path), [hold(dialogue, RecordedBoard) for dialogue in DIALOGUES])

@@ -16,11 +16,13 @@ ROOT = Path(__file__).resolve().parents[2]
 class Emulated:
     """A running `phd emulate`."""
 
+    program = ("-m", "app.cli", "emulate")
+
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.log = folder / "log"
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", "emulate", *arguments],
+                [sys.executable, *self.program, *arguments],
                 cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
             )  # fmt: skip
         self.port = self.process.stdout.readline().strip()

@@ -17,30 +17,60 @@ from hardware.wire.messages import Command, Fault, Hello, State, pack
 
 SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "firmware"
 COMPILER = shutil.which("cc")
+CORE = "[pt]*.c"  # phd_*.c and try_board.c; main.c is for a board
+Program = list[str]  # a command
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-O1")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc): the board in C cannot be built")
 
 
-def compiled(folder: Path, name: str, *flags: str, sources: str) -> Path:
+def compiled(folder: Path, name: str, *flags: str, sources: str, at: Path = SOURCES) -> Path:
     """The program or library that the sources of this pattern become."""
     result = folder / name
-    files = [str(source) for source in sorted(SOURCES.glob(sources))]
+    files = [str(source) for source in sorted(at.glob(sources))]
     subprocess.run([COMPILER, *FLAGS, *flags, *files, "-o", str(result)], check=True)
     return result
 
 
-def board_program(folder: Path) -> Path:
+def on_this_machine(folder: Path, sources: Path = SOURCES) -> Program:
     """A whole board as a program (try_board.c), with sanitizers where compiler and system have them."""
+    if COMPILER is None:
+        pytest.skip("no C compiler (cc): the board in C cannot be built")
     source = folder / "nothing.c"
     source.write_text("int main(void) { return 0; }\n")
     made = subprocess.run([COMPILER, *SANITIZERS, str(source), "-o", str(folder / "nothing")], capture_output=True)
     works = made.returncode == 0 and subprocess.run([folder / "nothing"], capture_output=True).returncode == 0
-    return compiled(folder, "try_board", *(SANITIZERS if works else ()), sources="*.c")
+    return [str(compiled(folder, "try_board", *(SANITIZERS if works else ()), sources=CORE, at=sources))]
 
 
-_HEAD = struct.Struct("<BHH4HB8IH")
+def on_a_cortex_m4(folder: Path, sources: Path = SOURCES) -> Program:
+    """The same as Cortex-M4 machine code, in an emulator that passes stdin and stdout on."""
+    return [*M4, str(made(folder, "try-m4.elf", sources))]
+
+
+#: where the board in C runs
+TARGETS = {"this-machine": on_this_machine, "Cortex-M4": on_a_cortex_m4}
+M4 = ["qemu-system-arm", "-M", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none",
+      "-semihosting-config", "enable=on,target=native", "-kernel"]  # fmt: skip
+
+
+def found(*programs: str) -> None:
+    """Skip where one of them is not on this machine."""
+    if missing := [program for program in programs if shutil.which(program) is None]:
+        pytest.skip(f"no {', '.join(missing)} on this machine")
+
+
+def made(folder: Path, name: str, sources: Path = SOURCES) -> Path:
+    """What the Makefile of the firmware makes of this name."""
+    found("make", *(("avr-gcc",) if "avr" in name else ("arm-none-eabi-gcc", "qemu-system-arm")))
+    command = ["make", "-s", "-C", SOURCES, f"SOURCES={sources}", f"BUILD={folder}", str(folder / name)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder / name
+
+
+HEAD = struct.Struct("<BHH4HB8IH")
 
 
 class Did(NamedTuple):
@@ -60,6 +90,32 @@ class Did(NamedTuple):
     answer: bytes
 
 
+def did_of(said: bytes, at: int = 0) -> tuple[Did, int]:
+    """What an answer of the board in C says, and how many bytes it sent to the host."""
+    state, faults, cause, *rest, n = HEAD.unpack_from(said, at)
+    return Did(
+        State(state), Fault(faults), Fault(cause), tuple(rest[:4]), rest[4], rest[5], tuple(rest[6:9]), *rest[9:], b""
+    ), n  # fmt: skip
+
+
+def told_power(board: Board, low: bool, now_us: int) -> bytes:
+    """A board is powered up, after a brown-out if low; this and the next two as try_board.c takes them."""
+    c = board.hello
+    return struct.pack("<cIBQ3B3B", b"P", board.starts, low, now_us, c.encoders, c.brakes, c.force_channels,
+                       *c.firmware) + struct.pack("<4I4HIi24s16s", *c.counts_per_rev, *c.current_max_mA,
+                       c.force_unit, c.force_full_scale, c.device, c.serial)  # fmt: skip
+
+
+def told_bytes(data: bytes, now_us: int) -> bytes:
+    return struct.pack("<cQH", b"R", now_us, len(data)) + data
+
+
+def told_tick(readings: Readings, now_us: int) -> bytes:
+    force = (*readings.force, 0, 0, 0, 0, 0, 0)[:6]
+    good = sum(1 << i for i in range(4) if readings.encoder_good[i])
+    return struct.pack("<cQ4i6i4hB", b"T", now_us, *readings.counts, *force, *readings.current_mA, good)
+
+
 class RecordedBoard(Board):
     """The Python board, which writes down what it is told, for the board in C, and what it did."""
 
@@ -67,30 +123,21 @@ class RecordedBoard(Board):
         self.script: list[bytes] = []
         self.did: list[Did] = []
         super().__post_init__()
-        self._record(self._power(low=False, now_us=0))
+        self._record(told_power(self, False, 0))
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         answer = super().receive(data, now_us)
-        self._record(struct.pack("<cQH", b"R", now_us, len(data)) + data, answer)
+        self._record(told_bytes(data, now_us), answer)
         return answer
 
     def tick(self, readings: Readings, now_us: int) -> bytes:
         answer = super().tick(readings, now_us)
-        force = (*readings.force, 0, 0, 0, 0, 0, 0)[:6]
-        good = sum(1 << i for i in range(4) if readings.encoder_good[i])
-        told = struct.pack("<cQ4i6i4hB", b"T", now_us, *readings.counts, *force, *readings.current_mA, good)
-        self._record(told, answer)
+        self._record(told_tick(readings, now_us), answer)
         return answer
 
     def lose_power(self, now_us: int, noticed: bool = True) -> None:
         super().lose_power(now_us, noticed)
-        self._record(self._power(low=noticed, now_us=now_us))
-
-    def _power(self, low: bool, now_us: int) -> bytes:
-        c = self.hello
-        return struct.pack("<cIBQ3B3B", b"P", self.starts, low, now_us, c.encoders, c.brakes, c.force_channels,
-                           *c.firmware) + struct.pack("<4I4HIi24s16s", *c.counts_per_rev, *c.current_max_mA,
-                           c.force_unit, c.force_full_scale, c.device, c.serial)  # fmt: skip
+        self._record(told_power(self, noticed, now_us))
 
     def _record(self, told: bytes, answer: bytes = b"") -> None:
         frames, counts = self.decoder.counts, self.counts
@@ -102,23 +149,20 @@ class RecordedBoard(Board):
         ))  # fmt: skip
 
 
-def lived(program: Path, script: list[bytes]) -> list[Did]:
+def lived(program: Program, script: list[bytes]) -> list[Did]:
     """What the board in C did when it was told this."""
-    done = subprocess.run([program], input=b"".join(script), capture_output=True, timeout=250)
+    done = subprocess.run(program, input=b"".join(script), capture_output=True, timeout=250)
     assert done.returncode == 0, done.stderr.decode()
     did, at = [], 0
     while at < len(done.stdout):
-        state, faults, cause, *rest, n = _HEAD.unpack_from(done.stdout, at)
-        at += _HEAD.size
-        did.append(Did(
-            State(state), Fault(faults), Fault(cause), tuple(rest[:4]), rest[4], rest[5], tuple(rest[6:9]), *rest[9:],
-            answer=done.stdout[at : at + n],
-        ))  # fmt: skip
+        one, n = did_of(done.stdout, at)
+        at += HEAD.size
+        did.append(one._replace(answer=done.stdout[at : at + n]))
         at += n
     return did
 
 
-def live_alike(program: Path, boards: list[RecordedBoard]) -> list[Did]:
+def live_alike(program: Program, boards: list[RecordedBoard]) -> list[Did]:
     """Let the board in C live through what these did: it must do the same."""
     script = [told for board in boards for told in board.script]
     did = lived(program, script)

@@ -1,0 +1,20 @@
+/* The current of one brake: a proportional and integral loop in whole numbers, for a supply that is switched.
+ * A coil is driven one way only, and its current dies away by itself. */
+#ifndef CURRENT_LOOP_H
+#define CURRENT_LOOP_H
+
+#include <stdint.h>
+
+enum { LOOP_HZ = 10000 };
+
+/* Assumed: a brake's coil of 8 ohm and 20 mH (2.5 ms) at 24 V; the loop settles in about 1 ms. */
+enum { SUPPLY_mV = 24000, LOOP_P_mV_A = 20000, LOOP_I_uV_mA = 800 };
+
+typedef struct {
+    int32_t integral_uV;
+} current_loop;
+
+/* One step: mV to give now, of SUPPLY_mV, on average. */
+int32_t current_loop_step(current_loop *loop, int32_t asked_mA, int32_t measured_mA);
+
+#endif

@@ -1,0 +1,210 @@
+"""The firmware on its processor: the whole image in QEMU does what the Python board does, an error in the core is
+found on every target, and it keeps within its ceilings.
+
+As a script it prints what it takes: `python tests/hardware/test_firmware.py` (hardware/firmware/check does).
+"""
+
+import ctypes
+import itertools
+import math
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from firmware_board import Image, Pipe, firmware_boards
+from reference_board import (
+    SOURCES,
+    TARGETS,
+    RandomHost,
+    RecordedBoard,
+    compiled,
+    live_alike,
+    made,
+    needs_compiler,
+    on_a_cortex_m4,
+    recorded,
+)
+from simulated_board import SimulatedBoard
+from test_wire_dialogues import DIALOGUES, hello, hold
+from waiting import wait_until
+
+from core.device import load_device
+from core.files import InputError
+from hardware.emulated_board.board import TICK_US
+from hardware.firmware import pin_map
+from hardware.serial_device import SerialDevice
+from hardware.wire.messages import Fault, State
+
+#: Bytes of the NUCLEO-F446RE's image; of the image whose plant is the clock the deepest stack (bytes), and the
+#: instructions of a tick until its sample is on its way.
+CEILINGS = {"flash": 16_384, "RAM": 8192, "stack": 1024, "instructions of a tick": 9000}
+#: One instruction takes 128 ns of the emulator's time, 21.504 of the processor's clocks.
+ONE_BY_ONE = ("-icount", "shift=7,sleep=off")
+CLOCKS = 168 * 0.128
+SHORT = [dialogue for dialogue in DIALOGUES if sum(step.get("ticks", 0) for step in dialogue["steps"]) < 200]
+#: What is spoilt in the core, and into what: a watchdog that trips late, a limit that is too low, a message not known
+ERRORS = {
+    "phd_board.c": ("> PHD_WATCHDOG_US - PHD_TICK_US", "> PHD_WATCHDOG_US + PHD_TICK_US"),
+    "phd_watch.c": ("> limit + limit / 10 + PHD_OVER_CURRENT_mA", "> limit + PHD_OVER_CURRENT_mA"),
+    "phd_messages.c": ("case PHD_HEARTBEAT:", "case PHD_HEARTBEAT + 100:"),
+}
+
+
+def image(folder: Path) -> Path:
+    return made(folder, "plant-f405.elf")
+
+
+@pytest.mark.parametrize("file", ERRORS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_error_in_the_core_is_found(target: str, file: str, tmp_path: Path) -> None:
+    sources = tmp_path / "sources"
+    shutil.copytree(SOURCES, sources)
+    right, wrong = ERRORS[file]
+    text = (sources / file).read_text()
+    assert text.count(right) == 1
+    (sources / file).write_text(text.replace(right, wrong))
+    program = TARGETS[target](tmp_path, sources)
+    with pytest.raises(AssertionError, match="event"):
+        live_alike(program, [*(hold(dialogue, RecordedBoard) for dialogue in DIALOGUES), RandomHost(1).live(600)])
+
+
+@pytest.mark.parametrize("dialogue", SHORT[:4], ids=[dialogue["name"].replace(" ", "-") for dialogue in SHORT[:4]])
+def test_the_whole_image_does_what_the_dialogue_says(dialogue: dict, tmp_path: Path) -> None:
+    run = Image(image(tmp_path))
+    try:
+        hold(dialogue, firmware_boards(lambda: run))
+    finally:
+        run.close()
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.READY, State.ACTIVE, State.FAULT])
+def test_the_emergency_stop_latches_what_the_host_s_stop_does(state: State, tmp_path: Path) -> None:
+    bench = SimulatedBoard(hello())
+    run = Pipe(on_a_cortex_m4(tmp_path))
+    try:
+        bench.board = firmware_boards(lambda: run)(hello())
+        bench.start()
+        if state != State.IDLE:
+            bench.connect()
+        if state in (State.ACTIVE, State.FAULT):
+            bench.command()
+        if state == State.FAULT:
+            bench.tick(60)
+        assert bench.state == state
+        did = run.tell(b"S")
+        assert did.state == State.FAULT and did.currents == (0, 0, 0, 0) and not did.answer
+        assert did.faults & Fault.HOST_REQUEST and did.cause == (bench.board.cause or Fault.HOST_REQUEST)
+        assert bench.state == state or bench.tick() is not None
+    finally:
+        run.close()
+
+
+def figures(folder: Path) -> dict[str, int]:
+    """What the firmware takes."""
+    sizes = subprocess.run(
+        ["arm-none-eabi-size", "-A", made(folder, "nucleo-f446-usb.elf")], capture_output=True, text=True, check=True
+    ).stdout  # fmt: skip
+    of = {name: int(size) for name, size in re.findall(r"^\.(\w+)\s+(\d+)", sizes, re.M)}
+    run = Image(image(folder), *ONE_BY_ONE)
+    try:
+        bench = recorded(hello())
+        bench.board = firmware_boards(lambda: run)(hello())
+        bench.connect()
+        for k in range(100):
+            bench.command()
+            bench.tick(counts=(5 * k, 0, -3 * k, 0))
+        ticks = [cost for what, cost in run.costs if what == b"T"]
+    finally:
+        run.close()
+    return {
+        "flash": of["text"] + of["data"],
+        "RAM": of["data"] + of["bss"] + of["stack"],
+        "stack": max(cost.stack for cost in ticks),
+        "instructions of a tick": round(max(cost.clocks for cost in ticks[TICK_US // 10 :]) / CLOCKS),
+    }
+
+
+@pytest.mark.parametrize("name", ["nucleo-f446-usb.bin", "nucleo-f446-uart.bin", "f405-usb.elf"])
+def test_every_firmware_is_built_without_a_warning(name: str, tmp_path: Path) -> None:
+    assert made(tmp_path, name).stat().st_size > 0
+
+
+def test_it_keeps_within_its_ceilings(tmp_path: Path) -> None:
+    taken = figures(tmp_path)
+    assert not {name: of for name, of in taken.items() if not 0 < of <= CEILINGS[name]}
+
+
+def test_the_firmware_of_the_board_boots_and_a_host_connects_to_it(tmp_path: Path) -> None:
+    """All its files but those of the converters and USB do something in the emulator; the tick is SysTick's."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    emulator = subprocess.Popen(
+        ["qemu-system-arm", "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null",
+         "-serial", f"tcp:127.0.0.1:{number},server=on,wait=on,nodelay=on", "-kernel",
+         made(tmp_path, "emulated-f405.elf")]
+    )  # fmt: skip
+    link = SerialDevice(load_device("four-brake"), f"socket://127.0.0.1:{number}")
+    try:
+        wait_until(lambda: reaches(link))
+        seen: list = []
+        while len(seen) < 200:
+            link.exchange((0.0,) * 4)
+            seen += link.samples()
+        report = link.report()
+        assert report["frames"]["bad"] == 0 and report["refused"] == 0 and report["firmware"] == "1.0.0"
+        assert report["starts"] > 1 and not seen[-1].fault
+        ticks = [(sample.sequence, sample.board_us) for sample in seen]
+        assert all(a < b and 0 < later - sooner for (a, sooner), (b, later) in itertools.pairwise(ticks))
+    finally:
+        link.close()
+        emulator.kill()
+        emulator.wait()
+
+
+def reaches(link: SerialDevice) -> bool:
+    """Whether the board behind a link answers by now."""
+    try:
+        link.open()
+    except InputError:
+        return False
+    return True
+
+
+@needs_compiler
+@pytest.mark.parametrize("supply_V", [0.8 * 24.0, 24.0, 1.2 * 24.0])
+@pytest.mark.parametrize("ohm", [6.0, 8.0, 12.0])
+@pytest.mark.parametrize("asked_mA", [100, 1000])
+def test_the_current_loop_settles_and_zero_is_zero(asked_mA: int, ohm: float, supply_V: float, tmp_path: Path) -> None:
+    """With a coil of 20 mH: also where resistance and supply are not the assumed ones."""
+    loop = ctypes.CDLL(str(compiled(tmp_path, "loop.so", "-shared", "-fPIC", sources="current_loop.c")))
+    integral, amperes, course = ctypes.c_int32(0), 0.0, []
+    for k in range(1000):  # 100 ms
+        mV = loop.current_loop_step(ctypes.byref(integral), asked_mA if k < 500 else 0, round(1000.0 * amperes))
+        assert 0 <= mV <= 24_000 and (k < 500 or mV == 0)
+        steady = mV / 24_000 * supply_V / ohm
+        amperes = steady + (amperes - steady) * math.exp(-ohm / 0.020 / 10_000)
+        course.append(1000.0 * amperes)
+    assert max(course) <= 1.15 * asked_mA + 2.0
+    assert all(abs(mA - asked_mA) <= 0.02 * asked_mA + 2.0 for mA in course[150:500]), "15 ms after the step"
+    assert course[-1] < 1.0
+
+
+def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None:
+    rows = pin_map.rows()
+    header = (SOURCES / "stm32f4" / "pins.h").read_text()
+    assert len(rows) == header.count("    PIN(") >= 34
+    for column in (0, 1, 2):
+        assert len({row[column] for row in rows}) == len(rows), "a pin or place is wired twice"
+    assert not {"PA13", "PA14", "PH0", "PH1"} & {row[1] for row in rows}, "the debugger's and the clock's"
+    assert pin_map.table().count("\n") == len(rows) + 2
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        for what, took in figures(Path(name)).items():
+            print(f"{what:24}{took:8,}  ceiling {CEILINGS[what]:8,}", file=sys.stdout)
