@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
 from core.files import InputError
+from experiments.inputs import MOUSE
 
 if TYPE_CHECKING:
     from experiments.bring_up.bring_up import Result
@@ -21,18 +22,21 @@ EMULATED_S = 3.0  # after which the hand of an emulated board has done what it w
 
 
 def add(verbs: argparse._SubParsersAction) -> None:
-    option = add_verb(
+    verb = add_verb(
         verbs, "bring-up", bring_up, "check a device that has just been wired, one thing after another\n"
         "Says what to do, what was seen, and where a step fails what to mend. At first no hand is needed and no\n"
         "current flows; later brakes get 10 % of their current, and a hand is asked to the handle last, once\n"
-        "watchdog and emergency stop are known to work. Every end (Ctrl+C too) is zero current. A step whose conditions have not\n"
-        "passed is not done. The record goes to DATA/bring-up, signed with the name of --by; sessions name it.\n"
+        "watchdog and emergency stop are known to work. Every end (Ctrl+C too) is zero current. A step whose\n"
+        "conditions have not passed is not done. The record goes to DATA/bring-up, signed with the name of\n"
+        "--by; sessions name it.\n"
         "Exit 0: all passed. Exit 1: something did not.",
         "phd bring-up --link serial:/dev/ttyACM0 --device four-brake --by 'A. Builder'", prints="the record",
-    ).add_argument  # fmt: skip
+    )  # fmt: skip
+    verb.set_defaults(input=MOUSE)  # as `port_of` takes it
+    option = verb.add_argument
     option(
-        "--link", required=True, metavar="serial:PORT",
-        help="the board's port (auto: the only one on USB; socket://HOST:NUMBER: a TCP port)",
+        "--link", required=True, metavar="serial:PORT|driver:FILE.py",
+        help="the board's port (auto: the only one on USB; socket://HOST:NUMBER: a TCP port), or a driver of your own",
     )  # fmt: skip
     option("--force", default="", metavar="netft:HOST", help="an ATI Net F/T in place of the board's force channels")
     option(
@@ -46,28 +50,13 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
 
 
-class AtTheKeyboard:
-    """Asks on stderr; Enter says that it is done."""
-
-    def __init__(self) -> None:
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        threading.Thread(target=self._read, name="keyboard", daemon=True).start()
-        self._number = 0
-
-    def _read(self) -> None:
-        for line in sys.stdin:
-            self._lines.put(line)
+class Printed:
+    """Steps and results on stderr."""
 
     def ask(self, step: "Step") -> None:
-        self._number += 1
-        say(f"\n{self._number:2}. {step.title}")
+        say(f"\n    {step.title}")
         if step.ask:
             say(f"    {step.ask}{' Then press Enter.' if step.confirmed else ''}")
-        while not self._lines.empty():  # typed before it was asked
-            self._lines.get()
-
-    def is_ready(self) -> bool:
-        return not self._lines.empty()
 
     def show(self, result: "Result") -> None:
         from experiments.bring_up.record import state_of
@@ -79,12 +68,31 @@ class AtTheKeyboard:
             say(f"    {result.finding.advice}")
 
 
-class EmulatedBuilder(AtTheKeyboard):
+class AtTheKeyboard(Printed):
+    """Enter says that it is done."""
+
+    def __init__(self) -> None:
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        threading.Thread(target=self._read, name="keyboard", daemon=True).start()
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            self._lines.put(line)
+
+    def ask(self, step: "Step") -> None:
+        super().ask(step)
+        while not self._lines.empty():  # typed before it was asked
+            self._lines.get()
+
+    def is_ready(self) -> bool:
+        return not self._lines.empty()
+
+
+class EmulatedBuilder(Printed):
     """Lets the hand of an emulated board do what is asked."""
 
     def __init__(self, control: int) -> None:
         """control: the UDP port that takes orders."""
-        super().__init__()
         self._control, self._done_s = control, 0.0
 
     def ask(self, step: "Step") -> None:
@@ -116,8 +124,8 @@ def bring_up(args: argparse.Namespace) -> int:
     from hardware.emulated_board.plug import emulated_ports
     from hardware.serial_device import device_at
 
-    args.input = "mouse"
-    link, device = reached(link_port(args), args.force), load_device(args.device)
+    device = load_device(args.device)
+    link = reached(link_port(args), args.force)
     if device.castor:
         raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
     make_folder(args.data_dir)
@@ -150,7 +158,9 @@ def link_port(args: argparse.Namespace) -> str:
     from app.verbs.run import port_of
 
     if not (port := port_of(args)):
-        raise InputError("--link: must be serial:PORT or socket://HOST:NUMBER: only a board is brought up")
+        raise InputError(
+            "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
+        )
     return port
 
 

@@ -4,7 +4,8 @@ A brake of torque y at joint j takes g_j y sign(g_j . v) of hand force (g_j: row
 currents on and off by turns, least squares gives the torque, at least 0, that the current of each brake adds at each
 joint:
 
-    F = sum_j s_j g_j (off_j + sum_k u_k added[k, j]) + M a,    s_j = sign(g_j . v),  u_k = 1 while brake k has current.
+    F = sum_j s_j g_j (off_j + u_jk added_k) + M a,    s_j = sign(g_j . v),
+    u_jk = 1 while brake k has current and if it resists at joint j.
 """
 
 import math
@@ -22,6 +23,7 @@ from experiments.identify.step_response import COLUMNS, Step, time_constant_of_s
 
 HALF_S, TIMES = 1.03, 3  # on, then off, so often for each brake; about half a circle, which turns each joint
 LASTS_S = 4 * TIMES * 2.0 * HALF_S
+NONE = -1  # no brake has current
 LATE_ROWS = 7  # velocity and acceleration of a sample are those of so many ms before (half of the motion filter)
 SETTLED_S = 0.1  # after a switch, the torque is taken for steady
 SLOWEST = 0.1  # rad/s: below it, near a reversal, play and creep hide the sign
@@ -29,7 +31,6 @@ EVERY = 4  # rows are used, of 1 kHz
 TRANSIENT_S = 0.3
 #: The share of the model's torque that counts as the brake's; the models are assumed, so it is wide. Our choice
 LEAST, MOST = 0.4, 2.5
-OTHER_SHARE = 0.8  # of it: most that the current may add at another joint
 ENOUGH_ROWS = 400
 
 
@@ -53,7 +54,7 @@ class Motion(NamedTuple):
     rates: np.ndarray  # (n, 4) rad/s
     force: np.ndarray  # (n, 2) N
     acceleration: np.ndarray  # (n, 2) m/s2
-    on: np.ndarray  # (n,) index of the brake that has current, -1: none
+    on: np.ndarray  # (n,) index of the brake that has current, or NONE
     since_s: np.ndarray  # (n,) since the currents changed
 
 
@@ -63,7 +64,7 @@ def motion_of(seen: Seen) -> Motion:
     tip, force = seen.column("tip")[:-late], seen.column("hand_force")[:-late]
     velocity, acceleration = seen.column("velocity")[late:], seen.column("acceleration")[late:]
     asked = np.array([row.asked for row in seen.rows])[:-late]
-    on = np.where(asked.any(axis=1), asked.argmax(axis=1), -1)
+    on = np.where(asked.any(axis=1), asked.argmax(axis=1), NONE)
     changes = np.concatenate([[0], np.flatnonzero(np.diff(on)) + 1])
     since = t - t[changes[np.searchsorted(changes, np.arange(len(t)), side="right") - 1]]
     mechanism, g = pack_mechanism(seen.device.mechanism)[0], np.empty((len(t), 4, 2))
@@ -84,26 +85,45 @@ def inertia_columns(acceleration: np.ndarray) -> np.ndarray:
 class Torques(NamedTuple):
     """The fit."""
 
-    added: np.ndarray  # (brakes, brakes) N m: row: brake that had current; column: joint that it resisted
+    joints: list[int]  # of each brake, where its current resists most likely
+    added: np.ndarray  # (brakes,) N m, there
+    own: np.ndarray  # (brakes,) N m, if it resists at its own joint
     off: np.ndarray  # (brakes,) N m, without current
     mass: np.ndarray  # (3,) kg
     rows: int
 
 
 def fit_torques(motion: Motion, braked: list[int]) -> Torques:
+    """For each brake the joint whose added torque leaves least of the force unexplained. Our choice: one joint alone,
+    since the pulls of four joints are nearly those of any two.
+    """
     moving = np.all(np.abs(motion.rates[:, braked]) > SLOWEST, axis=1) & (motion.since_s > SETTLED_S)
     used = np.flatnonzero(moving)[::EVERY]
     pulls = np.sign(motion.rates[used])[:, :, None] * motion.g[used]  # (m, 4, 2) N for 1 N m
     pulls = pulls[:, braked].transpose(0, 2, 1)  # (m, 2, brakes)
-    switched = [pulls * (motion.on[used] == k)[:, None, None] for k in braked]
-    design = np.concatenate([pulls, *switched, inertia_columns(motion.acceleration[used])], axis=2)
-    flat, force = design.reshape(-1, design.shape[2]), motion.force[used].reshape(-1)
+    n, on = len(braked), motion.on[used]
+    torques = Torques([], np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(3), len(used))
     if len(used) < ENOUGH_ROWS:
-        return Torques(np.zeros((len(braked),) * 2), np.zeros(len(braked)), np.zeros(3), len(used))
-    n = len(braked)
-    least = np.append(np.zeros(n + n * n), [0.0, -np.inf, 0.0])  # friction never drives; neither mass is negative
-    found = lsq_linear(flat, force, (least, np.inf)).x
-    return Torques(found[n : n + n * n].reshape(n, n), found[:n], found[-3:], len(used))
+        return torques
+    plain = np.concatenate([pulls, inertia_columns(motion.acceleration[used])], axis=2)
+    least = np.append(np.zeros(n), [0.0, -np.inf, 0.0])  # friction never drives; neither mass is negative
+    base = lsq_linear(*_flat(plain, motion.force[used], on == NONE), (least, np.inf)).x
+    torques = torques._replace(off=base[:n], mass=base[n:])
+    for place, k in enumerate(braked):
+        seen = (on == k) | (on == NONE)
+        fits = []
+        for j in range(n):
+            design = np.concatenate([plain, (pulls[:, :, j] * (on == k)[:, None])[:, :, None]], axis=2)
+            fit = lsq_linear(*_flat(design, motion.force[used], seen), (np.append(least, 0.0), np.inf))
+            fits.append((fit.cost, j, fit.x[-1]))
+        _, j, torques.added[place] = min(fits)
+        torques.joints.append(braked[j])
+        torques.own[place] = fits[place][2]
+    return torques
+
+
+def _flat(design: np.ndarray, force: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return design[rows].reshape(-1, design.shape[2]), force[rows].reshape(-1)
 
 
 def steps_of(motion: Motion, torques: Torques, braked: list[int], k: int, level: float) -> list[Step]:
@@ -141,29 +161,27 @@ def judge_brakes(seen: Seen) -> Finding:
         advice = "Repeat: move the handle in circles of 8 cm all the time, one in two seconds."
         return Finding(False, "the handle hardly moved", advice)
     record = pack_brakes(seen.device.brakes, backlash=False)[0]
-    figures: dict[str, Any] = {"added_N_m": torques.added.tolist(), "off_N_m": torques.off.tolist()}
+    figures: dict[str, Any] = {"off_N_m": torques.off.tolist()}
     words, wrong, tables = [], [], {}
     for place, k in enumerate(braked):
         joint, level = JOINTS[k], SHARE * float(seen.largest[k])
         model = float(torque_gain(record, k, level) - torque_gain(record, k, 0.0))
-        added = torques.added[place]
+        added = float(torques.own[place])
         steps = steps_of(motion, torques, braked, k, level)
         tables[joint] = steps_text(steps)
-        about = {"added_N_m": float(added[place]), "model_N_m": model, "steps": len(steps)}
-        words.append(f"{joint} {added[place]:.2f} N m (model {model:.2f})")
+        about = {"added_N_m": added, "model_N_m": model, "steps": len(steps), "resists": JOINTS[torques.joints[place]]}
+        words.append(f"{joint} {added:.2f} N m (model {model:.2f})")
         if steps:
             rate = math.pi / 30.0 * float(np.mean([step.speed_rpm for step in steps]))
             expected = float(time_constant(record, k, level, rate, True))
             mean = Step(0.0, level, steps[0].speed_rpm, steps[0].t, np.mean([step.torque for step in steps], axis=0))
-            about |= {"time_constant_s": time_constant_of_step(mean, expected)[0], "model_time_constant_s": expected}
+            found = time_constant_of_step(mean, expected)[0]
+            about |= {"time_constant_s": None if math.isnan(found) else found, "model_time_constant_s": expected}
         figures[joint] = about
-        strongest = JOINTS[braked[int(np.argmax(added))]]
-        beside = float(np.delete(np.abs(added), place).max(initial=0.0))
-        if strongest != joint and added.max() > LEAST * model:
+        strongest = JOINTS[torques.joints[place]]
+        if strongest != joint and torques.added[place] > LEAST * model:
             wrong.append(f"Current for {joint} brakes {strongest}: exchange the plugs of these brakes.")
-        elif not LEAST * model < added[place] < MOST * model:
+        elif not LEAST * model < added < MOST * model:
             wrong.append(f"Look at brake {joint}: its clamp, its coil, and the brake file of the device.")
-        elif beside > OTHER_SHARE * added[place]:
-            wrong.append(f"Current for {joint} also brakes another joint: look at the wires, and repeat.")
     figures["steps"] = tables
     return Finding(not wrong, "10 % add " + ", ".join(words), " ".join(wrong), figures)

@@ -119,11 +119,10 @@ def judge_hole(place: Point) -> Callable[[Seen], Finding]:
 
 
 def judge_zero(seen: Seen) -> Finding:
-    zero = seen.about["zero"]
     force = seen.column("hand_force")
     spread = force.std(axis=0)
     saw = f"noise {spread[0]:.3f} N along x, {spread[1]:.3f} N along y (standard deviation)"
-    figures = {"zero": zero, "noise_N": spread.tolist()}
+    figures = {"zero": seen.about.get("zero"), "noise_N": spread.tolist()}
     if float(spread.max()) > NOISE_N:
         advice = "Look at shield and ground of the sensor's cable, and keep it away from the brakes' wires."
         return Finding(False, saw, advice, figures)
@@ -234,15 +233,19 @@ def judge_watchdog(seen: Seen) -> Finding:
     """Currents are gone within 50 ms of the last command, by the board's own clock, and it says why."""
     board_s = 1e-6 * seen.column("board_us").astype(float)
     echo, measured = seen.column("echo"), seen.column("current")
-    last = max(k for k, row in enumerate(seen.rows) if any(row.asked))
-    newest = max((k for k in range(last + 1) if k == 0 or echo[k] != echo[k - 1]), default=0)
+    advice = "Do not put a hand to the handle: the firmware's watchdog does not act. It must be mended first."
+    latched = next((k for k, row in enumerate(seen.rows) if row.sample.fault), 0)
+    if not latched:
+        return Finding(False, "the board has latched no fault", advice)
+    newest = max(k for k in range(latched) if k == 0 or echo[k] != echo[k - 1])  # command before that
     flowing = (measured[:, seen.braked] > 0.5 * SHARE * seen.largest[seen.braked]).any(axis=1)
     until = float(board_s[np.flatnonzero(flowing)[-1]] - board_s[newest]) if flowing.any() else 0.0
-    fault = next((row.sample.fault for row in reversed(seen.rows) if row.sample.fault), "")
-    saw = f"currents flowed for {1e3 * until:.0f} ms after the last command; the board says: {fault or 'nothing'}"
+    fault = seen.rows[latched].sample.fault
+    saw = f"currents flowed for {1e3 * until:.0f} ms after the last command; the board says: {fault}"
+    if board_s[latched] - board_s[latched - 1] > WATCHDOG_S:
+        saw = f"no samples came while this computer was silent; afterwards the board says: {fault}"
     figures = {"flowed_s": until, "fault": str(fault)}
-    if not fault or until > WATCHDOG_S + 0.005:
-        advice = "Do not put a hand to the handle: the firmware's watchdog does not act. It must be mended first."
+    if until > WATCHDOG_S + 0.005:
         return Finding(False, saw, advice, figures)
     return Finding(True, saw, figures=figures)
 

@@ -3,7 +3,6 @@
 `python tests/experiments/test_bring_up.py docs/bring-up.md` writes the page.
 """
 
-import re
 import sys
 from pathlib import Path
 
@@ -86,10 +85,8 @@ def test_no_hand_is_asked_to_a_braked_handle_before_watchdog_and_stop_have_passe
     assert all("touch" in step.ask or "stop" in step.ask for step in braking if step.name != "brakes")
     assert {"watchdog", "stop", "supply back", "second hole"} < set(braking[-1].needs)
     assert not {step.name for step in whole.steps[:first]} & {step.name for step in braking}
-    asked = re.findall(rb"\x03", b"".join(whole.bench.heard))  # commands were sent at all
-    assert asked and max(max(step.drive(t / 50, FOUR.brakes.current_max)) for step in braking for t in range(1500)) <= (
-        0.1 * max(FOUR.brakes.current_max) + 1e-12
-    )
+    most = 0.1 * FOUR.brakes.current_max.max() + 1e-12
+    assert max(max(step.drive(t / 50, FOUR.brakes.current_max)) for step in braking for t in range(1500)) <= most
 
 
 @pytest.mark.parametrize("how", ["interrupted", "unplugged", "idle"])
@@ -146,37 +143,38 @@ def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path:
 
 HEAD = """# Bringing a board up
 
-`phd bring-up --link serial:PORT --device NAME --by "YOUR NAME"` checks a device that has just been wired, one thing after
-another: it says what to do, watches, says what it saw, and where a step fails what to mend. Nothing has to be typed but
-Enter where it says so. The first steps need neither hand nor current. Brakes then get at most 10 % of their current, with
-no hand at the handle; the only step with a hand at a braked handle comes last and is done only after watchdog and
-emergency stop have passed. Ctrl+C, a failed step, an unplugged cable: every end is zero current.
+`phd bring-up --link serial:PORT --device NAME --by "YOUR NAME"` checks a device that has just been wired, one thing
+after another: it says what to do, watches, says what it saw, and where a step fails what to mend. Nothing has to be
+typed but Enter where it says so. The first steps need neither hand nor current. Brakes then get at most 10 % of their
+current, with no hand at the handle; the only step with a hand at a braked handle comes last and is done only after
+watchdog and emergency stop have passed. Ctrl+C, a failed step, an unplugged cable: every end is zero current.
 
-A step whose conditions have not passed is not done ("needs" below), so that a mistake is found where it is and not three
-steps later. Run the verb again after mending: it begins anew. The record, `DATA/bring-up/BOARD-TIME.json`, holds what
-each step saw, carries a checksum and the name of who signed it; a session on that board writes into its journal which
-record it names, or why none holds (never brought up, a step failed, another firmware). The steps of the brakes lie
-beside it as files that `phd identify` reads: the time constants of the record are found from them by its own fit. They
-alone give no brake file, which takes steps to four currents at three speeds.
+A step whose conditions have not passed is not done ("needs" below), so that a mistake is found where it is and not
+three steps later. Run the verb again after mending: it begins anew. The record, `DATA/bring-up/BOARD-TIME.json`,
+holds what each step saw, carries a checksum and the name of who signed it; a session on that board writes into its
+journal which record it names, or why none holds (never brought up, a step failed, another firmware). The steps of the
+brakes lie beside it as files that `phd identify` reads: the time constants of the record are found from them by its
+own fit. They alone give no brake file, which takes steps to four currents at three speeds.
 
-To see it without a board: `phd emulate --hand builder`, in a second terminal `phd bring-up --link serial:PORT --by ME`
-with the port that the first line names. `--mistake NAME` of `phd emulate` puts in one of the mistakes below.
+To see it without a board: `phd emulate --hand builder`, in a second terminal `phd bring-up --link serial:PORT --by
+ME` with the port that the first line names. `--mistake NAME` of `phd emulate` puts in one of the mistakes below.
 
 ## The steps
 
-This table and the next are written by `python tests/experiments/test_bring_up.py docs/bring-up.md`, in simulated time.
-The limits are our choice, in `experiments/bring_up/checks.py`.
+This table and the next are written by `python tests/experiments/test_bring_up.py docs/bring-up.md`, in simulated
+time. The limits are our choice, in `experiments/bring_up/checks.py`.
 
 """
 MIDDLE = """
-*Brakes* needs every step before it. With the hand moving in circles, least squares over the friction of all joints gives
-the torque that each brake's current adds at each joint. On the emulated board, whose brakes are the model, single steps of
-10 % come out between {low:.0f} and {high:.0f} % of the model's torque in this run: enough to tell which brake it is, and no
-calibration. Latency is watched for 60 s; in the run of the tables for 1 s.
+*Brakes* needs every step before it. With the hand moving in circles, least squares over the friction of all joints
+gives the torque that each brake's current adds at each joint. On the emulated board, whose brakes are the model,
+single steps of 10 % come out between {low:.0f} and {high:.0f} % of the model's torque in this run: enough to tell
+which brake it is, and no calibration. Latency is watched for 60 s; in the run of the tables for 1 s.
 
 ## What builders get wrong, and the step that finds it
 
-In each row one mistake is made on the emulated board. All other steps pass, or are not done for want of the one that failed.
+In each row one mistake is made on the emulated board. All other steps pass, or are not done for want of the one that
+failed.
 
 | mistake | found by | advice |
 |---|---|---|
@@ -197,7 +195,8 @@ def page() -> str:
     shares = [100.0 * brakes[joint]["added_N_m"] / brakes[joint]["model_N_m"] for joint in "AEBC"]
     rows = []
     for mistake, about in MISTAKES.items():
-        (found,) = failed(Bringing(FOUR, mistake).run())
+        found, *others = failed(Bringing(FOUR, mistake).run())
+        assert not others, (mistake, found, others)
         rows.append(f"| {about.words} | {found.step.title} | {found.finding.advice} |")
         print(rows[-1], file=sys.stderr)
     return HEAD + "\n".join(lines) + "\n" + MIDDLE.format(low=min(shares), high=max(shares)) + "\n".join(rows) + "\n"
