@@ -88,10 +88,10 @@ class BringUp:
     def _do(self, step: Step) -> Finding:
         """Ask, wait, drive, judge."""
         self._heard = self._device.clock()
-        self._reset()
         self._builder.ask(step)
         if step.confirmed:
-            self._wait(self._builder.is_ready)
+            self._wait(self._builder.is_ready, may_fault=True)
+        self._reset()
         if step.homes is not None:
             self._device.home(step.homes)
         if step.zeroes:
@@ -130,11 +130,11 @@ class BringUp:
             self._device.reset()
         self._rows.clear()
 
-    def _wait(self, until: Callable[[], bool]) -> None:
+    def _wait(self, until: Callable[[], bool], may_fault: bool = False) -> None:
         """Without current. Unfit: the person has not done it."""
         end, looked = self._device.clock() + PATIENCE_S, 0
         while self._device.clock() < end:
-            self._exchange(NO_CURRENT)
+            self._exchange(NO_CURRENT, may_fault)
             del self._rows[: -round(1e3 * KEPT_S)]
             looked += 1
             if looked % LOOK_ROWS == 0 and until():

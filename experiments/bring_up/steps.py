@@ -34,12 +34,13 @@ from experiments.bring_up.checks import (
 from experiments.bring_up.step import Point, Step
 
 PATIENCE_S = 60.0  # until the person has done it
-SECOND_HOLE_M = 0.06  # from the first hole of the jig, along x and along y
+SECOND_HOLE_M = 0.08  # from the first hole of the jig: away from the bases, where joints A and B both turn
 
 
 def second_hole(device: Device, home: Point) -> Point:
     """Where the jig has its second hole, m: the encoders are checked there."""
-    places = [(home[0] + x * SECOND_HOLE_M, home[1] + y * SECOND_HOLE_M) for y in (1, -1) for x in (1, -1)]
+    ways = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+    places = [(home[0] + x * SECOND_HOLE_M, home[1] + y * SECOND_HOLE_M) for x, y in ways]
     return next(place for place in places if bool(tip_is_free(device.mechanism, *place)))
 
 
@@ -98,7 +99,7 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
         Step("stop", "Emergency stop", judge_stop, PATIENCE_S, "Press the emergency stop.", {"do": "press stop"},
              needs=("currents",), drive=all_on, may_fault=True, ends=are_gone),
         Step("supply back", "Supply after the emergency stop", judge_supply, PATIENCE_S,
-             "Release the emergency stop and press the supply's start button.", {"do": "release stop"},
+             "Release the emergency stop and press the supply's start button.", {"do": "release stop"}, True,
              needs=("stop",), drive=all_on, ends=are_there),
     ]  # fmt: skip
     if force:
