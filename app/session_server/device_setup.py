@@ -6,6 +6,7 @@ reports how it is; a person's hand moves it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +18,13 @@ from app.session_server.preflight import check_device, check_hand, check_real, c
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.bring_up.record import newest_record, problem_of
 from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
-from experiments.session.journal import HOMED, RERIGGED, ZEROED
+from experiments.session.journal import BROUGHT_UP, HOMED, RERIGGED, ZEROED
 from experiments.session.session import Session
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
@@ -114,6 +116,7 @@ class RealSetup:
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
+        self._named: tuple[Path, str] | None = None  # the session and board whose bring-up its journal has
         self.reconnect()
 
     def reconnect(self) -> None:
@@ -208,6 +211,9 @@ class RealSetup:
         """Open a trial of the session. InputError: the device is busy with a step."""
         self._refuse_while_busy()
         assert self.status is not None
+        if self._named != (named := (session.folder, self.status.board)):
+            session.journal(BROUGHT_UP, **named_record(session.data_dir, self.status))
+            self._named = named
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
     def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
@@ -229,6 +235,23 @@ class RealSetup:
 
     def close(self) -> None:
         """The loop lets the board go."""
+
+
+def named_record(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
+    """How a session names the record of `phd bring-up` of its board: the fields of `BROUGHT_UP`."""
+    found, problem = None, ""
+    try:
+        found = newest_record(data_dir, status.board)
+    except InputError as error:
+        problem = str(error)
+    return {
+        "board": status.board,
+        "file": found.file if found else "",
+        "checksum": found.checksum if found else "",
+        "signed_by": found.by if found else "",
+        "time": found.time if found else "",
+        "problem": problem or problem_of(found, str(status.report.get("firmware", ""))),
+    }
 
 
 def same_files(a: Device, b: Device) -> bool:

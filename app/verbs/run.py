@@ -33,9 +33,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         help=f"whose hand moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
     )  # fmt: skip
     option(
-        "--link", default="sim", metavar="sim|serial:PORT",
+        "--link", default="sim", metavar="sim|serial:PORT|driver:FILE.py",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
-        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does)",
+        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), or "
+        "driver:FILE.py: hardware of another kind, by a driver of its own",
     )  # fmt: skip
     option(
         "--force", default="", metavar="netft:HOST",
@@ -105,11 +106,16 @@ def port_of(args: argparse.Namespace) -> str:
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
         return ""
+    from hardware.own_driver import DRIVER
     from hardware.serial_port import is_address
 
+    if args.link.startswith(DRIVER):
+        if args.force:
+            raise InputError("--force: goes with --link serial:PORT (a driver of your own reads its own sensor)")
+        return f"{DRIVER}{Path(args.link.removeprefix(DRIVER)).absolute()}"
     port = args.link if is_address(args.link) else args.link.removeprefix("serial:")
     if not port or (port == args.link and not is_address(port)):
-        raise InputError(f"--link: must be sim, serial:PORT or socket://HOST:NUMBER, not {args.link!r}")
+        raise InputError(f"--link: must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}")
     if "://" in port and not is_address(port):
         raise InputError(f"--link: an address must be socket://HOST:NUMBER, not {port!r}")
     if args.input != MOUSE:
@@ -121,8 +127,12 @@ def reached(port: str, force: str) -> str:
     """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
     if not port:
         return ""
+    from hardware.own_driver import DRIVER, load_driver
     from hardware.serial_port import find_port, is_missing
 
+    if port.startswith(DRIVER):
+        load_driver(port)
+        return port
     found = find_port(port)  # "auto" is looked for again for each device
     if is_missing(found):
         raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")

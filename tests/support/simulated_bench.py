@@ -154,10 +154,10 @@ class TcpWire:
         self._folder.cleanup()
 
 
-def reached(bench: Bench) -> SerialDevice:
+def reached(bench: Bench, device: Device = DEVICE) -> SerialDevice:
     """The link of a bench, reached."""
     link = SerialDevice(
-        DEVICE, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
+        device, "bench", clock=lambda: bench.now_s, open_port=lambda name: BenchWire(bench, name),
         sleep=lambda seconds: time.sleep(0.1 * seconds),
     )  # fmt: skip
     link.open()

@@ -1,0 +1,164 @@
+"""Runs the steps on a real device. However it ends, the last thing that the device is told is zero current."""
+
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, Protocol
+
+from core.device_interface import DeviceError, RealDevice
+from core.faults import advice, cause_of
+from experiments.bring_up.step import NO_CURRENT, Finding, Four, Row, Seen, Step
+from experiments.bring_up.steps import PATIENCE_S, why_not
+
+LOOK_ROWS = 25  # between two looks at whether a step begins or ends
+NO_SAMPLE_S = 3.0  # after which the device is lost
+KEPT_S = 1.0  # of rows, while a step waits to begin
+
+
+class Builder(Protocol):
+    """The person at the bench."""
+
+    def ask(self, step: Step) -> None:
+        """Show what is to be done."""
+
+    def is_ready(self) -> bool:
+        """Whether the person has said that it is done; never waits."""
+
+    def show(self, result: "Result") -> None:
+        """Show how a step ended."""
+
+
+class Result(NamedTuple):
+    """How one step ended."""
+
+    step: Step
+    done: bool  # False: what it needs has not passed
+    finding: Finding
+    took_s: float
+
+
+class Unfit(Exception):
+    """A step was ended by the device; one sentence, and what to do."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.finding = Finding(False, why, advice(why) or "Look at board, cable and supply, and begin again.")
+
+
+class BringUp:
+    """One board, from the first step to the last."""
+
+    def __init__(self, device: RealDevice, builder: Builder, sleep: Callable[[float], None] = time.sleep) -> None:
+        """device: open. sleep: of the machine, but for tests."""
+        self._device, self._builder, self._sleep = device, builder, sleep
+        self._rows: list[Row] = []
+        self._heard = device.clock()
+        self._about: dict[str, Any] = {}
+
+    def run(self, steps: Sequence[Step]) -> list[Result]:
+        """Every step whose needs have passed. The currents are zero at the end, whatever ends it."""
+        results: list[Result] = []
+        try:
+            for step in steps:
+                passed = [result.step.name for result in results if result.finding.passed]
+                begun = self._device.clock()
+                why = f"not done: {self._device.problem}" if self._device.problem else why_not(step, passed)
+                if why:
+                    result = Result(step, False, Finding(False, why), 0.0)
+                else:
+                    result = Result(step, True, self._try(step), self._device.clock() - begun)
+                results.append(result)
+                self._builder.show(result)
+        finally:
+            with contextlib.suppress(DeviceError):
+                self._device.exchange(NO_CURRENT)
+        return results
+
+    def _try(self, step: Step) -> Finding:
+        try:
+            return self._do(step)
+        except Unfit as unfit:
+            return unfit.finding
+        except DeviceError as error:
+            return Unfit(cause_of(error)).finding
+        finally:
+            self._device.exchange(NO_CURRENT)
+
+    def _do(self, step: Step) -> Finding:
+        """Ask, wait, drive, judge."""
+        self._heard = self._device.clock()
+        self._builder.ask(step)
+        if step.confirmed:
+            self._wait(self._builder.is_ready, may_fault=True)
+        self._reset()
+        if step.homes is not None:
+            self._device.home(step.homes)
+        if step.zeroes:
+            self._device.zero()
+        self._rows.clear()
+        self._about = self._report()
+        self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()))
+        self._rows.clear()
+        begun, largest = self._device.clock(), self._seen().largest
+        looked = 0
+        while (t := self._device.clock() - begun) < step.lasts_s:
+            self._exchange(step.drive(t, largest), step.may_fault)
+            if len(self._rows) >= looked + LOOK_ROWS:
+                looked = len(self._rows)
+                if step.ends(self._seen()):
+                    break
+        if step.silent_s:
+            self._sleep(step.silent_s)
+            self._exchange(NO_CURRENT, may_fault=True)
+            for _ in range(50):
+                self._exchange(NO_CURRENT, may_fault=True)
+        if not self._rows:
+            raise Unfit("no sample came")
+        self._device.exchange(NO_CURRENT)
+        self._about = self._report()
+        with ThreadPoolExecutor(1) as thinks:  # a board that hears nothing for a second ends the connection
+            finding = thinks.submit(step.judge, Seen(list(self._rows), self._device.device, self._about))
+            while not finding.done():
+                self._device.exchange(NO_CURRENT)
+        return finding.result()
+
+    def _reset(self) -> None:
+        """Forget a fault that a step before has caused on purpose."""
+        self._exchange(NO_CURRENT, may_fault=True)
+        if self._rows and self._rows[-1].sample.fault:
+            self._device.reset()
+        self._rows.clear()
+
+    def _wait(self, until: Callable[[], bool], may_fault: bool = False) -> None:
+        """Without current. Unfit: the person has not done it."""
+        end, looked = self._device.clock() + PATIENCE_S, 0
+        while self._device.clock() < end:
+            self._exchange(NO_CURRENT, may_fault)
+            del self._rows[: -round(1e3 * KEPT_S)]
+            looked += 1
+            if looked % LOOK_ROWS == 0 and until():
+                return
+        raise Unfit(f"nothing was done for {PATIENCE_S:g} s")
+
+    def _exchange(self, currents: Four, may_fault: bool = False) -> None:
+        """One tick. Unfit: the device is lost, or has latched a fault."""
+        device = self._device
+        device.exchange(currents)
+        now = device.clock()
+        for sample in device.samples():
+            self._rows.append(Row(sample, currents, now))
+            self._heard = now
+        if problem := device.problem:
+            raise Unfit(problem)
+        if now - self._heard > NO_SAMPLE_S:
+            raise Unfit("no sample came")
+        if not may_fault and self._rows and (fault := self._rows[-1].sample.fault):
+            raise Unfit(fault)
+
+    def _report(self) -> dict[str, Any]:
+        device = self._device
+        return device.report() | {"encoders": device.encoders, "force_channels": device.force_channels}
+
+    def _seen(self) -> Seen:
+        return Seen(self._rows, self._device.device, self._about)

@@ -1,0 +1,94 @@
+"""The signed record of a bring-up: a sealed file in the data folder, by the board's number, which sessions name."""
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from core.device import Device
+from core.files import InputError
+from experiments.bring_up.bring_up import Result
+from experiments.recording.atomic_files import write_new_files
+from experiments.session.checksums import CHECKSUM, read_sealed, sealed
+
+FOLDER = "bring-up"  # in the data folder; no participant's name begins so (sub-..)
+FORMAT = 1
+
+
+class Written(NamedTuple):
+    """A record as a session names it."""
+
+    file: str  # relative to the data folder
+    checksum: str  # as in the file
+    by: str
+    time: str  # ISO, UTC
+    passed: bool
+    firmware: str
+    steps: dict[str, str]  # title -> "passed", "failed", "not done"
+
+
+def state_of(result: Result) -> str:
+    return "passed" if result.finding.passed else "failed" if result.done else "not done"
+
+
+def content(results: list[Result], device: Device, about: dict[str, Any], by: str, time: str) -> dict[str, Any]:
+    """The record, as JSON holds it. about: the device's report at the end."""
+    steps = [
+        {
+            "name": result.step.name, "title": result.step.title, "asked": result.step.ask, "state": state_of(result),
+            "saw": result.finding.saw, "advice": result.finding.advice, "took_s": round(result.took_s, 1),
+            "figures": {key: value for key, value in result.finding.figures.items() if key != "steps"},
+        }
+        for result in results
+    ]  # fmt: skip
+    known = {key: about.get(key) for key in ("board", "firmware", "protocol", "starts", "counts_per_rev")}
+    return {
+        "format": FORMAT, "time": time, "signed_by": by, "device": device.name, **known,
+        "current_limits_A": [float(most) for most in device.brakes.current_max],
+        "passed": all(result.finding.passed for result in results), "steps": steps,
+    }  # fmt: skip
+
+
+def write_record(data_dir: Path, record: dict[str, Any], results: list[Result]) -> list[Path]:
+    """Write the record, and beside it the brakes' current steps; the files. InputError: they cannot be written."""
+    stamp = re.sub(r"\D", "", record["time"])[:14]
+    name = f"{_plain(record['board'])}-{stamp}"
+    files = {data_dir / FOLDER / f"{name}.json": sealed(record)}
+    for result in results:
+        for joint, steps in result.finding.figures.get("steps", {}).items():
+            files |= {data_dir / FOLDER / f"{name}-steps-{joint}.csv": steps.encode()} if steps else {}
+    write_new_files(files)
+    return list(files)
+
+
+def _plain(board: str | None) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]", "_", board or "") or "board"
+
+
+def newest_record(data_dir: Path, board: str) -> Written | None:
+    """The newest record of a board; None: there is none. InputError: it was damaged."""
+    found = []
+    for file in (data_dir / FOLDER).glob(f"{_plain(board)}-*.json"):
+        about = read_sealed(file)
+        if about.get("board") == board:
+            found.append((about["time"], file, about))
+    if not found:
+        return None
+    time, file, about = max(found, key=lambda one: one[0])
+    try:
+        return Written(
+            f"{FOLDER}/{file.name}", about[CHECKSUM], about["signed_by"], time, about["passed"],
+            about.get("firmware") or "", {step["title"]: step["state"] for step in about["steps"]},
+        )  # fmt: skip
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{file}: is no record of a bring-up ({error})") from None
+
+
+def problem_of(record: Written | None, firmware: str) -> str:
+    """Why a board cannot be taken for brought up, one sentence; "": it can."""
+    if record is None:
+        return "This board was never brought up: run phd bring-up."
+    if not record.passed:
+        return "Not every step of the last bring-up has passed: run phd bring-up again."
+    if record.firmware != firmware:
+        return f"Firmware {record.firmware} was brought up, the board has {firmware}: run phd bring-up again."
+    return ""

@@ -1,0 +1,91 @@
+"""What a step of bringing a board up is: data, a course of currents, a judgement. Nothing here reaches a device."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from core.device import Device
+from core.device_interface import DeviceSample
+
+Four = tuple[float, float, float, float]
+Point = tuple[float, float]
+NO_CURRENT: Four = (0.0, 0.0, 0.0, 0.0)
+SHARE = 0.1  # of each brake's largest current: more never flows
+
+
+class Row(NamedTuple):
+    """A sample, and what was going on."""
+
+    sample: DeviceSample
+    asked: Four  # A, by the newest command when it came
+    came_s: float  # by the host's clock
+
+
+class Seen(NamedTuple):
+    """What a step has seen."""
+
+    rows: list[Row]
+    device: Device
+    about: dict[str, Any]  # the device's report, with its `encoders` and `force_channels`
+
+    def column(self, name: str) -> np.ndarray:
+        """A field of the samples, (n,) or (n, k)."""
+        return np.array([getattr(row.sample, name) for row in self.rows])
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(4,) A, of the brake files."""
+        return np.asarray(self.device.brakes.current_max, dtype=float)
+
+    @property
+    def braked(self) -> list[int]:
+        return [i for i in range(4) if self.device.brakes.present[i]]
+
+    def turned(self) -> dict[str, float]:
+        """Joint with an encoder -> how far it has turned, rad, counter-clockwise."""
+        counts = self.column("counts")
+        moved = (counts[-1] - counts[0]) * 2.0 * math.pi / np.array(self.about["counts_per_rev"])
+        return dict(zip(self.about["encoders"], moved.tolist(), strict=True))
+
+
+class Finding(NamedTuple):
+    """The judgement."""
+
+    passed: bool
+    saw: str
+    advice: str = ""
+    figures: dict[str, Any] = {}  # noqa: RUF012  (never changed)
+
+
+def at_once(seen: Seen) -> bool:
+    return True
+
+
+def never(seen: Seen) -> bool:
+    return False
+
+
+def no_current(t: float, largest: np.ndarray) -> Four:
+    return NO_CURRENT
+
+
+class Step(NamedTuple):
+    """One check. Its time runs from `begins` (looked at without current) to `ends`, at most `lasts_s`."""
+
+    name: str
+    title: str
+    judge: Callable[[Seen], Finding]
+    lasts_s: float
+    ask: str = ""  # what the person does
+    order: dict[str, Any] = {}  # noqa: RUF012  (never changed) the same, for the hand of an emulated board
+    confirmed: bool = False  # the person says when it is done; else it is seen
+    needs: tuple[str, ...] = ()  # steps that must have passed
+    begins: Callable[[Seen], bool] = at_once
+    ends: Callable[[Seen], bool] = never
+    drive: Callable[[float, np.ndarray], Four] = no_current  # A at s since `begins`, with the largest currents
+    may_fault: bool = False  # the device may latch a fault meanwhile
+    silent_s: float = 0.0  # no command from the end of `lasts_s` for so long
+    homes: Point | None = None  # the encoders are set to this place first, m
+    zeroes: bool = False  # the zero is taken first

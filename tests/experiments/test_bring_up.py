@@ -1,0 +1,206 @@
+"""`phd bring-up`: every mistake of a builder is found by its own step and by no other, and every end is zero current.
+
+`python tests/experiments/test_bring_up.py docs/bring-up.md` writes the page.
+"""
+
+import sys
+from pathlib import Path
+
+import pytest
+from bring_up_bench import Bringing
+
+from core.device import load_device
+from core.files import InputError
+from experiments.bring_up.bring_up import Result
+from experiments.bring_up.record import content, newest_record, problem_of, state_of, write_record
+from experiments.identify.step_response import read_steps
+from hardware.emulated_board.builder import MISTAKES
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring-up.md"
+FOUR = load_device("four-brake")
+#: mistake -> the step that finds it
+FOUND_BY = {
+    "slow-clock": "board",
+    "floating-encoder": "quiet",
+    "amplifier-offset": "quiet",
+    "swapped-encoders": "encoder A",
+    "inverted-encoder": "encoder B",
+    "dead-encoder": "encoder A",
+    "coarse-encoder": "second hole",
+    "noisy-force": "zero",
+    "inverted-force-x": "push right",
+    "inverted-force-y": "push away",
+    "turned-force": "push right",
+    "weak-amplifier": "currents",
+    "dead-amplifier": "currents",
+    "slow-current": "currents",
+    "ringing-current": "currents",
+    "swapped-sensing": "currents",
+    "dead-watchdog": "watchdog",
+    "stop-not-wired": "stop",
+    "stop-misses-B": "stop",
+    "crossed-brakes": "brakes",
+    "slipping-brake": "brakes",
+    "lossy-line": "latency",
+    "stuttering-line": "latency",
+}
+
+
+def failed(results: list[Result]) -> list[Result]:
+    return [result for result in results if state_of(result) == "failed"]
+
+
+@pytest.fixture(scope="module")
+def whole() -> Bringing:
+    """A bring-up without a mistake."""
+    bringing = Bringing(FOUR)
+    bringing.run()
+    return bringing
+
+
+def test_a_good_board_passes_every_step(whole: Bringing) -> None:
+    assert [state_of(result) for result in whole.builder.results] == ["passed"] * len(whole.steps)
+    assert not any(whole.bench.board.currents)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found_by_its_own_step_and_only_there(mistake: str) -> None:
+    bringing = Bringing(FOUR, mistake)
+    found = failed(bringing.run())
+    assert [result.step.name for result in found] == [FOUND_BY[mistake]]
+    assert found[0].finding.advice
+    assert f"| {MISTAKES[mistake].words} | {found[0].step.title} | {found[0].finding.advice} |" in PAGE.read_text()
+    assert not any(bringing.bench.board.currents)
+
+
+@pytest.mark.parametrize("device", ["three-brake", "er-two-brake"])
+def test_the_other_boards_pass_as_well(device: str) -> None:
+    assert not failed(Bringing(load_device(device)).run())
+
+
+def test_no_hand_is_asked_to_a_braked_handle_before_watchdog_and_stop_have_passed(whole: Bringing) -> None:
+    """And no current flows before every step without one has been tried; more than 10 % never flows."""
+    braking = [step for step in whole.steps if any(step.drive(0.1, FOUR.brakes.current_max))]
+    first = whole.steps.index(braking[0])
+    assert all("touch" in step.ask or "stop" in step.ask for step in braking if step.name != "brakes")
+    assert {"watchdog", "stop", "supply back", "second hole"} < set(braking[-1].needs)
+    assert not {step.name for step in whole.steps[:first]} & {step.name for step in braking}
+    most = 0.1 * FOUR.brakes.current_max.max() + 1e-12
+    assert max(max(step.drive(t / 50, FOUR.brakes.current_max)) for step in braking for t in range(1500)) <= most
+
+
+@pytest.mark.parametrize("how", ["interrupted", "unplugged", "idle"])
+def test_every_end_is_zero_current(how: str) -> None:
+    """Ctrl+C, an unplugged cable, a builder who does nothing: in the step in which all brakes have current."""
+    bringing = Bringing(FOUR, idle="stop")
+    names = ("board", "quiet", "currents", "stop")
+    bringing.steps = bringing.runner_steps(names)
+    before = bringing.bench.tick
+    flowing = 0
+
+    def tick() -> bytes:
+        nonlocal flowing
+        flowing += all(bringing.bench.board.currents)
+        if flowing == 300 and how == "interrupted":
+            raise KeyboardInterrupt
+        if flowing == 300 and how == "unplugged":
+            flowing += 1
+            bringing.bench.fault("unplug")
+        return before()
+
+    bringing.bench.tick = tick
+    if how == "interrupted":
+        with pytest.raises(KeyboardInterrupt):
+            bringing.run()
+    else:
+        assert [result.step.name for result in failed(bringing.run())] == ["stop"]
+    assert flowing >= 300
+    bringing.bench.tick = before
+    for _ in range(60):
+        before()
+    assert not any(bringing.bench.board.currents)
+
+
+def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path: Path) -> None:
+    results, about = whole.builder.results, whole.link.report()
+    about |= {"board": "TEST", "firmware": "1.0.0"}
+    assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("This board was never")
+    bad = [results[0]._replace(finding=results[0].finding._replace(passed=False)), *results[1:]]
+    write_record(tmp_path, content(bad, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00"), bad)
+    assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("Not every step")
+    files = write_record(
+        tmp_path, content(results, FOUR, about, "A. Builder", "2026-01-02T00:00:00.000+00:00"), results
+    )
+    found = newest_record(tmp_path, "TEST")
+    assert found and found.by == "A. Builder" and found.passed and problem_of(found, "1.0.0") == ""
+    assert "1.1.0" in problem_of(found, "1.1.0")
+    assert newest_record(tmp_path, "OTHER") is None
+    assert all(len(read_steps(file)) for file in files[1:]) and len(files) > 1  # as phd identify reads them
+    files[0].write_text(files[0].read_text().replace('"passed": true', '"passed": false', 1))
+    with pytest.raises(InputError, match="checksum"):
+        newest_record(tmp_path, "TEST")
+
+
+HEAD = """# Bringing a board up
+
+`phd bring-up --link serial:PORT --device NAME --by "YOUR NAME"` checks a device that has just been wired, one thing
+after another: it says what to do, watches, says what it saw, and where a step fails what to mend. Nothing has to be
+typed but Enter where it says so. The first steps need neither hand nor current. Brakes then get at most 10 % of their
+current, with no hand at the handle; the only step with a hand at a braked handle comes last and is done only after
+watchdog and emergency stop have passed. Ctrl+C, a failed step, an unplugged cable: every end is zero current.
+
+A step whose conditions have not passed is not done ("needs" below), so that a mistake is found where it is and not
+three steps later. Run the verb again after mending: it begins anew. The record, `DATA/bring-up/BOARD-TIME.json`,
+holds what each step saw, carries a checksum and the name of who signed it; a session on that board writes into its
+journal which record it names, or why none holds (never brought up, a step failed, another firmware). The steps of the
+brakes lie beside it as files that `phd identify` reads: the time constants of the record are found from them by its
+own fit. They alone give no brake file, which takes steps to four currents at three speeds.
+
+To see it without a board: `phd emulate --hand builder`, in a second terminal `phd bring-up --link serial:PORT --by
+ME` with the port that the first line names. `--mistake NAME` of `phd emulate` puts in one of the mistakes below.
+
+## The steps
+
+This table and the next are written by `python tests/experiments/test_bring_up.py docs/bring-up.md`, in simulated
+time. The limits are our choice, in `experiments/bring_up/checks.py`.
+
+"""
+MIDDLE = """
+*Brakes* needs every step before it. With the hand moving in circles, least squares over the friction of all joints
+gives the torque that each brake's current adds at each joint. On the emulated board, whose brakes are the model,
+single steps of 10 % come out between {low:.0f} and {high:.0f} % of the model's torque in this run: enough to tell
+which brake it is, and no calibration. Latency is watched for 60 s; in the run of the tables for 1 s.
+
+## What builders get wrong, and the step that finds it
+
+In each row one mistake is made on the emulated board. All other steps pass, or are not done for want of the one that
+failed.
+
+| mistake | found by | advice |
+|---|---|---|
+"""
+
+
+def page() -> str:
+    """The page, from a run of all mistakes."""
+    whole = Bringing(FOUR)
+    results = whole.run()
+    lines = ["| step | what you do | what flows | needs |", "|---|---|---|---|"]
+    for result in results:
+        step = result.step
+        flows = "10 %" if any(any(step.drive(0.1 * n, FOUR.brakes.current_max)) for n in range(100)) else "nothing"
+        needs = "every step before" if step.name == "brakes" else ", ".join(step.needs)
+        lines.append(f"| **{step.name}**: {step.title} | {step.ask} | {flows} | {needs} |")
+    brakes = next(result for result in results if result.step.name == "brakes").finding.figures
+    shares = [100.0 * brakes[joint]["added_N_m"] / brakes[joint]["model_N_m"] for joint in "AEBC"]
+    rows = []
+    for mistake, about in MISTAKES.items():
+        found, *others = failed(Bringing(FOUR, mistake).run())
+        assert not others, (mistake, found, others)
+        rows.append(f"| {about.words} | {found.step.title} | {found.finding.advice} |")
+        print(rows[-1], file=sys.stderr)
+    return HEAD + "\n".join(lines) + "\n" + MIDDLE.format(low=min(shares), high=max(shares)) + "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page())

@@ -1,0 +1,130 @@
+"""The template of docs/write-your-own-device.md: with its bus filled in, it is brought up and runs a trial."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bring_up_bench import HOME, ScriptedBuilder
+from protocols import PAPER
+from real_bench import PATH, TIP, Late, drawn
+
+from app.emulated_operator import EmulatedOperator
+from core import tick_log
+from core.device import load_device
+from core.device_interface import AnyDevice, RealDevice
+from core.files import InputError
+from core.path import build_path
+from experiments.bring_up.bring_up import BringUp
+from experiments.bring_up.steps import steps_for
+from experiments.plan import PlannedTrial
+from experiments.trial.real_trial import RealTrial
+from experiments.trial.trial import Conditions
+from hardware.emulated_board.builder import BuilderHand, BuiltDevice
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, hello_of
+from hardware.own_driver import load_driver
+from hardware.serial_device import device_at
+from hardware.wire.messages import Fault
+
+FILE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "own_device.py"
+DEVICE = load_device("four-brake")
+
+
+class EmulatedBus:
+    """A bus in simulated time: a device with a watchdog that is no board of ours."""
+
+    def __init__(self, hand: EmulatedHand) -> None:
+        hello = hello_of(DEVICE)
+        built = isinstance(hand, BuilderHand)
+        self.device = (
+            BuiltDevice(DEVICE, hello, hand, TIP, "") if built else EmulatedDevice(DEVICE, hello, hand, TIP, 1)
+        )
+        self.ticks = self.heard = 0
+        self.fault, self.currents = Fault.NONE, (0, 0, 0, 0)
+
+    def tick(self) -> tuple:
+        self.ticks += 1
+        if self.ticks - self.heard >= 50 and any(self.currents):
+            self.fault, self.currents = Fault.WATCHDOG, (0, 0, 0, 0)
+        readings = self.device.sense(self.currents, ())
+        self.device.advance(self.currents)
+        counts = (readings.counts[0], readings.counts[2])
+        return 1000 * self.ticks, counts, readings.force, readings.current_mA, self.fault
+
+    def exchange(self, currents_mA: list[int]) -> tuple:
+        self.heard = self.ticks
+        self.currents = (0, 0, 0, 0) if self.fault else tuple(currents_mA)
+        return self.tick()
+
+
+def own_device(hand: EmulatedHand) -> tuple[RealDevice, EmulatedBus]:
+    device = load_driver(f"driver:{FILE}")(DEVICE)
+    device.bus = bus = EmulatedBus(hand)
+    device.clock = lambda: 1e-3 * bus.ticks
+    device.open()
+    return device, bus
+
+
+def test_the_template_has_every_method_of_a_real_device_and_is_short() -> None:
+    device = device_at(DEVICE, f"driver:{FILE}")
+    names = {name for kind in (AnyDevice, RealDevice) for name in (*vars(kind), *kind.__annotations__)}
+    missing = {name for name in names if name[0] != "_" and name not in {*dir(type(device)), *vars(device)}}
+    assert missing == set()
+    source = FILE.read_text().partition("class OwnDevice")[2].partition("def new_device")[0]
+    assert sum(bool(line.strip()) for line in source.splitlines()) <= 60
+    with pytest.raises(OSError, match="not filled in"):
+        device.bus.exchange([0] * 4)
+
+
+def test_the_template_is_brought_up() -> None:
+    hand = BuilderHand(TIP)
+    device, bus = own_device(hand)
+    reset = device.reset
+
+    def forget() -> None:
+        bus.fault = Fault.NONE
+        reset()
+
+    device.reset = forget
+    runner = BringUp(device, ScriptedBuilder(hand), lambda seconds: [bus.tick() for _ in range(round(1e3 * seconds))])
+    results = runner.run(steps_for(DEVICE, device.encoders, True, HOME, latency_s=1.0))
+    assert [result.finding for result in results if not result.finding.passed] == []
+    assert not any(bus.currents)
+
+
+def test_the_template_runs_a_trial_of_the_paper() -> None:
+    person, generator = drawn(3)
+    operator = EmulatedOperator(person, build_path(PATH, "path"), TIP, generator)
+    operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
+    hand = Late(operator)
+    device, _ = own_device(hand)
+    device.exchange([0.0] * 4)
+    device.home(TIP)
+    device.zero()
+    hand.begun = True
+    trial = RealTrial(
+        DEVICE, PlannedTrial(1, 1, DEVICE.name, 1, 1, 1), Conditions(PATH, PAPER.controllers[1], PAPER.rules)
+    )
+    trial.connect(device)
+    rows: list[np.ndarray] = []
+    while not trial.finished:
+        assert len(rows) < 60_000
+        phase = tick_log.PHASES.index(trial.phase)
+        if phase != operator.phase:
+            operator.enter(phase)
+        rows += trial.exchange()
+    assert trial.outcome()["status"] == "done"
+    trial.leave()
+    pickle.dumps(trial)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("", "has no function new_device"), ("import nothing_of_that_name", "cannot be loaded"), (None, "must name a")],
+)
+def test_a_driver_that_is_none_is_refused(text: str | None, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "driver.py"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(InputError, match=words):
+        device_at(DEVICE, f"driver:{file}")

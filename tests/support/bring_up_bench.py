@@ -1,0 +1,75 @@
+"""A bench in simulated time on which a board is brought up by a scripted builder, perhaps with a mistake."""
+
+from simulated_bench import TIP, Bench, reached
+
+from experiments.bring_up.bring_up import BringUp, Result
+from experiments.bring_up.step import Step
+from experiments.bring_up.steps import PATIENCE_S, steps_for
+from hardware.emulated_board.builder import MISTAKES, BuilderHand, BuiltDevice, board_with
+from hardware.emulated_board.device import hello_of
+from hardware.serial_device import SerialDevice
+
+HOME = (0.0, 0.40)
+SHORT_S = 3.0  # in place of the builder's minute
+
+
+class BuiltBench(Bench):
+    """A `Bench` with a builder's hand."""
+
+    def __init__(self, device, mistake: str = "") -> None:
+        self.clock = MISTAKES[mistake].clock if mistake else 1.0
+        hand = BuilderHand(TIP)
+        super().__init__(device, hand)
+        self.board = board_with(hello_of(device, "TEST"), mistake)
+        self.device = BuiltDevice(device, self.board.hello, hand, TIP, mistake)
+        if mistake and MISTAKES[mistake].line:
+            self.fault(MISTAKES[mistake].line)
+
+    @property
+    def now_s(self) -> float:
+        return 100.0 + 1e-3 * self.ticks / self.clock
+
+
+class ScriptedBuilder:
+    """Does what is asked, unless it is told not to."""
+
+    def __init__(self, hand: BuilderHand, idle: str = "") -> None:
+        self.hand, self.idle = hand, idle  # name of a step at which nothing is done
+        self.results: list[Result] = []
+
+    def ask(self, step: Step) -> None:
+        if step.order and step.name != self.idle:
+            self.hand.obey(step.order)
+
+    def is_ready(self) -> bool:
+        return self.hand.is_done
+
+    def show(self, result: Result) -> None:
+        self.results.append(result)
+
+
+class Bringing:
+    """One bring-up."""
+
+    def __init__(self, device, mistake: str = "", latency_s: float = 1.0, idle: str = "") -> None:
+        self.bench = BuiltBench(device, mistake)
+        self.link: SerialDevice = reached(self.bench, device)
+        self.builder = ScriptedBuilder(self.bench.hand, idle)
+        self.steps = steps_for(device, self.link.encoders, self.link.force_channels > 0, HOME, latency_s)
+        self.steps = [step._replace(lasts_s=SHORT_S) if step.lasts_s == PATIENCE_S else step for step in self.steps]
+        self.runner = BringUp(self.link, self.builder, self.fall_silent)
+
+    def runner_steps(self, names: tuple[str, ...]) -> list[Step]:
+        """The steps of these names alone, which need no other."""
+        kept = [step for step in self.steps if step.name in names]
+        return [step._replace(needs=tuple(name for name in step.needs if name in names)) for step in kept]
+
+    def fall_silent(self, seconds: float) -> None:
+        for _ in range(round(1e3 * seconds)):
+            self.bench.backlog += self.bench.tick()
+
+    def run(self) -> list[Result]:
+        try:
+            return self.runner.run(self.steps)
+        finally:
+            self.link.close()
