@@ -347,13 +347,8 @@ class Sandbox:
         """Give a trial the controller, brakes and spring of the settings; its motion goes on."""
         before, self._now = self._now, self.settings
         s, assumed = self._now, self._assumed(self._now)
-<<<<<<< HEAD
-        if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
-            trial.controller = trial.controller._replace(blend_width=s.blend_width_m)
-=======
         trial.path = trial.path._replace(blend_width=s.blend_width_m)
-        if not isinstance(trial.simulation, SimulatedDevice):  # its controller knows the noise of its sensing
->>>>>>> paths
+        if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
             return
         if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
