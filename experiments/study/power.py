@@ -201,7 +201,7 @@ def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
     )
     with matplotlib.rc_context(STYLE):
         margins, height = (0.6, 0.15, 0.5, 0.35), 3.4
-        figure, grid = sheet(note, (PAGE_IN, height), margins, 1, len(configurations), (0.25, 0.0), sharey=True)
+        figure, grid = sheet(note, (PAGE_IN, height), margins, (1, len(configurations)), (0.25, 0.0), sharey=True)
         for axes, configuration in zip(grid[0], configurations, strict=True):
             here = [one for one in found if one.configuration == configuration]
             for place, one in enumerate(here):
