@@ -59,11 +59,12 @@ class Tick(NamedTuple):
 class Controller(NamedTuple):
     """A controller made ready for a device, as the kernels read it."""
 
-    algorithm: int  # its place in `controllers.ALGORITHMS`
+    algorithm: int  # its place in `controllers.ALGORITHMS`; behind the last: it is a file of its own, at `address`
     gap_m: float  # half-width (our reading) of the band around the path without control
     values: tuple[float, ...]  # of its parameters, in their order
     force_normalised: float  # N, the most that is commanded of any brake
     rules: Rules
+    address: int  # of the kernel of an algorithm in a file of its own (`core.kernels.by_address`); else 0
     around: np.ndarray  # one record: the obstacles of the trial, their guide and guard (`core.control.guard.AROUND`)
 
 
