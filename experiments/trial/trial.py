@@ -24,7 +24,7 @@ from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import Sensing, decision_noise, new_sensing, sensed
 from experiments.trial.normals import Normals
-from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
+from experiments.trial.operator import OPERATOR, Person, new_operator, on_path, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
@@ -72,6 +72,7 @@ class Trial:
         self._run = tick.new_run(how, person is not None, self.real)
         self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
         if person is not None and generator is not None:
+            person = on_path(person, self.path)
             self._operator = new_operator(person, generator)
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))
             self._way = way_round(path, how.around.obstacles, f"path {planned.segment}")
