@@ -35,7 +35,7 @@ FROM, LENGTH, X, Y, TX, TY, CURVATURE, TURN = range(8)
 #: itself it is that of the piece. Zero: encoder steps at the corner turn the direction by the whole corner.
 CORNER_M = 1e-3
 #: A sharper turn is a corner: a place to arrive at, within a quarter of `near`, and to leave.
-CORNER_DEG = 45.0
+CORNER_DEG = 70.0
 #: m. A shorter way counts as none: its square would be no normal number.
 LEAST_M = 1e-100
 #: m. A piece is left for another one that is nearer by more than this times (1 - cosine between their tangents).

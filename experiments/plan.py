@@ -21,10 +21,11 @@ import numpy as np
 
 from core.control.controllers import ALGORITHMS, Preset
 from core.files import InputError
-from core.path import Arc, PathFile, Polyline, build_path
+from core.path import BLEND_WIDTH_M, Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
 
 PRACTICE_BLOCK = 0
+MOST_SHOWN = 8  # points of a polyline in the printed plan
 #: A random order is drawn until one fits (3 in 10 of the paper's do); after this many draws it is built.
 _MOST_DRAWS = 2000
 _PRACTICE = 0x9AC71CE  # sets the draws of practice apart from those of the plan
@@ -254,7 +255,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
     facts = {
         "participants": [", ".join(protocol.participants) or "anybody"],
         "devices": [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in protocol.devices],
-        "paths": [f"{number}  {_path_text(path)}" for number, path in protocol.paths.items()],
+        "paths": [f"{n}  {_path_text(path, protocol.drawn.get(n, ''))}" for n, path in protocol.paths.items()],
         "controllers": [f"{number}  {_controller_text(preset)}" for number, preset in protocol.controllers.items()],
         "blocks": [f"{protocol.blocks} for each device, each controller on each path {times} in each"],
         "breaks": [f"after every {every} of a device, at least {breaks.least_s:g} s" if breaks else "none"],
@@ -285,19 +286,26 @@ def _seen(protocol: Protocol) -> str:
     return f"{linkage}, {feedback}, {paced}"
 
 
-def _path_text(path: PathFile) -> str:
+def _path_text(path: PathFile, drawn: str) -> str:
+    """A path in a line; drawn: what became of its drawing, "" where it is none."""
 
     def place(point: tuple[float, float]) -> str:
         return f"({point[0]:g}, {point[1]:g})"
 
-    if isinstance(path, Arc):
+    if drawn:
+        where = drawn
+    elif isinstance(path, Arc):
         turn = f"{path.from_deg:g} to {path.to_deg:g} deg"
         where = f"arc about {place(path.centre_m)}, radius {path.radius_m:g} m, {turn}"
     elif isinstance(path, Polyline):
-        where = "polyline " + " - ".join(map(place, path.points_m)) + " m"
+        few = len(path.points_m) <= MOST_SHOWN
+        points = " - ".join(map(place, path.points_m)) + " m" if few else f"of {len(path.points_m)} points"
+        where = f"polyline {points}"
     else:
         where = f"segment {place(path.start_m)} - {place(path.end_m)} m"
-    return f"{where}, {build_path(path, 'path').length:.3f} m long"
+    built = build_path(path, "path")
+    blended = "" if built.blend_width == BLEND_WIDTH_M else f", blend width {1e3 * built.blend_width:.3g} mm"
+    return f"{where}, {built.length:.3f} m long{blended}"
 
 
 def _controller_text(preset: Preset) -> str:

@@ -19,10 +19,11 @@ from core.control.controllers import ALGORITHMS, Preset
 from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
+from core.drawn_path import read_path
 from core.files import InputError, from_plain, parse_toml, read_text, shipped_names, shipped_or_file
 from core.obstacles import build_obstacles, nearest_obstacle
 from core.path import Path as PathAhead
-from core.path import PathFile, build_path, outline, path_from, point_at
+from core.path import PathFile, build_path, outline, point_at
 from core.workspace import tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
 from experiments.language import Language, language_text, read_language, shipped_languages
@@ -66,6 +67,8 @@ class Protocol(Settings, frozen=True, kw_only=True):
     overrides: dict[str, Any]  # what was asked for in its place
     devices: tuple[Device, ...]
     paths: dict[int, PathFile]
+    drawn: dict[int, str]  # what became of the drawings among them, by number
+    drawings: dict[str, str]  # their files in full
     controllers: dict[int, Preset]
     trial: TrialRules
     language_text: str  # in full
@@ -191,9 +194,14 @@ def read_protocol(
         words = language_text(file.language, folder)
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
+    drawings = {
+        name: read_text(folder / name)
+        for entry in file.path
+        if isinstance(name := entry.get("file"), str)
+    }
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
-    return _checked(file, _Contents(text, words, pictures), found, overrides, where)
+    return _checked(file, _Contents(text, words, pictures, drawings), found, overrides, where)
 
 
 def read_picture(path: Path, where: str) -> bytes:
@@ -229,6 +237,7 @@ class _Contents(NamedTuple):
     text: str  # of the protocol
     language: str
     pictures: dict[str, bytes]
+    drawings: dict[str, str]
 
 
 def _checked(
@@ -255,7 +264,7 @@ def _checked(
                 raise InputError(f"{where}: controller {preset.name}: needs brakes, and {named} has a castor")
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
-    paths = _paths(file.path, where)
+    paths, drawn = _paths(file.path, contents.drawings, where)
     cells = len(devices) * len(paths) * len(controllers)
     if (trials := cells * file.blocks * file.repetitions) > MOST_TRIALS:
         raise InputError(
@@ -274,7 +283,7 @@ def _checked(
     )  # fmt: skip
     return Protocol(
         text=contents.text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        controllers=controllers, language_text=contents.language, pictures=contents.pictures, **settings,
+        drawn=drawn, drawings=contents.drawings, controllers=controllers, language_text=contents.language, pictures=contents.pictures, **settings,
     )  # fmt: skip
 
 
@@ -321,18 +330,21 @@ def _numbered(numbers: Iterable[int | None], entries: Iterable[T], where: str) -
     return dict(sorted(found.items()))
 
 
-def _paths(entries: Sequence[dict[str, Any]], where: str) -> dict[int, PathFile]:
-    """The paths by number; each can be followed."""
+def _paths(
+    entries: Sequence[dict[str, Any]], drawings: Mapping[str, str], where: str
+) -> tuple[dict[int, PathFile], dict[int, str]]:
+    """The paths by number, each of which can be followed, and what became of the drawings among them."""
     own = [
         from_plain(entry.get("number"), Count | None, f"{where}: path {place}: number")
         for place, entry in enumerate(entries, start=1)
     ]
-    paths = {}
+    paths, drawn = {}, {}
     for number, entry in _numbered(own, entries, f"{where}: path").items():
         about = {key: value for key, value in entry.items() if key != "number"}
-        paths[number] = path_from(about, f"{where}: path {number}")
+        paths[number], words = read_path(about, drawings.__getitem__, f"{where}: path {number}")
+        drawn |= {number: words} if words else {}
         build_path(paths[number], f"{where}: path {number}")
-    return paths
+    return paths, drawn
 
 
 def _assumed(
@@ -391,6 +403,7 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
             for device in protocol.devices
         ],
         **({"language": protocol.language_text} if protocol.language not in shipped_languages() else {}),
+        **({"drawings": protocol.drawings} if protocol.drawings else {}),
         **({"pictures": {k: b64encode(v).decode() for k, v in protocol.pictures.items()}} if protocol.pictures else {}),
     }
 
@@ -404,7 +417,7 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
     words = about.get("language") or language_text(file.language, Path())
     pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
-    contents = _Contents(about["text"], words, pictures)
+    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}))
     return _checked(file, contents, devices, about["overrides"], f"{where}: protocol")
 
 

@@ -11,6 +11,7 @@ import msgspec
 
 from core.control.controllers import ALGORITHMS, Preset
 from core.device import Device, build_device, load_device, shipped_devices
+from core.drawn_path import DRAWING
 from core.files import InputError, Pair, toml_text
 from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
@@ -54,6 +55,7 @@ class Variant(NamedTuple):
     brake_strength: float = 1.0  # share of K(I)
     backlash_deg: float | None = None  # of all brakes; None: each brake's own
     sensing: str = IDEAL
+    blend_width_m: float | None = None  # None: the path's own
 
 
 def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
@@ -63,6 +65,7 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
     Instructions and a translation are left out: they stand in files beside the other protocol.
     """
     device, strength, backlash_deg = variant.device, variant.brake_strength, variant.backlash_deg
+    blend_width = variant.blend_width_m
     content = _without_files(protocol)
     applied = {"gap_reading": None, "low_gain": None} | ({} if backlash_deg is None else {"backlash_deg": None})
     content["assumptions"] = msgspec.to_builtins(protocol.assumptions) | applied | {"sensing": variant.sensing}
@@ -74,7 +77,7 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
         "name": file.stem,
         "rules": variant.rules,
         "devices": [f"{file.stem}-device.toml" if files else device.name],
-        "path": [paths[variant.path]],
+        "path": [paths[variant.path] | ({"blend_width_m": blend_width} if blend_width else {})],
         "controller": [_controller(number, preset) for number, preset in variant.controllers.items()],
         "mouse": msgspec.to_builtins(variant.mouse),
     }
@@ -120,9 +123,13 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
-    """The content of a protocol's file without what may stand in other files: devices, instructions, a translation."""
+    """The content of a protocol's file without other files: no devices, instructions, translation; drawings as points."""
     left_out = ("instruction", "device", "brake")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
+    for place, entry in enumerate(content["path"], start=1):
+        if entry["kind"] == DRAWING:
+            number = entry.get("number", place)
+            content["path"][place - 1] = {"number": number, **msgspec.to_builtins(protocol.paths[number])}
     if protocol.language not in shipped_languages():
         content.pop("language", None)
     return content
@@ -182,6 +189,9 @@ def path_through(kind: str, points: Sequence[Pair]) -> dict[str, Any]:
     if kind == "polyline":
         return {"kind": kind, "points_m": rounded}
     a, b, c = (complex(*point) for point in (points[0], points[1], points[-1]))
+    if a == c != b:  # a full circle
+        centre, first = 0.5 * (a + b), math.degrees(cmath.phase(a - b))
+        return _arc_file(centre, abs(a - centre), first, first + 360.0)
     if abs(((c - a) * (b - a).conjugate()).imag) <= 1e-9:
         raise InputError("path: the three points of an arc lie on a line")
     w = (c - a) / (b - a)
@@ -190,8 +200,12 @@ def path_through(kind: str, points: Sequence[Pair]) -> dict[str, Any]:
     turn = (last - first) % 360.0
     if (via - first) % 360.0 > turn:  # clockwise
         turn -= 360.0
-    middle, radius = [round(centre.real, 6), round(centre.imag, 6)], round(abs(a - centre), 6)
+    return _arc_file(centre, abs(a - centre), first, first + turn)
+
+
+def _arc_file(centre: complex, radius: float, first: float, last: float) -> dict[str, Any]:
+    """An arc as a file has it; m, degrees."""
     return {
-        "kind": kind, "centre_m": middle, "radius_m": radius,
-        "from_deg": round(first, 3), "to_deg": round(first + turn, 3),
+        "kind": "arc", "centre_m": [round(centre.real, 6), round(centre.imag, 6)], "radius_m": round(radius, 6),
+        "from_deg": round(first, 3), "to_deg": round(last, 3),
     }  # fmt: skip

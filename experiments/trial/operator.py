@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from core.kernels import kernel
-from core.path import CORNER_DEG, FROM, LENGTH, TURN, Path, follow, on_piece, point_at
+from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
 from experiments.trial.normals import Normals
@@ -26,6 +26,7 @@ _RING = 256  # ticks of history (a power of two), longer than the longest delay 
 _GLANCE = 50  # ticks over which it is felt whether the handle moves
 _LAST = _RING - 1  # mask of the ring
 _S_HEIGHT = 6.0 * math.sqrt(3.0)  # makes the largest s (1 - s) (1 - 2 s) one
+_PACED_M, _TURN_SHARE = 0.3, 0.5  # of `on_path`
 LONGEST_DELAY_S = (_RING - 1 - _GLANCE) * TICK_S
 
 
@@ -128,6 +129,23 @@ def new_operator(person: Person, generator: np.random.Generator | Normals) -> np
     return operator
 
 
+def on_path(person: Person, path: Path) -> Person:
+    """The person as they follow this path.
+
+    Assumed, of a path of several pieces: what lags behind in a bend is off the path, so that the arm is as stiff along
+    it as across; and a path longer than 30 cm takes longer in proportion (steering law, Accot & Zhai 1997), as does one
+    with turns, each full turn half a movement.
+    """
+    if len(path.pieces) == 1:
+        return person
+    turned = np.abs(path.pieces[:, TURN]).sum() + np.abs(path.pieces[:, CURVATURE]) @ path.pieces[:, LENGTH]
+    longer = max(1.0, path.length / _PACED_M + _TURN_SHARE * float(turned) / (2.0 * math.pi))
+    return person._replace(
+        movement_s=longer * person.movement_s,
+        stiffness_along_N_m=max(person.stiffness_along_N_m, person.stiffness_across_N_m),
+    )
+
+
 def take_handle(person: Person, path: Path, grips: np.ndarray) -> None:
     """Set the arm at the handle: soft along the path's first piece, stiff across it; the kernels turn it."""
     _, _, tx, ty = point_at(path, 0.0)
@@ -171,10 +189,24 @@ def course(path, r):
         end = piece[i, FROM] + piece[i, LENGTH]
         if i == piece.shape[0] - 1 or abs(piece[i, TURN]) > CORNER_DEG * math.pi / 180.0:
             if way < end or i == piece.shape[0] - 1:
+                if end - begin == path.length:
+                    break
                 share, slope = minimum_jerk((way - begin) / (end - begin))
                 return (begin + share * (end - begin)) / path.length, slope
             begin = end
     return minimum_jerk(r)
+
+
+@kernel
+def waits_at_corner(operator, path, tip_progress):
+    """Whether the virtual hand is at a corner to which the tip has not come yet, within a quarter of `near`."""
+    piece, last = path.pieces, path.pieces.shape[0] - 1
+    i = operator.piece
+    while i < last and abs(piece[i, TURN]) <= CORNER_DEG * math.pi / 180.0:
+        i += 1
+    corner, step = piece[i, FROM] + piece[i, LENGTH], TICK_S / operator.movement_s
+    at_corner = i < last and (operator.progress + step) * path.length > corner
+    return at_corner and tip_progress < corner - 0.25 * path.near
 
 
 @kernel
@@ -287,6 +319,7 @@ def move_along(operator, grip, path, tick, phase_tick, tip_progress):
     share, slope = course(path, operator.progress)
     lead = share * path.length + operator.offset[0] - tip_progress
     moving = phase_tick * TICK_S >= operator.reaction_s and lead < operator.lead_max_m
+    moving = moving and not waits_at_corner(operator, path, tip_progress)
     if moving and operator.progress < 1.0:
         operator.progress += TICK_S / operator.movement_s
     else:

@@ -25,7 +25,7 @@ from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import EncoderSensing, decision_noise, new_sensing, sensed
 from experiments.trial.normals import Normals
-from experiments.trial.operator import OPERATOR, Person, new_operator, take_handle
+from experiments.trial.operator import OPERATOR, Person, new_operator, on_path, take_handle
 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
@@ -181,6 +181,7 @@ class SimulatedTrial(Trial):
         super().__init__(known, path, planned, conditions)
         hand, state, _ = device.data
         if person is not None and generator is not None:
+            person = on_path(person, path)
             self._run = tick.new_run(self.how, simulated_hand=True)
             self._operator = new_operator(person, generator)
             self._noise = generator.standard_normal((NOISE_DRAWS, 2))

@@ -1,6 +1,7 @@
 """Paths drawn with the mouse on the places that the devices reach."""
 
 import contextlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
-from core.files import InputError, Pair
-from core.path import outline, path_from
+from core.drawn_path import read_path
+from core.files import InputError, Pair, read_text
+from core.path import outline
 from experiments.protocol_writer import POINTS, points_of
 
 SNAP_M = 0.005  # points lie on such a grid
@@ -32,13 +34,14 @@ class PathDrawing(Plane):
         self._free: list[Pair] = []  # places (m) that every device reaches
         self._held: tuple[int, int] | None = None  # path and point that the pointer holds
 
-    def show_paths(self, paths: list[dict[str, Any]]) -> None:
-        """The paths as they stand in the file; one that is none yet is not drawn."""
+    def show_paths(self, paths: list[dict[str, Any]], folder: Path) -> None:
+        """The paths as they stand in the file of this folder; one that is none yet is not drawn."""
         self._paths = [("", [], np.empty((0, 2)))] * len(paths)
         for number, path in enumerate(paths, start=1):
             about = {key: value for key, value in path.items() if key != "number"}
             with contextlib.suppress(InputError):  # the reader's sentence stands in the form
-                way = np.asarray(outline(path_from(about, "path"), SNAP_M))
+                found, _ = read_path(about, lambda name: read_text(folder / name), "path")
+                way = np.asarray(outline(found, SNAP_M))
                 self._paths[number - 1] = str(path.get("number", number)), points_of(path), way
         self.repaint_still()
 
@@ -72,7 +75,7 @@ class PathDrawing(Plane):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._kind:
-            self._points += [place] if (place := self._place(event)) not in self._points else []
+            self._points += [place] if (place := self._place(event)) not in self._points[-1:] else []
             if self._kind != "polyline" and len(self._points) == POINTS[self._kind]:
                 self._end()
             self.repaint_still()

@@ -28,7 +28,7 @@ from app.window.canvas.layers import SPACING_M, Point
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen
 from core.obstacles import ObstacleFile
-from core.path import PathFile, outline
+from core.path import PathFile, Segment, outline
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 HOLD_PX = 6.0  # width of the sweep of the hold
@@ -37,6 +37,7 @@ LEAST_HANDLE_PX = 4.0  # radius
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
 AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
+HEADS_PX = 130.0  # between the arrowheads along a path
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -317,16 +318,34 @@ class Plane(QWidget):
         """The path, the start as a ring, the end as a ring with a point in it."""
         painter.setPen(pen(COLOURS.handle, self.sizes.path, 0.92, round_cap=True))
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
+        if not isinstance(self.path, Segment):
+            self._paint_sense(painter)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
+        radii = self.rings_px
+        if start == end and radii[0] == radii[1]:  # a closed path: one ring round the other
+            radii = radii[0] + 1.5 * self.sizes.ring_pen, radii[1]
         for place, colour, radius in zip(
-            (start, end), (COLOURS.start_ring, COLOURS.end_ring), self.rings_px, strict=True
+            (start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True
         ):
             painter.setPen(pen(colour, self.sizes.ring_pen))
             painter.drawEllipse(place, radius, radius)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(COLOURS.end_ring))
         painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
+
+    def _paint_sense(self, painter: QPainter) -> None:
+        """Arrowheads along the path: which way it runs, where it is closed or crosses itself."""
+        points, size = self.pixels(self.outline), 4.0 * self.sizes.path
+        steps = np.diff(points, axis=0)
+        way = np.cumsum(np.hypot(*steps.T))
+        for place in np.searchsorted(way, np.arange(0.5 * HEADS_PX, way[-1], HEADS_PX)).tolist():
+            x, y = points[place + 1].tolist()
+            angle = math.atan2(steps[place, 1], steps[place, 0])
+            wings = (
+                QPointF(x - size * math.cos(angle + turn), y - size * math.sin(angle + turn)) for turn in (-0.5, 0.5)
+            )
+            painter.drawPolyline(QPolygonF([next(wings), QPointF(x, y), next(wings)]))
 
     @property
     def rings_px(self) -> tuple[float, float]:

@@ -46,6 +46,7 @@ from app.window.widgets.work import BackgroundTask
 from core.control.controllers import ALGORITHMS
 from core.control.rule_sets import RULE_SETS
 from core.device import shipped_devices
+from core.drawn_path import DRAWING
 from core.files import InputError, Pair, read_text
 from core.workspace import tip_is_free
 from experiments.language import shipped_languages
@@ -141,7 +142,7 @@ class ProtocolEditor(Panel):
         add("Name", "name", self.fields["name"])
         add("Devices", "devices", self._devices, row(button("Add a file …", self._add_device, small), 1))
         add("Controllers", "controller", self._controllers, row(button("Add one", self.add_controller, small), 1))
-        add("Paths, in mm", "path", self._paths, row(*draw, 1))
+        add("Paths, in mm", "path", self._paths, row(*draw, button("Add a file …", self._add_drawing, small), 1))
         for key, field in list(self.fields.items())[1:]:
             add("" if isinstance(field, Tick) else LABELS[key], key, field)
         self.form.setPlaceholderText("handedness: right, left; age: number")
@@ -219,14 +220,14 @@ class ProtocolEditor(Panel):
         for place, controller in enumerate(controllers):
             self._controllers.addLayout(self._controller_row(place, controller))
         for place, path in enumerate(paths):
-            text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path))
-            points = QLineEdit(text, accessibleName=f"Path {place + 1}")
+            text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path)) or str(path.get("file", ""))
+            points = QLineEdit(text, accessibleName=f"Path {place + 1}", readOnly=path.get("kind") == DRAWING)
             points.textEdited.connect(lambda text, place=place: self._reshape(place, lambda: typed_points(text), True))
             remove_button = button("×", partial(self.remove, "path", place), "small", "Remove this path")
             self._paths.addLayout(
                 row(text_label(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, remove_button)
             )
-        self.drawing.show_paths(paths)
+        self.drawing.show_paths(paths, self._folder)
         self._grid.activate()
         self.form_area.setMinimumWidth(self.form_area.widget().minimumSizeHint().width() + 12)
         self._timer.start()
@@ -277,6 +278,17 @@ class ProtocolEditor(Panel):
             self._use_device(path, True)
             self._show_lists()
 
+    def _add_drawing(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Drawing of a path", "", "Drawings (*.csv *.svg)")
+        if path:
+            self.add_drawing(Path(path))
+
+    def add_drawing(self, path: Path) -> None:
+        """A path drawn in a file; a picture, which has no metres, 10 cm wide in the middle of the workspace."""
+        placed = {"width_m": 0.1, "centre_m": [0.0, 0.36]} if path.suffix.lower() == ".svg" else {}
+        self.content["path"].append({"kind": DRAWING, "file": str(path)} | placed)
+        self._renumber("path")
+
     def add_controller(self) -> None:
         controllers = self.content["controller"]
         controllers.append({"name": f"Controller {len(controllers) + 1}", "kind": next(iter(ALGORITHMS))})
@@ -311,7 +323,7 @@ class ProtocolEditor(Panel):
             self._show_problem(str(error))
             return
         if typed:
-            self.drawing.show_paths(self.content["path"])
+            self.drawing.show_paths(self.content["path"], self._folder)
             self._timer.start()
         else:
             self._show_lists()

@@ -1,0 +1,154 @@
+"""Paths drawn elsewhere: the points of a CSV table, or the path element of an SVG picture, as a polyline."""
+
+import csv
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from core.files import InputError, NotNegative, Pair, Positive, from_plain
+from core.path import MOST_POINTS, Followed, PathFile, Polyline, path_from
+
+DRAWING = "drawing"  # kind of a path that is drawn in a file
+COLUMNS = ("x_m", "y_m")
+CURVE_POINTS = 32  # on each curve of an SVG path
+LEAST_STEP_M = 1e-6  # points nearer to the one before are left out
+SMOOTHING_STEPS = 2  # points within the width of the smoothing
+MOST_DRAWN = 100_000  # points of a file. Our choice: more is no hand's drawing
+
+
+class Drawing(Followed, tag=DRAWING, tag_field="kind", forbid_unknown_fields=True, frozen=True):
+    """A path as a protocol names it: its file, and how the drawing is placed."""
+
+    file: str  # .csv, with columns x_m and y_m, or .svg; a path from the protocol's folder
+    smoothing_m: NotNegative = 0.0  # sd of the Gaussian along the path, by which each point is averaged
+    width_m: Positive | None = None  # to which the drawing is scaled; a CSV table may stay as it is
+    centre_m: Pair | None = None  # to which the middle of the drawing is moved
+
+
+def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> tuple[PathFile, str]:
+    """The path of an entry, and what became of its drawing ("": it is none). read: the text of a file by its name.
+
+    InputError, beginning with `where`, if it is no path.
+    """
+    if entry.get("kind") != DRAWING:
+        return path_from(entry, where), ""
+    drawing = from_plain(entry, Drawing, where)
+    where = f"{where}: {drawing.file}"
+    text = read(drawing.file)
+    is_svg = drawing.file.lower().endswith(".svg")
+    if is_svg and (drawing.width_m is None or drawing.centre_m is None):
+        raise InputError(f"{where}: an SVG picture has no metres, width_m and centre_m are required")
+    points = _placed(_svg_points(text, where) if is_svg else _csv_points(text, where), drawing, where)
+    points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > LEAST_STEP_M)]
+    if len(points) < 2:
+        raise InputError(f"{where}: has fewer than two different points")
+    points, moved = _smoothed(points, drawing.smoothing_m)
+    about = f"{drawing.file}, {len(points)} points, "
+    if drawing.smoothing_m:
+        about += f"smoothed over {1e3 * drawing.smoothing_m:g} mm (moved by at most {1e3 * moved:.2g} mm)"
+    else:
+        about += "not smoothed"
+    pairs = tuple((round(x, 7), round(y, 7)) for x, y in points.tolist())
+    return Polyline(pairs, near_m=drawing.near_m, blend_width_m=drawing.blend_width_m), about
+
+
+def _csv_points(text: str, where: str) -> np.ndarray:
+    """The points (n, 2) of a table with the columns x_m and y_m."""
+    table = csv.DictReader(text.splitlines())
+    if not set(COLUMNS) <= set(table.fieldnames or ()):
+        raise InputError(f"{where}: must have the columns x_m and y_m, separated by commas")
+    points = []
+    for row in table:
+        try:
+            points.append([float(row[name]) for name in COLUMNS])
+        except (TypeError, ValueError):
+            raise InputError(f"{where}: line {table.line_num}: x_m and y_m must be numbers") from None
+    return np.array(points).reshape(-1, 2)
+
+
+def _svg_points(text: str, where: str) -> np.ndarray:
+    """The points (n, 2) of the one path of a picture, y upwards; curves as `CURVE_POINTS` each."""
+    from xml.etree.ElementTree import ParseError
+
+    from fontTools.pens.basePen import BasePen
+    from fontTools.svgLib.path import SVGPath
+
+    class Collector(BasePen):
+        def __init__(self) -> None:
+            super().__init__(None)
+            self.lines: list[list[Pair]] = []
+
+        def _moveTo(self, pt: Pair) -> None:
+            self.lines.append([pt])
+
+        def _lineTo(self, pt: Pair) -> None:
+            self.lines[-1].append(pt)
+
+        def _curveToOne(self, pt1: Pair, pt2: Pair, pt3: Pair) -> None:
+            s = np.linspace(0.0, 1.0, CURVE_POINTS + 1)[1:, None]
+            start, one, two, end = (np.array(point) for point in (self.lines[-1][-1], pt1, pt2, pt3))
+            bent = (1 - s) ** 3 * start + 3 * (1 - s) ** 2 * s * one + 3 * (1 - s) * s**2 * two + s**3 * end
+            self.lines[-1] += [(x, y) for x, y in bent.tolist()]
+
+        def _closePath(self) -> None:
+            self.lines[-1].append(self.lines[-1][0])
+
+    pen = Collector()
+    try:
+        picture = SVGPath.fromstring(text.encode())
+        if any("transform" in element.attrib for element in picture.root.iter() if not element.tag.endswith("path")):
+            raise InputError(f"{where}: a group is moved or turned: save the picture without such transforms")
+        picture.draw(pen)
+    except (ParseError, ValueError, IndexError, KeyError, AssertionError) as error:
+        raise InputError(f"{where}: is no SVG picture that can be read ({error})") from None
+    lines = [line for line in pen.lines if len(line) > 1]
+    if len(lines) != 1:
+        raise InputError(f"{where}: has {len(lines)} separate lines, a path must be one")
+    return np.array(lines[0]) * (1.0, -1.0)
+
+
+def _placed(points: np.ndarray, drawing: Drawing, where: str) -> np.ndarray:
+    """The points scaled to the drawing's width and moved to its centre."""
+    if not 2 <= len(points) <= MOST_DRAWN:
+        raise InputError(f"{where}: has {len(points)} points, 2 to {MOST_DRAWN} are needed")
+    if not np.isfinite(points).all():
+        raise InputError(f"{where}: every coordinate must be finite")
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (low + high)
+    centre = middle if drawing.centre_m is None else np.array(drawing.centre_m)
+    if drawing.width_m is None:
+        return points - middle + centre
+    if high[0] <= low[0]:
+        raise InputError(f"{where}: width_m: the drawing has no width")
+    return drawing.width_m / (high[0] - low[0]) * (points - middle) + centre
+
+
+def _smoothed(points: np.ndarray, smoothing: float) -> tuple[np.ndarray, float]:
+    """At most `MOST_POINTS` points along the line, averaged over `smoothing` (m); how far it was moved at most (m).
+
+    The ends stay where they are; where they are one point, the average goes round. Without smoothing and within that
+    number the points stay as they are.
+    """
+    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    if not smoothing and len(points) <= MOST_POINTS:
+        return points, 0.0
+    steps = math.ceil(SMOOTHING_STEPS * way[-1] / smoothing) if smoothing else MOST_POINTS
+    steps = max(min(steps, MOST_POINTS - 1), 2)
+    even = np.linspace(0.0, way[-1], steps + 1)
+    before = np.column_stack([np.interp(even, way, points[:, k]) for k in range(2)])
+    if not smoothing:
+        return before, 0.0
+    from scipy.ndimage import gaussian_filter1d
+
+    sigma = smoothing * steps / way[-1]
+    if math.dist(points[0], points[-1]) <= LEAST_STEP_M:
+        after = gaussian_filter1d(before[:-1], sigma, axis=0, mode="wrap")
+        after = np.vstack([after, after[:1]])
+    else:  # turned about its ends the line goes on, and they stay
+        room = min(math.ceil(4.0 * sigma), steps)
+        ahead, behind = 2.0 * before[0] - before[room:0:-1], 2.0 * before[-1] - before[-2 : -room - 2 : -1]
+        after = gaussian_filter1d(np.vstack([ahead, before, behind]), sigma, axis=0)[room : room + steps + 1]
+        after[0], after[-1] = before[0], before[-1]
+    return after, float(np.hypot(*(after - before).T).max())
