@@ -25,15 +25,20 @@ from core.control.algorithm import (
     Algorithm,
     Controller,
     Parameter,
+    Tick,
     limit,
     release,
 )
 from core.control.guard import NO_OBSTACLE, keep_out
+from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, OwnFile, address_in, algorithm_in
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import NO_FIELD, field_at, field_round
+from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_round, new_memory
 from core.files import InputError
 from core.kernels import kernel
+from core.kernels.by_address import Caller
+from core.mechanism import no_brakes
 from core.obstacles import nearest_obstacle
+from core.simulator.state import pack_brakes
 
 
 @kernel
@@ -66,15 +71,27 @@ DECISIONS: tuple[str, ...] = (
     *(words for algorithm in ALGORITHMS.values() for words in algorithm.decisions),
 )
 
-_MOST = max(len(algorithm.parameters) for algorithm in ALGORITHMS.values())
+#: Words of the decisions of an algorithm in a file of its own, where nobody may know which file it is.
+CODED = tuple(f"own {place}" for place in range(1, MOST_WORDS + 1))
 
 
 class Preset(NamedTuple):
     """One row of Table I, or of a protocol's own table of controllers."""
 
     name: str
-    kind: str  # of its algorithm
+    kind: str  # of its algorithm; of one in a file of its own, the file's name
     values: tuple[float, ...] = ()  # of the algorithm's parameters, in their order
+    own: OwnFile | None = None  # the file
+
+    @property
+    def algorithm(self) -> Algorithm:
+        """InputError if the file of its own cannot be run."""
+        return ALGORITHMS[self.kind] if self.own is None else algorithm_in(self.own)
+
+    @property
+    def decisions(self) -> tuple[str, ...]:
+        """Code -> words, in a trial with this controller."""
+        return DECISIONS if self.own is None else (*DECISIONS, *self.algorithm.decisions)
 
     def value(self, parameter: str) -> float:
         """A parameter in SI units; 0 where the algorithm has none of that name."""
@@ -83,13 +100,15 @@ class Preset(NamedTuple):
     @property
     def named(self) -> dict[str, float]:
         """Each parameter of its algorithm, SI units."""
-        own = (parameter.name for parameter in ALGORITHMS[self.kind].parameters)
-        return dict(zip(own, self.values, strict=True))
+        if self.own is not None:
+            return dict(zip(self.own.parameters, self.values, strict=True))
+        names = (parameter.name for parameter in ALGORITHMS[self.kind].parameters)
+        return dict(zip(names, self.values, strict=True))
 
     @property
     def words(self) -> str:
         """The algorithm and its parameters in words: "proportional, gap 0 mm, gain 5 N s/m"."""
-        own = zip(ALGORITHMS[self.kind].parameters, self.values, strict=True)
+        own = zip(self.algorithm.parameters, self.values, strict=True)
         words = (f"{known.word} {known.scale * value:g} {known.unit}".rstrip() for known, value in own)
         return ", ".join([self.kind, *words])
 
@@ -98,22 +117,28 @@ class Preset(NamedTuple):
         return self._replace(values=tuple({**self.named, **others}[name] for name in self.named))
 
 
-def make_preset(name: str, kind: str, given: Mapping[str, float | None]) -> Preset:
+def decision_words(presets: Iterable[Preset]) -> tuple[str, ...]:
+    """Code -> words, the same for every controller of a blind session."""
+    return (*DECISIONS, *CODED) if any(preset.own for preset in presets) else DECISIONS
+
+
+def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: OwnFile | None = None) -> Preset:
     """A preset of an algorithm with the parameters given (None: not given), the others at their defaults.
 
+    own: the file of an algorithm that is not shipped.
     ValueError, a sentence that begins with the key, where one is missing or is none of the algorithm's.
     """
-    algorithm = ALGORITHMS[kind]
-    own = {parameter.name: parameter for parameter in algorithm.parameters}
-    values = {key: parameter.default for key, parameter in own.items()}
+    algorithm = ALGORITHMS[kind] if own is None else algorithm_in(own)
+    known = {parameter.name: parameter for parameter in algorithm.parameters}
+    values = {key: parameter.default for key, parameter in known.items()}
     for key, value in given.items():
-        if value is not None and key not in own:
-            raise ValueError(f"{key} is not for {kind!r}" + ("" if own else ", which never controls"))
+        if value is not None and key not in known:
+            raise ValueError(f"{key} is not for {kind!r}" + ("" if known else ", which never controls"))
         values |= {key: value} if value is not None else {}
     for key, value in values.items():
         if value is None:
             raise ValueError(f"{key} is required for {kind!r}")
-    return Preset(name, kind, tuple(float(value) for value in values.values() if value is not None))
+    return Preset(name, kind, tuple(float(value) for value in values.values() if value is not None), own)
 
 
 def make_controller(
@@ -128,21 +153,25 @@ def make_controller(
     rules: "settled" or "literal"; velocity_noise (m/s, rms) of the device's sensing widens one threshold of `settled`.
     around: the obstacles of the trial (`make_around`).
     """
-    if preset.kind not in ALGORITHMS:
+    if preset.own is None and preset.kind not in ALGORITHMS:
         raise InputError(f"controller {preset.name}: {preset.kind!r} is none of {', '.join(ALGORITHMS)}")
-    for parameter, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True):
+    for parameter, value in zip(preset.algorithm.parameters, preset.values, strict=True):
         if not 0.0 <= value < math.inf:
             raise InputError(f"controller {preset.name}: {parameter.word} {value!r} must be finite and not negative")
     if not 0.0 < device_force_normalised < math.inf:
         raise InputError(f"controller: normalised force {device_force_normalised!r} must be positive and finite, in N")
-    return Controller(
-        list(ALGORITHMS).index(preset.kind),
+    controller = Controller(
+        len(ALGORITHMS) if preset.own else list(ALGORITHMS).index(preset.kind),
         preset.value(GAP_M.name),
-        preset.values + (0.0,) * (_MOST - len(preset.values)),  # one type for the kernels
+        preset.values + (0.0,) * (MOST_PARAMETERS - len(preset.values)),  # one type for the kernels
         float(device_force_normalised),
         rule_set(rules, velocity_noise),
+        0,
         around,
     )
+    if preset.own is None:
+        return controller
+    return controller._replace(address=address_in(preset.own, decide_at))
 
 
 def _numbered(number: int, offset: int, this: Callable[..., int], others: Callable[..., int]) -> Callable[..., int]:
@@ -161,9 +190,26 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
     return decide_as
 
 
+def _sample() -> tuple[Controller, Field, Tick]:
+    """Arguments of `decide`, of the types that every device and trial gives them."""
+    seen, brakes = Seen(*[0.0] * 6), pack_brakes(no_brakes(), backlash=True)[0]
+    tick = Tick(seen, np.zeros((4, 2)), np.zeros(3), brakes, new_memory(), np.zeros(4))
+    return make_controller(Preset("none", "none"), 1.0), NO_FIELD, tick
+
+
+decide_at = Caller(_sample)
+
+
+@kernel
+def decide_in_own_file(controller, field, tick):
+    """As the file of its own decides, which was compiled alone."""
+    code = decide_at(controller.address, controller, field, tick)
+    return code + len(DECISIONS) - OWN if code >= OWN else code
+
+
 def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
     """The kernel that decides as the algorithm of the controller does."""
-    chain, offset = no_control, 0
+    chain, offset = decide_in_own_file, 0
     for number, algorithm in enumerate(algorithms):
         chain = _numbered(number, offset, algorithm.decide, chain)
         offset += len(algorithm.decisions)

@@ -1,66 +1,84 @@
 """Calls of a kernel by its address: one that was compiled alone, after all that calls it.
 
-`address_of` compiles a kernel for the types of its arguments; `call_at` calls it. Interpreted, an address is a number
-under which the function is found.
+A `Caller` is for arguments of the types of a sample: its `address_of` compiles a kernel for them, and kernels call it as
+`caller(address, *arguments)`. Interpreted, an address is a number under which the function is found.
 """
 
+import functools
 import itertools
 from collections.abc import Callable
 from typing import Any
 
 from core.kernels.decorators import INTERPRETED
 
-_functions: dict[int, Callable] = {}  # interpreted; compiled: those whose machine code must stay
+_kept: dict[int, Callable] = {}  # by their addresses: their machine code must stay
 _numbers = itertools.count(1)
 
 
-def address_of(kernel: Any, arguments: tuple) -> int:
-    """Where the machine code of a kernel for arguments of these types begins, in this process; it answers an np.int64.
+class Caller:
+    """What kernels name to call another by its address. The other answers an np.int64."""
 
-    numba's errors if it does not compile.
-    """
-    if INTERPRETED:
-        number = next(_numbers)
-        _functions[number] = kernel
-        return number
-    from numba import typeof
+    def __init__(self, sample: Callable[[], tuple]) -> None:
+        """sample: arguments of the types of all that will come, made when the first kernel is compiled."""
+        self._sample = sample
 
-    types = tuple(map(typeof, arguments))
-    kernel.entry.compile(types)
-    (compiled,) = kernel.entry.overloads.values()  # a kernel of its own for each address
-    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-    _functions[address] = kernel
-    return address
+    def __reduce__(self) -> tuple:
+        """numba pickles what a kernel names, for its key on disk; the intrinsic is none of it."""
+        return Caller, (self._sample,)
+
+    def address_of(self, kernel: Any) -> int:
+        """Where the machine code of a kernel begins, in this process. numba's errors if it does not compile."""
+        if INTERPRETED:
+            address = next(_numbers)
+        else:
+            kernel.entry.compile(self._types)
+            (compiled,) = kernel.entry.overloads.values()
+            address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+        _kept[address] = kernel
+        return address
+
+    def __call__(self, address: int, *arguments: Any) -> int:
+        """Interpreted."""
+        return _kept[address](*arguments)
+
+    @functools.cached_property
+    def _types(self) -> tuple:
+        from numba import typeof
+
+        return tuple(map(typeof, self._sample()))
+
+    @functools.cached_property
+    def _numba_type_(self) -> Any:
+        """The type by which numba knows a caller that a kernel names: that of an intrinsic."""
+        from numba.core.registry import cpu_target
+
+        call = _intrinsic(self._types)
+        cpu_target.typing_context.refresh()  # numba learns of an intrinsic when it next looks
+        return cpu_target.typing_context.resolve_value_type(call)
 
 
-def _call_interpreted(address: int, *arguments: Any) -> int:
-    return _functions[address](*arguments)
-
-
-def _intrinsic() -> Any:
+def _intrinsic(expected: tuple) -> Any:
     from llvmlite import ir
     from numba.core import cgutils, types
+    from numba.core.errors import TypingError
     from numba.extending import intrinsic
 
     @intrinsic
-    def call(typing, address, *arguments):  # noqa: ANN001, ANN202
-        given = arguments[0] if len(arguments) == 1 and isinstance(arguments[0], types.BaseTuple) else arguments
-        parts = tuple(given)
+    def call(typing, address, *arguments):
+        (packed,) = arguments if len(arguments) == 1 else (arguments,)
+        if tuple(packed) != expected:  # or it would read other numbers than were given
+            raise TypingError(f"a call by address takes {expected}, not {tuple(packed)}")
 
-        def generate(context, builder, signature, values):  # noqa: ANN001, ANN202
-            at, packed = values
+        def generate(context, builder, signature, values):
+            at, together = values
             convention = context.call_conv
-            kind = convention.get_function_type(types.int64, parts)
-            function = builder.inttoptr(at, ir.PointerType(kind))
-            unpacked = [builder.extract_value(packed, i) for i in range(len(parts))]
-            status, result = convention.call_function(builder, function, types.int64, parts, unpacked)
+            function = builder.inttoptr(at, ir.PointerType(convention.get_function_type(types.int64, expected)))
+            apart = [builder.extract_value(together, place) for place in range(len(expected))]
+            status, result = convention.call_function(builder, function, types.int64, expected, apart)
             with cgutils.if_unlikely(builder, status.is_error):
                 convention.return_status_propagate(builder, status)
             return result
 
-        return types.int64(address, types.StarArgTuple(parts)), generate
+        return types.int64(address, types.StarArgTuple(expected)), generate
 
     return call
-
-
-call_at = _call_interpreted if INTERPRETED else _intrinsic()
