@@ -19,7 +19,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from core.control.controllers import ALGORITHMS, Preset
+from core.control.controllers import Preset
 from core.files import InputError
 from core.path import BLEND_WIDTH_M, Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
@@ -311,7 +311,8 @@ def _path_text(path: PathFile, drawn: str) -> str:
 def _controller_text(preset: Preset) -> str:
     about = [
         f"{parameter.word} {grouped(parameter.scale * value)} {parameter.unit}".rstrip()
-        for parameter, value in zip(ALGORITHMS[preset.kind].parameters, preset.values, strict=True)
+        for parameter, value in zip(preset.algorithm.parameters, preset.values, strict=True)
         if value != parameter.default
     ]
+    about += [f"{preset.kind}.py, sha256 {preset.own.digest[:12]}"] if preset.own else []
     return f"{preset.name} ({', '.join(about)})" if about else preset.name

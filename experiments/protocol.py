@@ -11,11 +11,12 @@ import textwrap
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from core.control.controllers import ALGORITHMS, Preset
+from core.control.controllers import Preset
 from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
@@ -29,6 +30,7 @@ from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder
 from experiments.language import Language, language_text, read_language, shipped_languages
 from experiments.protocol_file import (
     NUMBER,
+    ControllerFile,
     Count,
     InstructionPage,
     Overrides,
@@ -69,6 +71,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
     paths: dict[int, PathFile]
     drawn: dict[int, str]  # what became of the drawings among them, by number
     drawings: dict[str, str]  # their files in full
+    algorithms: dict[str, str]  # the files of controllers that are not shipped, in full
     controllers: dict[int, Preset]
     trial: TrialRules
     language_text: str  # in full
@@ -178,9 +181,17 @@ def load_protocol(
 
 
 def read_protocol(
-    text: str, folder: Path, where: str, devices: Sequence[str | Path | Device] | None = None, **asked: Any
+    text: str,
+    folder: Path,
+    where: str,
+    devices: Sequence[str | Path | Device] | None = None,
+    to_come: Mapping[str, str] = MappingProxyType({}),
+    **asked: Any,
 ) -> Protocol:
-    """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`."""
+    """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`.
+
+    to_come: texts of algorithms' files that are not in the folder yet, by name.
+    """
     file = parse_toml(text, ProtocolFile, where)
     overrides = {name: value for name, value in asked.items() if value is not None}
     inline = inline_devices(file.device, file.brake, folder, where)
@@ -201,7 +212,12 @@ def read_protocol(
     }
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
-    return _checked(file, _Contents(text, words, pictures, drawings), found, overrides, where)
+    algorithms = {
+        name: to_come.get(name) or read_text(folder / name)
+        for name in dict.fromkeys(controller.algorithm for controller in file.controller)
+        if name
+    }
+    return _checked(file, _Contents(text, words, pictures, drawings, algorithms), found, overrides, where)
 
 
 def read_picture(path: Path, where: str) -> bytes:
@@ -238,6 +254,7 @@ class _Contents(NamedTuple):
     language: str
     pictures: dict[str, bytes]
     drawings: dict[str, str]
+    algorithms: dict[str, str]
 
 
 def _checked(
@@ -247,7 +264,7 @@ def _checked(
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
     _refuse_duplicates([device.name for _, device in devices], f"{where}: devices: two devices")
-    presets = [controller.preset() for controller in file.controller]
+    presets = [_preset(controller, contents.algorithms, where) for controller in file.controller]
     _refuse_duplicates([preset.name for preset in presets], f"{where}: controller: two controllers")
     numbers = [controller.number for controller in file.controller]
     controllers = _numbered(numbers, presets, f"{where}: controller")
@@ -260,7 +277,7 @@ def _checked(
             encoder_counts(device)
     for preset in controllers.values():
         for named, device in devices:
-            if device.castor and not ALGORITHMS[preset.kind].steers:
+            if device.castor and not preset.algorithm.steers:
                 raise InputError(f"{where}: controller {preset.name}: needs brakes, and {named} has a castor")
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
@@ -283,8 +300,16 @@ def _checked(
     )  # fmt: skip
     return Protocol(
         text=contents.text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        drawn=drawn, drawings=contents.drawings, controllers=controllers, language_text=contents.language, pictures=contents.pictures, **settings,
+        drawn=drawn, drawings=contents.drawings, algorithms=contents.algorithms, controllers=controllers,
+        language_text=contents.language, pictures=contents.pictures, **settings,
     )  # fmt: skip
+
+
+def _preset(controller: ControllerFile, algorithms: Mapping[str, str], where: str) -> Preset:
+    try:
+        return controller.preset(algorithms)
+    except ValueError as error:
+        raise InputError(f"{where}: controller {controller.name}: {error}") from None
 
 
 def _around(
@@ -384,7 +409,7 @@ def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathF
 def presets_of(protocol: Protocol) -> list[Preset]:
     """The controllers of the protocol's file, without assumptions and options."""
     file = parse_toml(protocol.text, ProtocolFile, protocol.name)
-    return [controller.preset() for controller in file.controller]
+    return [controller.preset(protocol.algorithms) for controller in file.controller]
 
 
 def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
@@ -404,6 +429,7 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
         ],
         **({"language": protocol.language_text} if protocol.language not in shipped_languages() else {}),
         **({"drawings": protocol.drawings} if protocol.drawings else {}),
+        **({"algorithms": protocol.algorithms} if protocol.algorithms else {}),
         **({"pictures": {k: b64encode(v).decode() for k, v in protocol.pictures.items()}} if protocol.pictures else {}),
     }
 
@@ -417,7 +443,7 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
     words = about.get("language") or language_text(file.language, Path())
     pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
-    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}))
+    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}), about.get("algorithms", {}))
     return _checked(file, contents, devices, about["overrides"], f"{where}: protocol")
 
 

@@ -4,6 +4,8 @@ Lengths in m, forces in N, times in s, gains in N s/m. The keys of `Settings` me
 and in an experiment that was checked (`experiments.protocol.Protocol`).
 """
 
+import re
+from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -11,6 +13,7 @@ import msgspec
 from core.control.algorithm import GAP_M
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.guard import Guard
+from core.control.own_file import read_own
 from core.control.rule_sets import RULE_SETS
 from core.files import NotNegative, Positive, Table, choice, text_of_form
 from core.obstacles import ObstacleFile
@@ -170,19 +173,35 @@ _Parameters: Any = msgspec.defstruct(
 
 
 class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
-    """A controller in a protocol file: an algorithm and its parameters."""
+    """A controller in a protocol file: an algorithm, shipped or in a file of its own, and its parameters."""
 
     name: Text
-    kind: Annotated[str, choice(*ALGORITHMS)]
+    kind: Annotated[str, choice(*ALGORITHMS)] | None = None
+    algorithm: Text | None = None  # in place of kind: a Python file beside the protocol's
+    parameters: dict[str, NotNegative] = {}  # of that file's algorithm
     number: Count | None = None  # its place in the list where it is left out
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        self.preset()
+        if (self.kind is None) == (self.algorithm is None):
+            raise ValueError(f"{self.name}: needs either kind or algorithm")
+        if self.kind is not None and self.parameters:
+            raise ValueError(f"{self.name}: parameters are for an algorithm in a file of its own")
+        if self.algorithm is not None and not re.fullmatch(r"[A-Za-z]\w*\.py", self.algorithm):
+            raise ValueError(f"{self.name}: algorithm must be the name of a Python file, not {self.algorithm!r}")
+        if self.algorithm is None:
+            self.preset({})
 
-    def preset(self) -> Preset:
-        """The controller. ValueError if its parameters are not those of its algorithm."""
-        return make_preset(self.name, self.kind, {name: getattr(self, name) for name in PARAMETERS})
+    def preset(self, files: Mapping[str, str]) -> Preset:
+        """The controller; files: texts of the files by name. ValueError if its parameters are not its algorithm's.
+
+        InputError if its file cannot be run.
+        """
+        given = {name: getattr(self, name) for name in PARAMETERS}
+        if self.algorithm is None:
+            return make_preset(self.name, str(self.kind), given)
+        own = read_own(self.algorithm.removesuffix(".py"), files[self.algorithm])
+        return make_preset(self.name, own.name, given | self.parameters, own)
 
 
 class ProtocolFile(Settings, frozen=True, kw_only=True):

@@ -2,6 +2,7 @@
 
 import cmath
 import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from core.control.controllers import ALGORITHMS, Preset
+from core.control.controllers import Preset
 from core.device import Device, build_device, load_device, shipped_devices
 from core.drawn_path import DRAWING
 from core.files import InputError, Pair, toml_text
@@ -73,18 +74,21 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
     changed = strength != 1.0 or backlash_deg is not None
     changed = changed or device.name not in shipped_devices() or load_device(device.name).text != device.text
     files, changed_device = _device_files(file, device, strength, backlash_deg) if changed else ({}, device)
+    beside = re.sub(r"\W", "_", file.stem) + "_"
+    algorithms = {f"{beside}{name}": text for name, text in protocol.algorithms.items()}
     content |= {
         "name": file.stem,
         "rules": variant.rules,
         "devices": [f"{file.stem}-device.toml" if files else device.name],
         "path": [paths[variant.path] | ({"blend_width_m": blend_width} if blend_width else {})],
-        "controller": [_controller(number, preset) for number, preset in variant.controllers.items()],
+        "controller": [_controller(number, preset, beside) for number, preset in variant.controllers.items()],
         "mouse": msgspec.to_builtins(variant.mouse),
     }
     text = protocol_text(content)
-    read_protocol(text, file.parent, str(file), devices=[changed_device])
+    read_protocol(text, file.parent, str(file), [changed_device], algorithms)
+    files |= algorithms | {file.name: text}
     try:
-        write_new_files({file.parent / name: made.encode() for name, made in {**files, file.name: text}.items()})
+        write_new_files({file.parent / name: made.encode() for name, made in files.items()})
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({reason_of(error)})") from None
 
@@ -135,10 +139,12 @@ def _without_files(protocol: Protocol) -> dict[str, Any]:
     return content
 
 
-def _controller(number: int, preset: Preset) -> dict[str, Any]:
-    parameters = [parameter.name for parameter in ALGORITHMS[preset.kind].parameters]
-    about = {"number": number, "name": preset.name, "kind": preset.kind}
-    return about | dict(zip(parameters, preset.values, strict=True))
+def _controller(number: int, preset: Preset, beside: str) -> dict[str, Any]:
+    """beside: how the names of the files begin that stand beside the protocol."""
+    about = {"number": number, "name": preset.name}
+    if preset.own is not None:
+        return about | {"algorithm": f"{beside}{preset.kind}.py", "parameters": preset.named}
+    return about | {"kind": preset.kind, **preset.named}
 
 
 def _device_files(

@@ -60,7 +60,7 @@ def append_ticks(pieces: list[np.ndarray], rows: np.ndarray) -> None:
 
 def measures_of_pass(pieces: list[np.ndarray], trial: Trial) -> Metrics:
     """The measures of a pass. InputError: ticks are missing."""
-    return trial_metrics(recording_of(np.concatenate(pieces), trial.device.braked), trial.path)
+    return trial_metrics(recording_of(np.concatenate(pieces), trial.device.braked, decisions=trial.preset.decisions), trial.path)
 
 
 class Sandbox:
@@ -353,7 +353,7 @@ class Sandbox:
         if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
         noise = decision_noise(trial.device, middle_of(trial.path), assumed)
-        trial.controller = self._controller(s, trial.device, noise)
+        trial.controller, trial.preset = self._controller(s, trial.device, noise), self._preset(s)
         trial.simulation.retune(s.brake_strength, None if self._own_backlash() else math.radians(s.backlash_deg))
         if "spring_N_m" not in self.fixed:
             grip, damping = trial.simulation.hand.grips, self._damping()

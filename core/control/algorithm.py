@@ -67,6 +67,10 @@ class Controller(NamedTuple):
     address: int  # of the kernel of an algorithm in a file of its own (`core.kernels.by_address`); else 0
     around: np.ndarray  # one record: the obstacles of the trial, their guide and guard (`core.control.guard.AROUND`)
 
+    def __reduce__(self) -> tuple:
+        """An address means nothing in another process (`controllers.with_address`)."""
+        return Controller, tuple(self._replace(address=0))
+
 
 GAP_M = Parameter("gap_m", "gap", "mm", 1e3, 0.0, (0.0, 20.0))
 

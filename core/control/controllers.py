@@ -169,9 +169,12 @@ def make_controller(
         0,
         around,
     )
-    if preset.own is None:
-        return controller
-    return controller._replace(address=address_in(preset.own, decide_at))
+    return with_address(controller, preset)
+
+
+def with_address(controller: Controller, preset: Preset) -> Controller:
+    """The controller with the address of its algorithm's file in this process. InputError if that does not compile."""
+    return controller if preset.own is None else controller._replace(address=address_in(preset.own, decide_at))
 
 
 def _numbered(number: int, offset: int, this: Callable[..., int], others: Callable[..., int]) -> Callable[..., int]:
@@ -203,6 +206,8 @@ decide_at = Caller(_sample)
 @kernel
 def decide_in_own_file(controller, field, tick):
     """As the file of its own decides, which was compiled alone."""
+    if controller.address == 0:  # it came from another process: `with_address` was forgotten
+        return NOT_FINITE
     code = decide_at(controller.address, controller, field, tick)
     return code + len(DECISIONS) - OWN if code >= OWN else code
 

@@ -1,7 +1,7 @@
 """Calls of a kernel by its address: one that was compiled alone, after all that calls it.
 
-A `Caller` is for arguments of the types of a sample: its `address_of` compiles a kernel for them, and kernels call it as
-`caller(address, *arguments)`. Interpreted, an address is a number under which the function is found.
+A `Caller` is for arguments of the types of a sample: its `address_of` compiles a kernel for them, and kernels call it
+as `caller(address, *arguments)`. Interpreted, an address is a number under which the function is found.
 """
 
 import functools
@@ -57,6 +57,18 @@ class Caller:
         return cpu_target.typing_context.resolve_value_type(call)
 
 
+def _alike(given: Any, expected: Any) -> bool:
+    """Whether values of two types look the same in memory: an array inside a record is one like any other."""
+    from numba.core import types
+
+    if isinstance(given, types.BaseTuple) and isinstance(expected, types.BaseTuple):
+        same = getattr(given, "instance_class", None) is getattr(expected, "instance_class", None)
+        return same and len(given) == len(expected) and all(map(_alike, given, expected))
+    if isinstance(given, types.Array) and isinstance(expected, types.Array):
+        return (given.dtype, given.ndim, given.layout) == (expected.dtype, expected.ndim, expected.layout)
+    return given == expected
+
+
 def _intrinsic(expected: tuple) -> Any:
     from llvmlite import ir
     from numba.core import cgutils, types
@@ -66,7 +78,7 @@ def _intrinsic(expected: tuple) -> Any:
     @intrinsic
     def call(typing, address, *arguments):
         (packed,) = arguments if len(arguments) == 1 else (arguments,)
-        if tuple(packed) != expected:  # or it would read other numbers than were given
+        if not _alike(types.Tuple(tuple(packed)), types.Tuple(expected)):  # or it would read other numbers than given
             raise TypingError(f"a call by address takes {expected}, not {tuple(packed)}")
 
         def generate(context, builder, signature, values):
@@ -79,6 +91,6 @@ def _intrinsic(expected: tuple) -> Any:
                 convention.return_status_propagate(builder, status)
             return result
 
-        return types.int64(address, types.StarArgTuple(expected)), generate
+        return types.int64(address, types.StarArgTuple(tuple(packed))), generate  # type: ignore[attr-defined]
 
     return call

@@ -107,13 +107,15 @@ class Recording:
         return self.column("phase") == self.words["phase"].index(phase)
 
 
-def recording_of(rows: np.ndarray, braked: str, path: Path = Path()) -> Recording:
+def recording_of(
+    rows: np.ndarray, braked: str, path: Path = Path(), decisions: tuple[str, ...] = DECISIONS
+) -> Recording:
     """Ticks (n, tick_log.WIDTH) of a simulated device as a recording in memory."""
     columns = {
         name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
         for name, place in recording_columns(braked)
     }
-    return Recording(path, braked=braked, columns=columns, words=column_words(DECISIONS), complete=True)
+    return Recording(path, braked=braked, columns=columns, words=column_words(decisions), complete=True)
 
 
 def same_content(a: Recording, b: Recording) -> bool:

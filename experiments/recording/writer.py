@@ -62,13 +62,19 @@ class RecordingWriter:
     """
 
     def __init__(
-        self, path: str | Path, braked: str, metadata: dict[str, Any], sync: bool = True, sensors: Sensors | None = None
+        self,
+        path: str | Path,
+        braked: str,
+        metadata: dict[str, Any],
+        sync: bool = True,
+        sensors: Sensors | None = None,
+        decisions: tuple[str, ...] = DECISIONS,
     ) -> None:
         """Create `path`; InputError if it exists or cannot be there, OSError if the disk takes no more.
 
         braked: letters of the braked joints, "AEB". metadata: anything JSON holds. sync = False leaves it to the
         system when the data reach the disk: for simulated trials, whose Parquet file is synced before their stream is
-        removed. sensors: of a device on the bench, whose ticks are tick_log.BENCH_WIDTH wide.
+        removed. sensors: of a device on the bench, whose ticks are tick_log.BENCH_WIDTH wide. decisions: words by code.
         """
         self.path = Path(path)
         self.rows = 0  # rows taken
@@ -83,8 +89,8 @@ class RecordingWriter:
         self._memory_bytes = 0
         self._columns = recording_columns(braked, sensors)
         self._none = np.empty((0, tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH))
-        self._words = {name: arrow_words(words) for name, words in column_words(DECISIONS).items()}
-        schema = make_schema(braked, metadata, DECISIONS, sensors)
+        self._words = {name: arrow_words(words) for name, words in column_words(decisions).items()}
+        schema = make_schema(braked, metadata, decisions, sensors)
         self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
         self._sink = io.BytesIO()
         self._stream = pa.ipc.new_stream(self._sink, self._schema)

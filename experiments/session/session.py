@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
+from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, decision_words
+from core.control.own_file import OwnFile
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, row_of, write_table
@@ -283,7 +284,7 @@ class Session:
         (self.folder / folder).mkdir(exist_ok=True)
         writer = RecordingWriter(
             files.run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
-            sync=self._sync, sensors=sensors,
+            sync=self._sync, sensors=sensors, decisions=self._decisions(preset),
         )  # fmt: skip
         if self._known is not None:
             self._known.runs[folder].add(planned.run)
@@ -293,6 +294,10 @@ class Session:
             writer.abandon()
             raise
         return trial, writer
+
+    def _decisions(self, preset: Preset) -> tuple[str, ...]:
+        """Words of the decisions in a recording; while the session is blind they tell no controller from another."""
+        return decision_words(self.protocol.controllers.values()) if self.blind else preset.decisions
 
     def finish(
         self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
@@ -490,13 +495,20 @@ class Session:
 
 def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
+    if preset.own is not None:
+        own = {"sha256": preset.own.digest, "text": preset.own.text}
+        return {"name": preset.name, "kind": preset.kind, "own": own, "parameters": preset.named}
     return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:
-    """A controller as a recording has it. KeyError if something is missing."""
-    own = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
-    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in own))
+    """A controller as a recording has it. KeyError if something is missing. No file of its own is run for it."""
+    if "own" in about:
+        values = {name: float(value) for name, value in about["parameters"].items()}
+        own = OwnFile(about["kind"], about["own"]["text"], tuple(values))
+        return Preset(about["name"], about["kind"], tuple(values.values()), own)
+    names = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
+    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in names))
 
 
 def operators_from_json(about: dict[str, Any]) -> Operators | None:

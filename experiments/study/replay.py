@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import csv as pa_csv
 
 from core import tick_log
-from core.control.controllers import ALGORITHMS, DECISIONS, make_controller
+from core.control.controllers import Preset, make_controller
 from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device, load_device
@@ -88,7 +88,7 @@ def replay(
     chosen, number = choose_controller(trial, other.controller, other.protocol)
     preset = chosen.controllers[number]
     onto = own if other.device is None else choose_device(trial, other.device)
-    if onto.castor and not ALGORITHMS[preset.kind].steers:
+    if onto.castor and not preset.algorithm.steers:
         raise InputError(f"controller {preset.name}: needs brakes, and {onto.name} has a castor")
     kind, moved = choose_hand(trial, other.hand)
     if out is not None:
@@ -103,9 +103,9 @@ def replay(
         own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
         checked = check_decisions(recording, own, Conditions(trial.path_file, *own_control, recorded_protocol.trial))
         if whole and kind == "target" and (preset, chosen.rules) == own_control:
-            difference = first_difference(recording, rows)
+            difference = first_difference(recording, rows, preset.decisions)
     rows = rows[trial.first :] if whole else rows
-    replayed = as_recording(trial, rows, onto)
+    replayed = as_recording(trial, rows, onto, preset)
     ways = way_made(recording, trial.path), way_made(replayed, trial.path)
     status = row.status, outcome["status"]
     common = None if status == ("done", "done") else min(ways)
@@ -187,9 +187,12 @@ def choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
     return "target", recorded_arm(recording)
 
 
-def first_difference(recording: Recording, rows: np.ndarray) -> str:
-    """Where all ticks (n, tick_log.WIDTH), replayed, differ from the recorded ones; "": nowhere, bit for bit."""
-    words = column_words(DECISIONS)
+def first_difference(recording: Recording, rows: np.ndarray, decisions: tuple[str, ...]) -> str:
+    """Where all ticks (n, tick_log.WIDTH), replayed, differ from the recorded ones; "": nowhere, bit for bit.
+
+    decisions: the words of the replay.
+    """
+    words = column_words(decisions)
     first, where = len(rows), ""
     for name, place in recording_columns(recording.braked):
         if name == "lateness_us" or name not in recording.columns:  # of the machine; of a later version
@@ -219,7 +222,7 @@ def warnings(without_start: bool, difference: str | None, checked: Checked | Non
     return found
 
 
-def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording:
+def as_recording(trial: Recorded, rows: np.ndarray, device: Device, preset: Preset) -> Recording:
     """The replayed ticks as a recording of this device, behind the recorded tip until then (filters need a lead)."""
     ticks = np.zeros((trial.first, tick_log.WIDTH))
     for name, place in recording_columns(""):
@@ -227,7 +230,7 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device) -> Recording
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    return recording_of(ticks, device.braked, trial.recording.path)
+    return recording_of(ticks, device.braked, trial.recording.path, preset.decisions)
 
 
 def short_ways(common: float | None, ways: tuple[float, float], status: str) -> list[str]:
@@ -336,7 +339,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
     decisions = Decisions(given, taken, new_memory(), codes, currents)
     decide_again(controller, path, model, new_state(0.0, 0.0), sensing, decisions)
     codes, currents = codes[taken], currents[taken]
-    words = np.array(DECISIONS, dtype=object)
+    words = np.array(conditions.preset.decisions, dtype=object)
     different = words[codes] != recording.text("decision")[taken]
     for joint in device.braked:
         different |= currents[:, JOINTS.index(joint)] != recording.column(f"current_{joint}_A")[taken]

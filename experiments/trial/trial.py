@@ -8,7 +8,7 @@ import numpy as np
 
 from core import tick_log
 from core.control.algorithm import Controller
-from core.control.controllers import Preset, make_controller
+from core.control.controllers import Preset, make_controller, with_address
 from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device
@@ -66,7 +66,7 @@ class Trial(ABC):
 
     def __init__(self, known: Known, path: Path, planned: PlannedTrial, conditions: Conditions) -> None:
         self.device, self.simulation, self.sensing, noise, assumed = known
-        self.path, self.planned, self.how = path, planned, conditions.how
+        self.path, self.planned, self.how, self.preset = path, planned, conditions.how, conditions.preset
         self.controller: Controller = make_controller(
             conditions.preset, self.device.force_normalised_N, conditions.rules, velocity_noise=noise,
             around=make_around(self.how.around, self.device, sensed(self.device, middle_of(path), assumed)),
@@ -79,6 +79,11 @@ class Trial(ABC):
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         self.let_go = 0  # how often the pointer left its workspace during the movement, and the hand let go
         self.start: dict[str, Any] | None = None  # what the trial depends on beside its ticks, where that is known
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In another process the file of a controller of its own stands at another address."""
+        self.__dict__.update(state)
+        self.controller = with_address(self.controller, self.preset)
 
     @abstractmethod
     def _device_report(self) -> dict[str, Any]:
