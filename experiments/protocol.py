@@ -205,11 +205,7 @@ def read_protocol(
         words = language_text(file.language, folder)
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
-    drawings = {
-        name: read_text(folder / name)
-        for entry in file.path
-        if isinstance(name := entry.get("file"), str)
-    }
+    drawings = {name: read_text(folder / name) for entry in file.path if isinstance(name := entry.get("file"), str)}
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     algorithms = {

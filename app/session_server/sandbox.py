@@ -60,7 +60,8 @@ def append_ticks(pieces: list[np.ndarray], rows: np.ndarray) -> None:
 
 def measures_of_pass(pieces: list[np.ndarray], trial: Trial) -> Metrics:
     """The measures of a pass. InputError: ticks are missing."""
-    return trial_metrics(recording_of(np.concatenate(pieces), trial.device.braked, decisions=trial.preset.decisions), trial.path)
+    rows = np.concatenate(pieces)
+    return trial_metrics(recording_of(rows, trial.device.braked, decisions=trial.preset.decisions), trial.path)
 
 
 class Sandbox:

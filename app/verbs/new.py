@@ -4,8 +4,10 @@ import argparse
 import re
 from pathlib import Path
 
-from app.verbs.common import add_verb
+from app.progress import watch_compiling
+from app.verbs.common import add_verb, print_result, summary_text
 from core.device import SHIPPED_FOLDER, load_device
+from core.files import InputError, read_text
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
 DEVICE = "my-device"
@@ -20,6 +22,14 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option("dir", type=Path, metavar="DIR", help="a new or empty folder")
     option("--device", default="three-brake", metavar="NAME", help="the shipped device to copy (default: three-brake)")
+    option = add_verb(
+        verbs, "check-controller", check_controller_verb, "check a controller of your own against the laws of all\n"
+        "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
+        "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a law is broken.",
+        "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
+    ).add_argument  # fmt: skip
+    option("file", type=Path, metavar="FILE.py", help="declares an ALGORITHM, as docs/examples/protocols/damper.py does")
+    option("--set", action="append", default=[], metavar="NAME=NUMBER", help="a parameter of it (default: its own)")
     option = add_verb(
         verbs, "completion", completion_verb, "print what makes a shell complete the verbs and options of phd\n"
         "bash: phd completion bash >> ~/.bashrc; zsh: phd completion zsh > a folder of $fpath, as _phd.",
@@ -38,6 +48,27 @@ def new_verb(args: argparse.Namespace) -> None:
     files = {args.dir / path.name: path.read_bytes() for path in TEMPLATES.iterdir() if path.suffix != ".py"}
     write_new_files(files | {args.dir / f"{DEVICE}.toml": device.encode()})
     print(f"{args.dir}: begin with {args.dir / 'README.md'}")
+
+
+def check_controller_verb(args: argparse.Namespace) -> int:
+    from core.control.own_file import read_own
+    from experiments.study.controller_check import check_controller
+
+    given = dict(map(_setting, args.set))
+    if args.file.suffix != ".py":
+        raise InputError(f"{args.file}: must be a Python file")
+    watch_compiling()
+    found = check_controller(read_own(args.file.stem, read_text(args.file)), given)
+    print_result(args, found, summary_text(found))
+    return 1 if found["broken"] else 0
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, _, number = text.partition("=")
+    try:
+        return name, float(number)
+    except ValueError:
+        raise InputError(f"--set: must be NAME=NUMBER, not {text!r}") from None
 
 
 def completion_verb(args: argparse.Namespace) -> None:

@@ -55,7 +55,7 @@ def _algorithm(name: str, text: str) -> Algorithm:
     algorithm = getattr(module, "ALGORITHM", None)
     where = f"{name}.py"
     if not isinstance(algorithm, Algorithm):
-        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), as docs/examples/damper.py has")
+        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), as docs/examples/protocols/damper.py has")
     names = [parameter.name for parameter in algorithm.parameters]
     if len(set(names)) < len(names) or len(names) > MOST_PARAMETERS:
         raise InputError(f"{where}: may have up to {MOST_PARAMETERS} parameters, each of another name")

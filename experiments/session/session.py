@@ -497,14 +497,14 @@ def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
     if preset.own is not None:
         own = {"sha256": preset.own.digest, "text": preset.own.text}
-        return {"name": preset.name, "kind": preset.kind, "own": own, "parameters": preset.named}
+        return {"name": preset.name, "kind": preset.kind, "own": own, "parameters": list(preset.named.items())}
     return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing. No file of its own is run for it."""
     if "own" in about:
-        values = {name: float(value) for name, value in about["parameters"].items()}
+        values = {name: float(value) for name, value in about["parameters"]}
         own = OwnFile(about["kind"], about["own"]["text"], tuple(values))
         return Preset(about["name"], about["kind"], tuple(values.values()), own)
     names = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]

@@ -93,7 +93,8 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     rows = run_trial(trial)
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    values |= trial_metrics(recording_of(rows, trial.device.braked, decisions=trial.preset.decisions), trial.path, metrics)
+    recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions)
+    values |= trial_metrics(recording, trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 
 

@@ -39,6 +39,7 @@ from core.control.velocity_field import PIECE, TRAVEL, Seen, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.path import Arc, Polyline, Segment, build_path, nearest_piece
+from core.simulator.state import pack_brakes
 from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
@@ -375,12 +376,12 @@ def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> N
     device, path = load_device("three-brake"), Polyline(((-0.1, 0.4), (0.0, 0.44), (0.1, 0.4)))
     ready, memory, current = build_path(path, "path"), new_memory(), np.zeros(4)
     controller, generator = make_controller(Preset("", "none"), 17.0), np.random.default_rng(5)
-    senses = set()
+    senses, brakes = set(), pack_brakes(device.brakes, backlash=True)[0]
     for _ in range(300):
         tip = (generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5))
         state = (*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
         g = brake_rows(device.mechanism, *tip)
-        tick = Tick(Seen(*state), g, np.array((1.0, 0.0, 1.0)), device.brakes, memory, current)
+        tick = Tick(Seen(*state), g, np.array((1.0, 0.0, 1.0)), brakes, memory, current)
         _, field = decide(controller, ready, tick)
         row = np.zeros(tick_log.WIDTH)
         row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]

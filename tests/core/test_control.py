@@ -16,6 +16,7 @@ from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make
 from core.control.velocity_field import WANTED, Seen, new_memory
 from core.files import InputError
 from core.path import Path, line, point_at
+from core.simulator.state import pack_brakes
 
 PRESETS = PAPER.controllers
 USE_SDOF = control.DECISIONS.index("sdof A")
@@ -41,7 +42,8 @@ def decision(controller, path: Path, x, y, vx, vy, fx, fy, g, mass=MASS, brakes=
     current = np.full(4, np.nan)
     memory = new_memory() if memory is None else memory
     seen = Seen(*map(float, (x, y, vx, vy, fx, fy)))
-    return decide(controller, path, Tick(seen, g, mass, brakes, memory, current))[0], current
+    packed = pack_brakes(brakes, backlash=True)[0]
+    return decide(controller, path, Tick(seen, g, mass, packed, memory, current))[0], current
 
 
 def random_state(rng: np.random.Generator) -> list[float]:

@@ -20,6 +20,7 @@ from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED, rule_set
 from core.control.velocity_field import Field, Seen, new_memory
 from core.files import InputError
 from core.path import line
+from core.simulator.state import pack_brakes
 
 USE_PROPORTIONAL = control.DECISIONS.index("prop A")
 USE_CAPPED = control.DECISIONS.index("prop A, at normalised force")
@@ -28,7 +29,7 @@ pytestmark = pytest.mark.nojit
 PRESETS = PAPER.controllers
 
 PATH = line((-0.10, 0.40), (0.10, 0.40))
-BRAKES = brakes_on("AEB")
+BRAKES = pack_brakes(brakes_on("AEB"), backlash=True)[0]
 FORCE = DEVICES["three-brake"][5]
 MASS = np.array([1.2, 0.3, 2.5])
 

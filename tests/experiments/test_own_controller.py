@@ -1,0 +1,165 @@
+"""A controller in a file of its own, beside a protocol: it decides as a shipped one does, in every process."""
+
+import json
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from protocols import protocol_of
+
+from core import tick_log
+from core.control import sdof
+from core.control.controllers import CODED, DECISIONS, Preset, make_controller, make_preset
+from core.control.own_file import read_own
+from core.files import InputError
+from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol_writer import Variant, save_variant
+from experiments.recording.reader import read_recording
+from experiments.session.session import Participant, Session, preset_from_json, preset_to_json
+from experiments.study.controller_check import check_controller
+from experiments.study.replay import Replacement, replay
+from experiments.study.study import run_study
+from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
+from experiments.trial.population import load_population
+
+ROOT = Path(__file__).resolve().parents[2]
+DAMPER = (ROOT / "docs/examples/protocols/damper.py").read_text()
+SHIPPED = Path(sdof.__file__).read_text()
+PROTOCOL = """
+name = "dampers"
+provenance = "assumed"
+devices = ["three-brake"]
+blocks = 1
+[[path]]
+kind = "segment"
+start_m = [-0.05, 0.40]
+end_m = [0.05, 0.40]
+[[controller]]
+name = "Damper"
+algorithm = "damper.py"
+parameters = {damping_N_s_m = 500.0}
+[[controller]]
+name = "Free"
+kind = "none"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    (tmp_path / "damper.py").write_text(DAMPER)
+    (tmp_path / "mine.toml").write_text(PROTOCOL)
+    return tmp_path / "mine.toml"
+
+
+def ticks(preset: Preset) -> np.ndarray:
+    """A trial with this controller."""
+    paper = load_protocol()
+    trial = trial_of(
+        paper, person_of(load_population(), 1, 1), 1, PlannedTrial(1, 1, "four-brake", 2, 1, 1),
+        switched_on(paper.device("four-brake"), paper), preset,
+    )  # fmt: skip
+    return run_trial(trial).copy()
+
+
+def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
+    own = make_preset("Mine", "mine", {"gap_m": 0.003}, read_own("mine", SHIPPED))
+    shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.003})), ticks(own)
+    words = [np.array(preset.decisions, dtype=object)[rows[:, tick_log.DECISION].astype(int)]
+             for preset, rows in ((make_preset("SDOF", "sdof", {}), shipped), (own, other))]  # fmt: skip
+    assert (words[0] == words[1]).all() and any(word.startswith("sdof") for word in words[0])
+    shipped[:, tick_log.DECISION] = other[:, tick_log.DECISION] = 0.0
+    assert np.array_equal(shipped, other, equal_nan=True)
+
+
+def test_a_study_replays_and_names_its_decisions_and_the_file_is_in_its_folder(file: Path, tmp_path: Path):
+    out = tmp_path / "study"
+    protocol = load_protocol(file)
+    run_study(out, 1, protocol, load_population())
+    recordings = {r.metadata["controller"]: r for r in map(read_recording, sorted(out.glob("sub-01/ses-01/trials/*")))}
+    assert "damped" in recordings[1].words["decision"] and recordings[2].words["decision"] == DECISIONS
+    assert (recordings[1].text("decision") == "damped").any()
+    stored = preset_from_json(json.loads(json.dumps(recordings[1].metadata["preset"])))
+    assert stored == protocol.controllers[1] and stored.own and stored.own.text == DAMPER
+    (file.parent / "damper.py").unlink()
+    assert replay(recordings[1].path)["equal"], "from the folder alone"
+    assert replay(recordings[2].path, Replacement(controller=1))["after"]["controller"] == "1 Damper"
+
+
+def test_a_blind_sessions_recordings_name_the_same_decisions_for_every_controller(file: Path, tmp_path: Path):
+    session = Session(tmp_path / "data", Participant("01"), load_protocol(file), blind=True, sync=False)
+    words = set()
+    for planned in session.plan:
+        _, writer = session.begin(planned)
+        writer.abandon()
+        words.add(read_recording(writer.path).words["decision"])
+    session.close()
+    assert len(session.plan) == 2 and words == {(*DECISIONS, *CODED)}
+
+
+def test_another_process_finds_the_controller_at_its_own_address(file: Path, tmp_path: Path):
+    protocol = load_protocol(file)
+    preset = protocol.controllers[1]
+    assert pickle.loads(pickle.dumps(make_controller(preset, 30.0))).address == 0
+    assert protocol_from_json(json.loads(json.dumps(protocol_to_json(protocol))), "stored").controllers[1] == preset
+    person, device = person_of(load_population(), 1, 1), switched_on(protocol.devices[0], protocol)
+    trial = trial_of(protocol, person, 1, PlannedTrial(1, 1, "three-brake", 1, 1, 1), device, preset)
+    (tmp_path / "trial").write_bytes(pickle.dumps(trial))
+    code = (
+        "import pickle, sys; from experiments.study.unrecorded import run_trial; "
+        "sys.stdout.buffer.write(run_trial(pickle.load(open(sys.argv[1], 'rb'))).tobytes())"
+    )
+    run = [sys.executable, "-c", code, str(tmp_path / "trial")]
+    there = subprocess.run(run, cwd=ROOT, check=True, capture_output=True).stdout
+    assert there == run_trial(trial).tobytes()
+
+
+def test_a_saved_variant_takes_the_file_along(file: Path, tmp_path: Path):
+    protocol = load_protocol(file)
+    (other := tmp_path / "other").mkdir()
+    variant = Variant(protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse)
+    save_variant(other / "again.toml", protocol, variant)
+    again = load_protocol(other / "again.toml").controllers[1]
+    assert again.own and again.own.text == DAMPER and again.values == protocol.controllers[1].values
+
+
+def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
+    lines = "tick.current[0], tick.current[1] = -1.0, math.nan", "tick.current[2], tick.current[3] = math.inf, 1e9"
+    wild = DAMPER.replace("    if best < 0:", "".join(f"    {line}\n" for line in lines) + "    if best < 9:", 1)
+    wild = wild.replace("return NONE", "return DAMPED")
+    found = check_controller(read_own("wild", wild.replace("from core.k", "import math\n\nfrom core.k", 1)), {})
+    assert not found["broken"] and found["trials"] == 8
+
+
+@pytest.mark.parametrize("text, wanted", [
+    ("x = (", "damper.py: cannot be run: line 1: SyntaxError"),
+    ("1 / 0", "line 1: ZeroDivisionError"),
+    ("x = 1", "must have ALGORITHM"),
+    (DAMPER.replace("@kernel\n", ""), "write @kernel above it"),
+    (DAMPER.replace("return DAMPED", "return tick.nothing"), "damper.py: does not compile"),
+])  # fmt: skip
+def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str):
+    with pytest.raises(InputError, match=wanted) as refused:
+        make_controller(make_preset("Damper", "damper", {}, read_own("damper", text)), 30.0)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("change, wanted", [
+    (("damper.py", "../damper.py"), "name of a Python file"),
+    (("damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
+    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'damper'"),
+    (('algorithm = "damper.py"', ""), "needs either kind or algorithm"),
+])  # fmt: skip
+def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):
+    file.write_text(PROTOCOL.replace(*change))
+    with pytest.raises(InputError, match=wanted):
+        load_protocol(file)
+
+
+def test_the_papers_protocol_is_stored_as_before():
+    assert "algorithms" not in protocol_to_json(load_protocol())
+    assert set(preset_to_json(load_protocol().controllers[2])) >= {"name", "kind", "gap_m"}
+    assert protocol_of(load_protocol().text).controllers[2].own is None
