@@ -149,7 +149,11 @@ def _device_files(
     for number, (reference, text) in enumerate(device.brake_texts.items(), start=1):
         brake = tomllib.loads(text)
         if strength != 1.0 or backlash_deg is not None:
-            brake |= {"k": [strength * k for k in brake["k"]], "provenance": "assumed"}
+            brake["provenance"] = "assumed"
+            if "k" in brake:
+                brake["k"] = [strength * k for k in brake["k"]]
+            else:
+                brake["torque_table"] = [[current, strength * torque] for current, torque in brake["torque_table"]]
             brake["backlash_deg"] = brake["backlash_deg"] if backlash_deg is None else backlash_deg
         named = f"{path.stem}-brake-{number}.toml"
         brakes[named] = toml_text(brake)

@@ -347,7 +347,6 @@ BAD_BRAKES = {
         "-8.75, 7.25, -0.1",
         "must rise with the current up to",
     ),
-    "jumps at the knee": (r"-0\.3875", "-0.3", "jumps from 1 to 1.0875 N m at knee_A"),
     "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
     "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
     "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be at least 1e-06"),
