@@ -36,7 +36,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
-        "step_index (tells repeats apart, which are averaged), in the order in which they were measured. With some\n"
+        "step_index (tells repeats apart, which are averaged), in the order in which they were measured. Steps at one\n"
+        "speed give Eq. (2) and a constant time constant. With some\n"
         "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
         "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
@@ -48,6 +49,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--omega-0", type=number_between(0.0, math.inf, "a number greater than 0"), metavar="RPM",
         help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
+    )  # fmt: skip
+    option(
+        "--knee", type=number_between(0.0, math.inf, "a number greater than 0"), default=0.2, metavar="A",
+        help="current below which Eq. (2) is linear (default: 0.2, as in the paper)",
     )  # fmt: skip
     option(
         "--backlash-deg", type=number_between(-1e-300, 360.0, "at least 0 and less than 360 degrees"),
@@ -122,7 +127,7 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.identify import identify, summary, with_zero
 
-    asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg
+    asked = args.steps, args.out, args.name, args.figures, args.omega_0, args.backlash_deg, args.knee
     found, brake, figures = with_progress("identifying", identify, *asked)
     fit = summary(found)
     lines = [
