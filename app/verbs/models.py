@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
-    option("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
+    option("--out", required=True, metavar="FILE.csv", help="a new file; -: standard output, the summary then goes to stderr")
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
@@ -85,11 +86,21 @@ def simulate_verb(args: argparse.Namespace) -> None:
     done = with_progress("simulating", simulate, scene, args.out)
     about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
     about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
-    compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""
+    with summary_to(args.out):
+        _print_scene(args, about, done, compiling.seconds)
+
+
+def summary_to(out: str) -> AbstractContextManager[Any]:
+    """Where a scene's summary is printed: on stderr where the motion goes to standard output."""
+    return redirect_stdout(sys.stderr) if out == "-" else nullcontext()
+
+
+def _print_scene(args: argparse.Namespace, about: dict[str, Any], done: dict[str, Any], compiling_s: float) -> None:
+    compiled = f" (and {compiling_s:.3g} s of compiling, on first use)" if compiling_s else ""
     print_result(
         args,
         about,
-        f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
+        f"{args.out}: {done['rows']} rows, device {about['device']}{' (assumed)' if about['assumed'] else ''}, "
         f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
         f"{done['events']} events, {done['fallbacks']} fallbacks{_beside_obstacles(done)}",
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
@@ -114,14 +125,13 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
     done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
     wall = done["least_distance_from_wall_m"]
-    print_result(
-        args,
-        done,
+    text = (
         f"{args.out}: {done['rows']} rows, cobot {done['cobot']}{' (assumed)' if done['assumed'] else ''}; a servo at "
         f"its limit in {done['rows_with_a_servo_at_its_limit']}, {done['side_force_max_N']:.3g} N sideways at most"
-        + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
-        (f"{args.scene}: {warning}" for warning in done["warnings"]),
+        + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least")
     )
+    with summary_to(args.out):
+        print_result(args, done, text, (f"{args.scene}: {warning}" for warning in done["warnings"]))
 
 
 def identify_verb(args: argparse.Namespace) -> None:

@@ -22,7 +22,7 @@ from core import tick_log
 from core.device import without_backlash
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
+from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
@@ -167,7 +167,7 @@ def four_accelerations(simulation: Simulation) -> float:
 def ours(scene: BenchScene, integrator: str, fidelity: str, step: float, tips: np.ndarray, repeats: int) -> Row:
     """One row of this simulator."""
     simulation, found = simulated(scene, integrator, fidelity, step)
-    ledger, out = simulation.ledger(), np.zeros((2, 10))
+    ledger, out = simulation.ledger(), np.zeros((2, ROW_WIDTH))
     seconds(scene, integrator, fidelity, step, out)
     four = wall = math.inf
     for _ in range(repeats):
