@@ -202,11 +202,7 @@ def read_protocol(
         words = language_text(file.language, folder)
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
-    drawings = {
-        name: read_text(folder / name)
-        for entry in file.path
-        if isinstance(name := entry.get("file"), str)
-    }
+    drawings = {name: read_text(folder / name) for entry in file.path if isinstance(name := entry.get("file"), str)}
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     return _checked(file, _Contents(text, words, pictures, drawings), found, overrides, where)
@@ -291,7 +287,8 @@ def _checked(
     )  # fmt: skip
     return Protocol(
         text=contents.text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        drawn=drawn, drawings=contents.drawings, controllers=controllers, language_text=contents.language, pictures=contents.pictures, **settings,
+        drawn=drawn, drawings=contents.drawings, controllers=controllers, language_text=contents.language,
+        pictures=contents.pictures, **settings,
     )  # fmt: skip
 
 
@@ -346,7 +343,7 @@ def _paths(
         from_plain(entry.get("number"), Count | None, f"{where}: path {place}: number")
         for place, entry in enumerate(entries, start=1)
     ]
-    paths, drawn = {}, {}
+    paths, drawn = {}, dict[int, str]()
     for number, entry in _numbered(own, entries, f"{where}: path").items():
         about = {key: value for key, value in entry.items() if key != "number"}
         paths[number], words = read_path(about, drawings.__getitem__, f"{where}: path {number}")

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from core.control.controllers import ALGORITHMS, Preset
-from core.drawn_path import DRAWING
 from core.device import Device, build_device, load_device, shipped_devices
+from core.drawn_path import DRAWING
 from core.files import InputError, Pair, toml_text
 from core.path import Polyline, Segment, path_from
 from experiments.assumptions import IDEAL
@@ -123,7 +123,7 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
-    """The content of a protocol's file without other files: no devices, instructions, translation; drawings as points."""
+    """A protocol's file so that it needs no other: no devices, instructions, translation; drawings as points."""
     left_out = ("instruction", "device", "brake")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
     for place, entry in enumerate(content["path"], start=1):

@@ -33,7 +33,12 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
-    option("--out", required=True, metavar="FILE.csv", help="a new file; -: standard output, the summary then goes to stderr")
+    option(
+        "--out",
+        required=True,
+        metavar="FILE.csv",
+        help="a new file; -: standard output, the summary then goes to stderr",
+    )
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"

@@ -40,8 +40,8 @@ from core.stops import distal_sine
 INTEGRATORS = ("event", "stepping", "karnopp")
 EVENT, STEPPING, KARNOPP = range(3)
 
-#: Columns of a row: t, x, y, vx, vy, torques A, E, B, C, stuck bits; then what went in: hand force x, y (N), commands A, E,
-#: B, C; then the energies (J): work of the hand, heat of the brakes, kinetic, lost at stops.
+#: Columns of a row: t, x, y, vx, vy, torques A, E, B, C, stuck bits; then what went in: hand force x, y (N), commands
+#: A, E, B, C; then the energies (J): work of the hand, heat of the brakes, kinetic, lost at stops.
 ROW_WIDTH = 20
 STUCK, HAND, COMMANDS, ENERGIES = 9, 10, 12, 16
 

@@ -65,9 +65,10 @@ def gain_design(found: Sequence[Measured], knee: float) -> Array:
 def fit_torque_gain(found: Sequence[Measured], knee: float, where: str) -> TorqueGain:
     """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
 
-    Our choice: K is continuous at the knee (0.2 A in the paper), else it has no inverse there. Weights from the scatter of the
-    single repeats about the fit: one for all steps whose torque is an average of whole revolutions, else one for each
-    speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the larger).
+    Our choice: K is continuous at the knee (0.2 A in the paper), else it has no inverse there. Weights from the
+    scatter of the single repeats about the fit: one for all steps whose torque is an average of whole revolutions,
+    else one for each speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the
+    larger).
     """
     design = gain_design(found, knee)
     names = undetermined(design, K_NAMES[:4])
@@ -88,8 +89,7 @@ def fit_torque_gain(found: Sequence[Measured], knee: float, where: str) -> Torqu
 
 def torque_change(step: Step, gain: TorqueGain) -> float:
     """What a step changes the steady torque by (N m), by the fit of Eq. (2)."""
-    rows = (gain_row(current, gain.knee) for current in (step.current_to, step.current_from))
-    return float(np.subtract(*rows) @ gain.fit.coefficients)
+    return gain.at(step.current_to) - gain.at(step.current_from)
 
 
 class TimeConstants(NamedTuple):
@@ -317,7 +317,9 @@ class Identification:
         """What a reader of the numbers must know."""
         if self.one_speed:
             speed = self.measured[0].step.speed_rpm
-            seen = f"speed_rpm: all steps are at {speed:g} rpm, so a_1 to a_6 of Eq. (4) are not seen: the time constants "
+            seen = (
+                f"speed_rpm: all steps are at {speed:g} rpm, so a_1 to a_6 of Eq. (4) are not seen: the time constants "
+            )
             return [*self._doubts, f"{seen}are taken as constant, and slow joints will answer later than that"]
         assumed = "omega_0_rpm" in self.assumed
         return self._doubts + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
@@ -335,7 +337,13 @@ class Identification:
             "current_max_A": "the largest that was measured",
             "knee_A": "as in the paper" if self.gain.knee == KNEE_A else GIVEN,
             "floor_rpm": "Eq. (4) is held below",
-            "omega_0_rpm": ONE_SPEED if self.one_speed else GIVEN if not self.scatter else IDENTIFIED if self.flat_part_seen else NOT_SEEN_FLAT,
+            "omega_0_rpm": ONE_SPEED
+            if self.one_speed
+            else GIVEN
+            if not self.scatter
+            else IDENTIFIED
+            if self.flat_part_seen
+            else NOT_SEEN_FLAT,
             "backlash_deg": "steps do not show it" if self.backlash_deg is None else GIVEN,
         }
 
@@ -404,7 +412,7 @@ def identify_steps(
     gain = fit_torque_gain(measured, knee_A, source)
     if zero is None and gain.fit.values[1] + gain.fit.half_widths[1] < 0.0:
         raise InputError(
-            f"{source}: torque_N_m: without current the torque would be {significant(gain.fit.values[1], 3)} N m, and a "
+            f"{source}: torque_N_m: without current it would be {significant(gain.fit.values[1], 3)} N m, and a "
             "brake never drives: the torque sensor's zero is off by at least as much (steps with the shaft turned the "
             "other way, speed_rpm below 0, would tell it)"
         )

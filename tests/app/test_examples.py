@@ -124,7 +124,9 @@ def test_the_page_of_keys_has_every_key_of_a_kind_of_file_and_no_other(title):
     assert sorted(said) == sorted(declared.keys() - inside - tables)
     for kind in (Spread, Range):
         if any(table_in(declared[name].type) is kind for name in ranges):
-            assert all(f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind))
+            assert all(
+                f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind)
+            )
 
 
 def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_that_it_names():

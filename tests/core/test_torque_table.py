@@ -21,7 +21,9 @@ BRAKE = Path("core/brake_files/mrb-2107-3.toml").read_text(encoding="utf-8")
 
 steps = st.lists(st.tuples(st.floats(0.01, 1.0), st.floats(0.01, 5.0)), min_size=1, max_size=23)
 tables = st.builds(
-    lambda off, rows: [(0.0, off), *((x, off + y) for x, y in np.cumsum(rows, axis=0).tolist())], st.floats(0.0, 1.0), steps
+    lambda off, rows: [(0.0, off), *((x, off + y) for x, y in np.cumsum(rows, axis=0).tolist())],
+    st.floats(0.0, 1.0),
+    steps,
 )
 
 

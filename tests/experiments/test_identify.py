@@ -434,13 +434,18 @@ def test_wrong_arguments_are_refused(folder, capsys, argument, words):
 
 
 @pytest.mark.parametrize("speed", [1.0, 16.0])
-def test_steps_at_one_speed_give_the_torque_and_a_constant_time_constant_and_say_what_is_not_seen(speed, folder, capsys):
+def test_steps_at_one_speed_give_the_torque_and_a_constant_time_constant_and_say_what_is_not_seen(
+    speed, folder, capsys
+):
     steps = synthetic_steps(BRAKE, 4, BENCH, speeds=(speed,))
     write_steps(steps, folder / "steps.csv")
     assert main(["identify", "steps.csv", "--out", "one.toml", "--figures", "drawn"]) == 0
     assert f"all steps are at {speed:g} rpm, so a_1 to a_6 of Eq. (4) are not seen" in capsys.readouterr().err
     brake = parse_brake((folder / "one.toml").read_text(), "one.toml")
-    assert sorted(path.name for path in (folder / "drawn").iterdir()) == ["fig06_torque_gain.pdf", "fig06_torque_gain.png"]
+    assert sorted(path.name for path in (folder / "drawn").iterdir()) == [
+        "fig06_torque_gain.pdf",
+        "fig06_torque_gain.png",
+    ]
     for constant, true in ((brake.rise, BRAKE.rise), (brake.fall, BRAKE.fall)):
         own = [true.below_omega_0(current, math.log2(speed)) if speed < 8.0 else true.a_avg_s for current in (0.0, 1.0)]
         assert 0.9 * min(own) < constant.a_avg_s < 1.1 * max(own)

@@ -309,9 +309,7 @@ def test_a_scene_writes_what_went_in_and_the_energies_balance(tmp_path, capfdbin
     assert main(["simulate", str(tmp_path / "scene.toml"), "--out", "-"]) == 0
     out, err = capfdbinary.readouterr()
     assert out == (tmp_path / "motion.csv").read_bytes() and b"301 rows" in err
-    (tmp_path / "ideal.toml").write_text(
-        IN_AND_OUT.replace('"mr"', '"ideal"').replace("current_amperes", "torque_N_m")
-    )
+    (tmp_path / "ideal.toml").write_text(IN_AND_OUT.replace('"mr"', '"ideal"').replace("current_amperes", "torque_N_m"))
     assert main(["simulate", str(tmp_path / "ideal.toml"), "--out", str(tmp_path / "ideal.csv")]) == 0
     header = (tmp_path / "ideal.csv").read_text().splitlines()[0]
     assert "current_" not in header and header.endswith("work_hand_J,heat_brakes_J,kinetic_J,lost_at_stops_J")

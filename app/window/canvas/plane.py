@@ -325,9 +325,7 @@ class Plane(QWidget):
         radii = self.rings_px
         if start == end and radii[0] == radii[1]:  # a closed path: one ring round the other
             radii = radii[0] + 1.5 * self.sizes.ring_pen, radii[1]
-        for place, colour, radius in zip(
-            (start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True
-        ):
+        for place, colour, radius in zip((start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True):
             painter.setPen(pen(colour, self.sizes.ring_pen))
             painter.drawEllipse(place, radius, radius)
         painter.setPen(Qt.PenStyle.NoPen)
