@@ -6,17 +6,48 @@ Currents in A, torques in N m, rates in rad/s (Eq. (4) itself is in rpm). Joint 
 import math
 
 from core.kernels import inlined, kernel
+from core.torque_table import FROM, SLOPE, SQUARE, TORQUE
 
 RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
 
 
 @kernel
 def torque_gain(brakes, i, current):
-    """Torque gain K, Eq. (2): steady torque (N m) of brake i at a current (A). At I = 0 it is k_2, the off torque."""
+    """Torque gain K, Eq. (2): steady torque (N m) of brake i at a current (A). At I = 0 it is k_2, the off torque.
+
+        K = k_1 I + k_2                  I < knee (0.2 A in the paper)
+        K = k_3 I^2 + k_4 I + k_5        I >= knee
+
+    Our choice: a brake may have a torque table in its place (`core.torque_table`).
+    """
     k = brakes.k
+    if brakes.curve[i, 0, FROM] == 0.0:
+        return torque_on_curve(brakes.curve[i], current)
     if current < brakes.knee[i]:
         return k[i, 0] * current + k[i, 1]
     return (k[i, 2] * current + k[i, 3]) * current + k[i, 4]
+
+
+@kernel
+def torque_on_curve(curve, current):
+    """K (N m) of a torque table's curve (PIECES, 4)."""
+    n = 0
+    while n + 1 < curve.shape[0] and curve[n + 1, FROM] <= current:
+        n += 1
+    way = current - curve[n, FROM]
+    return (curve[n, SQUARE] * way + curve[n, SLOPE]) * way + curve[n, TORQUE]
+
+
+@kernel
+def current_on_curve(curve, torque):
+    """Its inverse (A), for a torque that is not below its first."""
+    n = 0
+    while n + 1 < curve.shape[0] and curve[n + 1, TORQUE] <= torque:
+        n += 1
+    missing = torque - curve[n, TORQUE]
+    slope = curve[n, SLOPE]
+    both = slope + math.sqrt(max(slope * slope + 4.0 * curve[n, SQUARE] * missing, 0.0))
+    return curve[n, FROM] + (2.0 * missing / both if both > 0.0 else 0.0)
 
 
 @kernel
@@ -33,6 +64,8 @@ def current_for_torque(brakes, i, torque):
         return 0.0
     if torque >= torque_gain(brakes, i, largest):
         return largest
+    if brakes.curve[i, 0, FROM] == 0.0:
+        return min(max(current_on_curve(brakes.curve[i], torque), 0.0), largest)
     if torque < k1 * knee + k2:
         return min(max((torque - k2) / k1, 0.0), largest)
     # root of k3 I^2 + k4 I + (k5 - torque) on the rising branch, in the form that also stands for k3 -> 0

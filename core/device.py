@@ -25,6 +25,7 @@ from core.files import (
     toml_text,
 )
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
+from core.torque_table import torque_curve
 from core.workspace import brake_rows, free_tips, why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
@@ -220,8 +221,10 @@ def build_brakes(files: dict[str, BrakeFile]) -> Brakes:
         i = JOINTS.index(joint)
         arrays.present[i] = 1.0
         arrays.current_max[i] = brake.current_max_A
-        arrays.k[i] = brake.k
+        arrays.k[i] = brake.equation_2
         arrays.knee[i] = brake.knee_A
+        if brake.torque_table is not None:
+            arrays.curve[i] = torque_curve(brake.torque_table)
         arrays.omega_0[i] = brake.omega_0_rpm * RAD_S_PER_RPM
         arrays.floor[i] = brake.floor_rpm * RAD_S_PER_RPM
         arrays.rise[i] = (brake.rise.a_avg_s, *brake.rise.a)

@@ -4,15 +4,18 @@ Lengths in m, masses in kg, angles in rad (joint order A, E, B, C).
 """
 
 import math
+import warnings
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from core.files import (
     NotNegative,
     Pair,
     Positive,
+    StrangeInput,
     Table,
     choice,
     is_assumed,
@@ -37,12 +40,15 @@ from core.ranges import (
     Rate,
     Torque,
 )
+from core.torque_table import torque_curve, why_no_table
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "brake_files"
 
-#: N m. Our choice: the two branches of Eq. (2) may differ by this much at the knee (rounding of printed
-#: coefficients); a larger step has no inverse there.
+#: N m. Our choice: where the two branches of Eq. (2) differ by more at the knee, it is moved to where they meet, or
+#: k_5 is what makes them meet (`BrakeFile.equation_2`): with a jump K has no inverse.
 KNEE_TOLERANCE = 1e-6
+KNEE_MOVED = 0.5  # by at most this share of itself
+JUMP_SAID = 0.01  # of the torque at the knee: a larger jump is said
 
 
 class TimeConstant(Table, frozen=True):
@@ -63,13 +69,14 @@ class TimeConstant(Table, frozen=True):
         return a6 + a2 * w + a4 * w * w + current * (a1 + a3 * w + a5 * w * w)
 
 
-class BrakeFile(Table, frozen=True):
+class BrakeFile(Table, frozen=True, kw_only=True):
     """A brake file. Where no current commands the brake, `command_unit` names the unit: currents are then in that."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
     current_max_A: Current
-    k: tuple[float, Torque, float, float, float]
-    knee_A: NotNegative
+    k: tuple[float, Torque, float, float, float] | None = None  # Eq. (2), as published
+    torque_table: tuple[Pair, ...] | None = None  # A, N m; in place of k
+    knee_A: NotNegative = 0.2
     omega_0_rpm: Positive
     floor_rpm: Positive
     rise: TimeConstant
@@ -79,7 +86,16 @@ class BrakeFile(Table, frozen=True):
     command_unit: Annotated[str, text_of_form("[!-~ ]{1,12}", "1 to 12 characters of plain text")] = "A"
 
     def __post_init__(self) -> None:
-        self._check_torque_gain()
+        if (self.k is None) == (self.torque_table is None):
+            raise ValueError("either k or torque_table is required, and not both")
+        if self.torque_table is not None:
+            if reason := why_no_table(self.torque_table, self.current_max_A):
+                raise ValueError(reason)
+            if reason := TORQUE.refusal(self.torque_gain(self.current_max_A)):
+                raise ValueError(f"torque_table: the torque at current_max_A {reason}")
+        else:
+            self._join_at_knee()
+            self._check_torque_gain()
         if self.floor_rpm > self.omega_0_rpm:
             raise ValueError(f"floor_rpm ({self.floor_rpm:g}) must not exceed omega_0_rpm ({self.omega_0_rpm:g})")
         for key, constant in (("rise", self.rise), ("fall", self.fall)):
@@ -96,21 +112,57 @@ class BrakeFile(Table, frozen=True):
         The drag is there beside the field's torque: without it K is less by k_2 at every current. backlash_deg: None:
         as it is.
         """
-        k1, k2, k3, k4, k5 = self.k
+        k1, k2, k3, k4, k5 = self.equation_2
         more = (drag - 1.0) * k2
         play = self.backlash_deg if backlash_deg is None else backlash_deg
         rise, fall = self.rise.slower(lag), self.fall.slower(lag)
-        k = (k1, drag * k2, k3, k4, k5 + more)
-        return msgspec.structs.replace(self, k=k, rise=rise, fall=fall, backlash_deg=play)
+        if self.torque_table is None:
+            k, table = (k1, drag * k2, k3, k4, k5 + more), None
+        else:
+            k, table = None, tuple((current, torque + more) for current, torque in self.torque_table)
+        return msgspec.structs.replace(self, k=k, torque_table=table, rise=rise, fall=fall, backlash_deg=play)
 
     def torque_gain(self, current: float) -> float:
         """Torque gain K (N m), Eq. (2), of the file (the kernels have their own, on arrays)."""
-        k1, k2, k3, k4, k5 = self.k
+        if self.torque_table is not None:
+            curve = torque_curve(self.torque_table)
+            square, slope, torque, begin = curve[np.searchsorted(curve[:, 0], current, side="right") - 1, ::-1].tolist()
+            return (square * (current - begin) + slope) * (current - begin) + torque
+        k1, k2, k3, k4, k5 = self.equation_2
         return k1 * current + k2 if current < self.knee_A else (k3 * current + k4) * current + k5
 
+    @property
+    def equation_2(self) -> tuple[float, float, float, float, float]:
+        """k_1 .. k_5; of a table only k_2, its torque without current."""
+        return self.k or (0.0, self.torque_table[0][1] if self.torque_table else 0.0, 0.0, 0.0, 0.0)
+
+    def _join_at_knee(self) -> None:
+        """Published coefficients are rounded, and fitted apart: make the two branches of Eq. (2) meet."""
+        k1, k2, k3, k4, k5 = self.equation_2
+        knee = self.knee_A
+        below, above = k1 * knee + k2, (k3 * knee + k4) * knee + k5
+        jump = abs(above - below)
+        if not KNEE_TOLERANCE < jump < math.inf or knee >= self.current_max_A:
+            return
+        meet = [x.real for x in np.roots([k3, k4 - k1, k5 - k2]) if x.imag == 0.0]
+        nearest = min(meet, key=lambda x: abs(x - knee), default=math.inf)
+        if abs(nearest - knee) <= KNEE_MOVED * knee:
+            how = f"knee_A is {nearest:.4g}, where they meet"
+            msgspec.structs.force_setattr(self, "knee_A", float(nearest))
+            knee = self.knee_A  # as far as rounding lets them
+        else:
+            how = f"k_5 is {k5 + below - above:.4g}, with which they meet"
+        k5 = k1 * knee + k2 - (k3 * knee + k4) * knee
+        msgspec.structs.force_setattr(self, "k", (k1, k2, k3, k4, k5))
+        if jump > JUMP_SAID * abs(below):
+            warnings.warn(
+                f"{self.name}: k: the torque jumps from {below:g} to {above:g} N m at the knee; {how}", StrangeInput,
+                stacklevel=2,
+            )  # fmt: skip
+
     def _check_torque_gain(self) -> None:
-        """K must be >= 0, continuous, and rise all the way from 0 to current_max_A (else it has no inverse)."""
-        k1, k2, k3, k4, k5 = self.k
+        """K must be >= 0 and rise all the way from 0 to current_max_A (else it has no inverse)."""
+        k1, k2, k3, k4, k5 = self.equation_2
         knee, largest = self.knee_A, self.current_max_A
         if reason := TORQUE.refusal(self.torque_gain(largest)):
             raise ValueError(f"k: the torque at current_max_A {reason}")
@@ -120,9 +172,6 @@ class BrakeFile(Table, frozen=True):
             raise ValueError(f"k: the torque must rise with the current, but k_1 = {k1:g} below the knee")
         if knee >= largest:
             return  # the quadratic branch is never used
-        below, above = k1 * knee + k2, (k3 * knee + k4) * knee + k5
-        if not abs(above - below) <= KNEE_TOLERANCE:
-            raise ValueError(f"k: the torque jumps from {below:g} to {above:g} N m at knee_A = {knee:g}")
         slopes = 2 * k3 * knee + k4, 2 * k3 * largest + k4
         if not (min(slopes) >= 0 and 0 < max(slopes) < math.inf):
             raise ValueError(

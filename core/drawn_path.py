@@ -140,15 +140,15 @@ def _smoothed(points: np.ndarray, smoothing: float) -> tuple[np.ndarray, float]:
     before = np.column_stack([np.interp(even, way, points[:, k]) for k in range(2)])
     if not smoothing:
         return before, 0.0
-    from scipy.ndimage import gaussian_filter1d
-
-    sigma = smoothing * steps / way[-1]
-    if math.dist(points[0], points[-1]) <= LEAST_STEP_M:
-        after = gaussian_filter1d(before[:-1], sigma, axis=0, mode="wrap")
-        after = np.vstack([after, after[:1]])
-    else:  # turned about its ends the line goes on, and they stay
-        room = min(math.ceil(4.0 * sigma), steps)
+    sigma = smoothing * steps / way[-1]  # points
+    room = min(math.ceil(4.0 * sigma), steps)
+    weights = np.exp(-0.5 * (np.arange(-room, room + 1) / sigma) ** 2)
+    closed = math.dist(points[0], points[-1]) <= LEAST_STEP_M
+    if closed:
+        ahead, behind = before[-room - 1 : -1], before[1 : room + 1]
+    else:  # turned about its ends the line goes on, so that they stay
         ahead, behind = 2.0 * before[0] - before[room:0:-1], 2.0 * before[-1] - before[-2 : -room - 2 : -1]
-        after = gaussian_filter1d(np.vstack([ahead, before, behind]), sigma, axis=0)[room : room + steps + 1]
-        after[0], after[-1] = before[0], before[-1]
+    longer = np.vstack([ahead, before, behind])
+    after = np.column_stack([np.convolve(longer[:, k], weights / weights.sum(), "valid") for k in range(2)])
+    after[-1] = after[0] if closed else before[-1]
     return after, float(np.hypot(*(after - before).T).max())

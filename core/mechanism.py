@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from core.torque_table import FROM, NO_CURVE
+
 JOINTS = "AEBC"
 A, E, B, C, D, STOP_E, STOP_C = range(7)
 PLACES = 7
@@ -83,10 +85,16 @@ class Brakes(NamedTuple):
     play: np.ndarray  # (4,) rad, width of the backlash
     ripple: float = 0.0  # N m, most by which the torque of a brake differs from its mean over a turn
     signed: float = 0.0  # 1.0: the lag of Eq. (1) acts on the signed torque, as the paper has it
+    curve: np.ndarray = NO_CURVE  # (4, PIECES, 4), of a torque table in place of Eq. (2); infinite: none
+
+    def stronger(self, strength: float) -> "Brakes":
+        """The same brakes with so many times the torque at each current."""
+        used = np.isfinite(self.curve) & (np.arange(4) != FROM)
+        return self._replace(k=strength * self.k, curve=self.curve * np.where(used, strength, 1.0))
 
 
 def no_brakes() -> Brakes:
     """No joint carries a brake: all numbers zero."""
     wide = {"k": 5, "rise": 7, "fall": 7}
-    arrays = [np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields[:-2]]
-    return Brakes._make([*arrays, 0.0, 0.0])
+    arrays = [np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields[:-3]]
+    return Brakes._make([*arrays, 0.0, 0.0, NO_CURVE.copy()])

@@ -65,7 +65,8 @@ def line(start: Sequence[float], end: Sequence[float], where: str = "path") -> P
     if length <= 0.0:
         raise InputError(f"{where}: start and end are the same point {start!r}, the segment has no length")
     pieces = np.array([[0.0, length, x0, y0, (x1 - x0) / length, (y1 - y0) / length, 0.0, 0.0]])
-    return Path(pieces, x0, y0, x1, y1, length, *_widths(pieces, (x1, y1)))
+    near, blend_width = _widths(pieces, (x1, y1))
+    return Path(pieces, x0, y0, x1, y1, length, near, blend_width)
 
 
 def joined(pieces: Sequence[Sequence[float]]) -> Path:
@@ -81,7 +82,7 @@ def joined(pieces: Sequence[Sequence[float]]) -> Path:
     x1, y1, _, _ = along_piece(rows, last, rows[last, LENGTH])
     length = rows[last, FROM] + rows[last, LENGTH]
     near, blend_width = _widths(rows, (x1, y1))
-    return Path(rows, *(float(value) for value in (rows[0, X], rows[0, Y], x1, y1, length)), near, blend_width)
+    return Path(rows, float(rows[0, X]), float(rows[0, Y]), float(x1), float(y1), float(length), near, blend_width)
 
 
 def _widths(pieces: np.ndarray, end: Sequence[float]) -> tuple[float, float]:
@@ -102,7 +103,7 @@ def _shortest_loop(pieces: np.ndarray, within: float) -> float:
         if between.min() >= within:
             break
         first, second, between = (rows[between < within] for rows in (first, second, between))
-        tx, ty, ux, uy = *first[:, [TX, TY]].T, *second[:, [TX, TY]].T
+        (tx, ty), (ux, uy) = first[:, [TX, TY]].T, second[:, [TX, TY]].T
         dx, dy = (second[:, [X, Y]] - first[:, [X, Y]]).T
         cross = tx * uy - ty * ux
         with np.errstate(divide="ignore", invalid="ignore"):  # side by side
@@ -423,7 +424,9 @@ def _arc(arc: Arc, where: str) -> Path:
     for angle in np.radians(arc.from_deg + swept * np.arange(parts) / parts):
         c, s = math.cos(angle), math.sin(angle)
         x, y = arc.centre_m[0] + arc.radius_m * c, arc.centre_m[1] + arc.radius_m * s
-        pieces.append((math.radians(abs(swept)) * arc.radius_m / parts, x, y, -sense * s, sense * c, sense / arc.radius_m))
+        pieces.append(
+            (math.radians(abs(swept)) * arc.radius_m / parts, x, y, -sense * s, sense * c, sense / arc.radius_m)
+        )
     return joined(pieces)
 
 

@@ -359,7 +359,7 @@ def _paths(
         from_plain(entry.get("number"), Count | None, f"{where}: path {place}: number")
         for place, entry in enumerate(entries, start=1)
     ]
-    paths, drawn = {}, {}
+    paths, drawn = {}, dict[int, str]()
     for number, entry in _numbered(own, entries, f"{where}: path").items():
         about = {key: value for key, value in entry.items() if key != "number"}
         paths[number], words = read_path(about, drawings.__getitem__, f"{where}: path {number}")

@@ -127,7 +127,7 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
-    """The content of a protocol's file without other files: no devices, instructions, translation; drawings as points."""
+    """A protocol's file so that it needs no other: no devices, instructions, translation; drawings as points."""
     left_out = ("instruction", "device", "brake")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
     for place, entry in enumerate(content["path"], start=1):
@@ -155,7 +155,11 @@ def _device_files(
     for number, (reference, text) in enumerate(device.brake_texts.items(), start=1):
         brake = tomllib.loads(text)
         if strength != 1.0 or backlash_deg is not None:
-            brake |= {"k": [strength * k for k in brake["k"]], "provenance": "assumed"}
+            brake["provenance"] = "assumed"
+            if "k" in brake:
+                brake["k"] = [strength * k for k in brake["k"]]
+            else:
+                brake["torque_table"] = [[current, strength * torque] for current, torque in brake["torque_table"]]
             brake["backlash_deg"] = brake["backlash_deg"] if backlash_deg is None else backlash_deg
         named = f"{path.stem}-brake-{number}.toml"
         brakes[named] = toml_text(brake)

@@ -333,9 +333,7 @@ class Sandbox:
     def _tuned(self, device: Device, s: SandboxSettings) -> Device:
         """The device with the brakes of the sliders, for the guard."""
         play = device.brakes.play if self._own_backlash() else np.full(4, math.radians(s.backlash_deg))
-        return dataclasses.replace(
-            device, brakes=device.brakes._replace(k=device.brakes.k * s.brake_strength, play=play)
-        )
+        return dataclasses.replace(device, brakes=device.brakes.stronger(s.brake_strength)._replace(play=play))
 
     def _assumed(self, s: SandboxSettings) -> Assumptions:
         """The protocol's assumptions with the sensing of the settings."""

@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +33,17 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
     option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
-    option("--out", type=Path, required=True, metavar="FILE.csv", help="a new file")
+    option(
+        "--out",
+        required=True,
+        metavar="FILE.csv",
+        help="a new file; -: standard output, the summary then goes to stderr",
+    )
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
-        "step_index (tells repeats apart, which are averaged), in the order in which they were measured. With some\n"
+        "step_index (tells repeats apart, which are averaged), in the order in which they were measured. Steps at one\n"
+        "speed give Eq. (2) and a constant time constant. With some\n"
         "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
         "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
@@ -48,6 +55,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--omega-0", type=number_between(0.0, math.inf, "a number greater than 0"), metavar="RPM",
         help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
+    )  # fmt: skip
+    option(
+        "--knee", type=number_between(0.0, math.inf, "a number greater than 0"), default=0.2, metavar="A",
+        help="current below which Eq. (2) is linear (default: 0.2, as in the paper)",
     )  # fmt: skip
     option(
         "--backlash-deg", type=number_between(-1e-300, 360.0, "at least 0 and less than 360 degrees"),
@@ -80,11 +91,21 @@ def simulate_verb(args: argparse.Namespace) -> None:
     done = with_progress("simulating", simulate, scene, args.out)
     about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
     about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
-    compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""
+    with summary_to(args.out):
+        _print_scene(args, about, done, compiling.seconds)
+
+
+def summary_to(out: str) -> AbstractContextManager[Any]:
+    """Where a scene's summary is printed: on stderr where the motion goes to standard output."""
+    return redirect_stdout(sys.stderr) if out == "-" else nullcontext()
+
+
+def _print_scene(args: argparse.Namespace, about: dict[str, Any], done: dict[str, Any], compiling_s: float) -> None:
+    compiled = f" (and {compiling_s:.3g} s of compiling, on first use)" if compiling_s else ""
     print_result(
         args,
         about,
-        f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
+        f"{args.out}: {done['rows']} rows, device {about['device']}{' (assumed)' if about['assumed'] else ''}, "
         f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
         f"{done['events']} events, {done['fallbacks']} fallbacks{_beside_obstacles(done)}",
         (f"{args.scene}: {warning}" for warning in done["warnings"]),
@@ -109,21 +130,20 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
     done = with_progress("simulating", simulate_cobot, read_cobot_scene(args.scene), args.out, compiles=True)
     wall = done["least_distance_from_wall_m"]
-    print_result(
-        args,
-        done,
+    text = (
         f"{args.out}: {done['rows']} rows, cobot {done['cobot']}{' (assumed)' if done['assumed'] else ''}; a servo at "
         f"its limit in {done['rows_with_a_servo_at_its_limit']}, {done['side_force_max_N']:.3g} N sideways at most"
-        + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least"),
-        (f"{args.scene}: {warning}" for warning in done["warnings"]),
+        + ("" if wall is None else f", {1e3 * wall:.3g} mm from the wall at least")
     )
+    with summary_to(args.out):
+        print_result(args, done, text, (f"{args.scene}: {warning}" for warning in done["warnings"]))
 
 
 def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.fit import ByHand
     from experiments.identify.identify import identify, summary, with_zero
 
-    given = ByHand(args.omega_0, args.backlash_deg)
+    given = ByHand(args.omega_0, args.backlash_deg, args.knee)
     asked = args.steps, args.out, args.name, args.figures, given
     found, brake, figures = with_progress("identifying", identify, *asked)
     fit = summary(found)

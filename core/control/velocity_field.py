@@ -13,8 +13,9 @@ from core.kernels import kernel
 from core.path import Path, follow, measure, on_piece
 
 #: Places in the memory: travel sense (+1 to the end), side of the path (+1 left; 0 not yet known), piece of the path
-#: that the tip has come to. Then, of one tick, the tip force that the controller is to show (two places, N; NaN: none), and
-#: the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round an obstacle.
+#: that the tip has come to. Then, of one tick, the tip force that the controller is to show (two places, N; NaN:
+#: none), and the nearest one that its brakes can exert (two places, NaN: it showed none). Then the travel sense round
+#: an obstacle.
 TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
 #: The guard's (`core.control.guard`): whether it has locked the brakes, what each brake holds at least (four places,
 #: N m), the sense in which each joint turned when the lock began, how far joints have turned back since (in plays),

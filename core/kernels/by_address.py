@@ -59,8 +59,9 @@ class Caller:
 
 def _alike(given: Any, expected: Any) -> bool:
     """Whether values of two types look the same in memory: an array inside a record is one like any other."""
-    from numba.core import types
+    from numba.core import types as known
 
+    types: Any = known  # numba makes their names when it runs
     if isinstance(given, types.BaseTuple) and isinstance(expected, types.BaseTuple):
         same = getattr(given, "instance_class", None) is getattr(expected, "instance_class", None)
         return same and len(given) == len(expected) and all(map(_alike, given, expected))
@@ -71,9 +72,12 @@ def _alike(given: Any, expected: Any) -> bool:
 
 def _intrinsic(expected: tuple) -> Any:
     from llvmlite import ir
-    from numba.core import cgutils, types
+    from numba.core import cgutils
+    from numba.core import types as known
     from numba.core.errors import TypingError
     from numba.extending import intrinsic
+
+    types: Any = known
 
     @intrinsic
     def call(typing, address, *arguments):
@@ -91,6 +95,6 @@ def _intrinsic(expected: tuple) -> Any:
                 convention.return_status_propagate(builder, status)
             return result
 
-        return types.int64(address, types.StarArgTuple(tuple(packed))), generate  # type: ignore[attr-defined]
+        return types.int64(address, types.StarArgTuple(tuple(packed))), generate
 
     return call

@@ -64,8 +64,7 @@ class SimulatedDevice(Simulation):
         play. So nothing moves, and no energy appears.
         """
         lagged = self.fidelity == MR
-        fresh = pack_brakes(self.device.brakes, backlash=lagged)
-        fresh["k"] *= strength
+        fresh = pack_brakes(self.device.brakes.stronger(strength), backlash=lagged)
         if backlash_rad is not None and lagged:
             fresh["play"] = np.where(fresh["present"] > 0.0, backlash_rad, 0.0)
         before, now, state = self.brakes["play"][0].copy(), fresh["play"][0], self.state

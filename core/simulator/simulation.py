@@ -40,7 +40,10 @@ from core.stops import distal_sine
 INTEGRATORS = ("event", "stepping", "karnopp")
 EVENT, STEPPING, KARNOPP = range(3)
 
-ROW_WIDTH = 10  # t, x, y, vx, vy, torque A, E, B, C, stuck bits
+#: Columns of a row: t, x, y, vx, vy, torques A, E, B, C, stuck bits; then what went in: hand force x, y (N), commands
+#: A, E, B, C; then the energies (J): work of the hand, heat of the brakes, kinetic, lost at stops.
+ROW_WIDTH = 20
+STUCK, HAND, COMMANDS, ENERGIES = 9, 10, 12, 16
 
 
 #: Torque ripple: periods a turn. Assumed; the paper tells its size alone.
@@ -172,7 +175,13 @@ def run_rows(model, data, schedule, grid, rows):
                     for i in range(4):
                         rows[r, 1 + i] = state.tip[i]
                         rows[r, 5 + i] = state.torque[i]
-                    rows[r, 9] = stuck_bits(model, state)
+                    rows[r, STUCK] = stuck_bits(model, state)
+                    rows[r, HAND], rows[r, HAND + 1] = state.hand_force[0], state.hand_force[1]
+                    rows[r, ENERGIES], rows[r, ENERGIES + 1] = state.work_hand, 0.0
+                    for i in range(4):
+                        rows[r, COMMANDS + i] = values[cursor, i]
+                        rows[r, ENERGIES + 1] += state.heat[i]
+                    rows[r, ENERGIES + 2], rows[r, ENERGIES + 3] = kinetic(state), state.lost_at_stops
                     if row == grid.last_row:
                         return
                 until = end
@@ -254,7 +263,7 @@ class Simulation:
         return Data(self.hand, self.state, self.step_scratch)
 
     def rows(self, n: int, schedule: Schedule, grid: Grid) -> np.ndarray:
-        """n output rows (n, ROW_WIDTH): t, x, y, vx, vy, torque A, E, B, C, stuck bits; call again to go on."""
+        """n output rows (n, ROW_WIDTH); call again to go on."""
         out = np.zeros((n, ROW_WIDTH))
         run_rows(self.model, self.data, schedule, grid, out)
         return out

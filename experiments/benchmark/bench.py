@@ -21,7 +21,7 @@ import numpy as np
 from core import tick_log
 from core.device import without_backlash
 from core.simulator.hand import spring_hand
-from core.simulator.simulation import Grid, Schedule, Simulation, run_rows
+from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.report import Moved, error_table
@@ -175,7 +175,7 @@ def four_accelerations(simulation: Simulation) -> float:
 def ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
     """Measure this simulator: one row."""
     simulation, found = simulated(run)
-    ledger, out = simulation.ledger(), np.zeros((2, 10))
+    ledger, out = simulation.ledger(), np.zeros((2, ROW_WIDTH))
     seconds(run, out)
     four = wall = math.inf
     for _ in range(repeats):

@@ -42,7 +42,7 @@ RATES, YIELDS = slice(10, 20), slice(20, 24)  # of z
 
 def torque_gain(brake: BrakeFile, current: float) -> float:
     """K (N m) at a current (A), Eq. (2)."""
-    k1, k2, k3, k4, k5 = brake.k
+    k1, k2, k3, k4, k5 = brake.equation_2
     return k1 * current + k2 if current < brake.knee_A else k3 * current**2 + k4 * current + k5
 
 
@@ -72,7 +72,7 @@ class _Reference:
         self.commands = scene.commands(fidelity)  # yields, or currents
         self.command = self.commands[0]
         q = coordinates(scene.device, np.array(START))
-        off = [0.0 if brake is None else brake.k[1] for brake in self.brakes]
+        off = [0.0 if brake is None else brake.equation_2[1] for brake in self.brakes]
         self.z = np.concatenate([q, np.zeros(10), off])
         self.times = np.arange(scene.comparisons + 1) * COMPARE_S
         self.tips = np.full((len(self.times), 2), np.nan)

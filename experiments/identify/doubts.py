@@ -193,7 +193,8 @@ def drift(found: Sequence[Measured], design: np.ndarray, gain: LinearFit) -> Dri
     reach = stats.t.ppf(1.0 - CHANCE / 2.0, freedom) / stats.t.ppf(0.975, freedom)
     if abs(share) <= max(reach * half, SMALLEST):
         return Drift()
-    return Drift(share, bool(abs(stats.spearmanr(when, speeds).statistic) > WITH_SPEED))
+    with_speed = len(variances) > 1 and abs(stats.spearmanr(when, speeds).statistic) > WITH_SPEED
+    return Drift(share, bool(with_speed))
 
 
 def without_drift(found: Sequence[Measured], share: float) -> list[Measured]:

@@ -24,7 +24,7 @@ from experiments.analysis.sheet import (
     figure_bytes,
     new_figure,
 )
-from experiments.identify.fit import Identification, gain_row, surface_row, torque_change
+from experiments.identify.fit import Identification, surface_row, torque_change
 from experiments.numbers import significant
 from experiments.recording.atomic_files import refuse_existing_files
 
@@ -39,7 +39,7 @@ CLEAR_CHANGE = 0.25
 def draw_identification(found: Identification, folder: Path) -> dict[Path, bytes]:
     """The figures as files of a folder, not yet written; InputError if one exists."""
     drawn = {"fig06_torque_gain": draw_torque_gain(found)}
-    for direction in found.constants:
+    for direction in () if found.one_speed else found.constants:  # at one speed there is no surface
         words = DIRECTION_WORDS[direction]
         drawn[f"fig07_{words}_time_constant"] = draw_time_constants(found, direction)
         drawn[f"fig08_{words}_time_constant_fit"] = draw_surface(found, direction)
@@ -63,7 +63,7 @@ def draw_torque_gain(found: Identification) -> Figure:
     dots: dict[str, Any] = {"s": 11, "c": shade, "cmap": SHADES, "linewidths": 0, "zorder": 3}
     square: dict[str, Any] = {"ms": 9, "mfc": "none", "mec": TEXT}
     line = np.linspace(0.0, found.current_max, 300)
-    top.plot(line, [np.dot(gain_row(i), found.gain.coefficients) for i in line], color=FITTED, label="Eq. (2)")
+    top.plot(line, [found.gain.at(i) for i in line.tolist()], color=FITTED, label="Eq. (2)")
     top.scatter(beside, torque, **dots)
     for value in np.unique(current):
         top.plot(value, torque[current == value].mean(), "s", mew=1.0, zorder=4, **square)
@@ -73,7 +73,7 @@ def draw_torque_gain(found: Identification) -> Figure:
     top.set(ylabel="Steady torque (N m)", ylim=(min(0.0, torque.min()), None))
     top.tick_params(labelbottom=False)
     below.axhline(0.0, color=FITTED, linewidth=1.0)
-    below.scatter(beside, found.gain.residuals, **dots)
+    below.scatter(beside, found.gain.fit.residuals, **dots)
     below.set(xlabel="Current (A)", ylabel="Residual (N m)")
     for axes in (top, below):
         axes.grid(color=LINE, linewidth=0.6)
@@ -108,6 +108,7 @@ def draw_time_constants(found: Identification, direction: str) -> Figure:
 def draw_surface(found: Identification, direction: str) -> Figure:
     """Fig. 8: Eq. (4) as fitted to one direction, with the measured time constants."""
     fits = found.constants[direction]
+    assert fits.surface is not None
     rms = np.sqrt(np.mean(np.concatenate([fits.surface.residuals, fits.average.residuals]) ** 2)) * 1e3
     half = (
         f" ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms (95 %)" if found.transients.exponential else " ms"

@@ -23,7 +23,7 @@ from experiments.identify.linear import (
 from experiments.identify.step_response import FALL, REACH, RISE, Measured, Step
 from experiments.numbers import significant
 
-KNEE_A = 0.2  # Eq. (2)
+KNEE_A = 0.2  # Eq. (2), of the paper's brake
 K_NAMES = ("k_1", "k_2", "k_3", "k_4", "k_5")
 A_NAMES = ("a_1", "a_2", "a_3", "a_4", "a_5", "a_6")
 #: Our choice: the lowest omega_0 with at most this many times the least scatter. The lowest, since a surface that
@@ -33,11 +33,22 @@ MORE_SCATTER = 1.16
 PERFECT = 1e-3
 
 
-def gain_row(current: float) -> list[float]:
+class TorqueGain(NamedTuple):
+    """Eq. (2) as fitted: k_1 .. k_5 and the knee (A)."""
+
+    knee: float
+    fit: LinearFit
+
+    def at(self, current: float) -> float:
+        """K (N m) at a current (A)."""
+        return float(np.dot(gain_row(current, self.knee), self.fit.coefficients))
+
+
+def gain_row(current: float, knee: float) -> list[float]:
     """K of Eq. (2) at a current is this row times (k_1, k_2, k_3, k_4); k_5 makes K continuous at the knee."""
-    if current < KNEE_A:
+    if current < knee:
         return [current, 1.0, 0.0, 0.0]
-    return [KNEE_A, 1.0, current**2 - KNEE_A**2, current - KNEE_A]
+    return [knee, 1.0, current**2 - knee**2, current - knee]
 
 
 def surface_row(current: float, speed_rpm: float) -> list[float]:
@@ -46,45 +57,46 @@ def surface_row(current: float, speed_rpm: float) -> list[float]:
     return [current, w, current * w, w * w, current * w * w, 1.0]
 
 
-def gain_design(found: Sequence[Measured]) -> Array:
+def gain_design(found: Sequence[Measured], knee: float) -> Array:
     """(n, 4) rows of Eq. (2)."""
-    return np.array([gain_row(one.step.current_to) for one in found])
+    return np.array([gain_row(one.step.current_to, knee) for one in found])
 
 
-def fit_torque_gain(found: Sequence[Measured], where: str) -> LinearFit:
+def fit_torque_gain(found: Sequence[Measured], knee: float, where: str) -> TorqueGain:
     """k_1 .. k_5 of the torque gain, Eq. (2), from the steady torques, each at the current stepped to.
 
-    Our choice: K is continuous at the knee (0.2 A), else it has no inverse there. Weights from the scatter of the
-    single repeats about the fit: one for all steps whose torque is an average of whole revolutions, else one for each
-    speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the larger).
+    Our choice: K is continuous at the knee (0.2 A in the paper), else it has no inverse there. Weights from the
+    scatter of the single repeats about the fit: one for all steps whose torque is an average of whole revolutions,
+    else one for each speed (where a step turns less than a revolution, ripple is an offset, and the less it turns the
+    larger).
     """
-    design = gain_design(found)
+    design = gain_design(found, knee)
     names = undetermined(design, K_NAMES[:4])
     if names:
         names += [K_NAMES[4]] if set(names) & {"k_1", "k_3", "k_4"} else []
         raise InputError(
             f"{where}: {listed(names)} of Eq. (2) cannot be identified: {_measured_at(found, speeds=False)}, and it "
-            f"takes steps to four currents, one of them below {KNEE_A:g} A and two above, and more than four steps"
+            f"takes steps to four currents, one of them below {knee:g} A and two above, and more than four steps"
         )
     groups = np.unique([0.0 if one.turns else one.step.speed_rpm for one in found], return_inverse=True)[1]
     repeats = [len(one.repeated_torques) for one in found]
     torques = np.concatenate([one.repeated_torques for one in found])
     variances = variance_by_group(np.repeat(design, repeats, axis=0), torques, np.repeat(groups, repeats))
-    contrasts = np.vstack([np.eye(4), [KNEE_A, 1.0, -(KNEE_A**2), -KNEE_A]])
+    contrasts = np.vstack([np.eye(4), [knee, 1.0, -(knee**2), -knee]])
     steady = np.array([one.steady_torque for one in found])
-    return fit_linear(design, steady, np.array(repeats) / variances[groups], contrasts)
+    return TorqueGain(knee, fit_linear(design, steady, np.array(repeats) / variances[groups], contrasts))
 
 
-def torque_change(step: Step, gain: LinearFit) -> float:
+def torque_change(step: Step, gain: TorqueGain) -> float:
     """The change of the steady torque by a step (N m), by the fit of Eq. (2)."""
-    return float(np.subtract(gain_row(step.current_to), gain_row(step.current_from)) @ gain.coefficients)
+    return gain.at(step.current_to) - gain.at(step.current_from)
 
 
 class TimeConstants(NamedTuple):
     """Eq. (4) for one direction."""
 
     average: LinearFit  # of a_avg
-    surface: LinearFit  # of a_1 .. a_6
+    surface: LinearFit | None  # of a_1 .. a_6; None: one speed alone was measured, a_avg stands for every speed
     at_average: list[Measured]  # the steps that each rests on
     at_surface: list[Measured]
 
@@ -119,7 +131,7 @@ def _sides(found: Sequence[Measured], direction: str, omega_0: float) -> tuple[_
 
 
 def fit_time_constants(
-    found: Sequence[Measured], gain: LinearFit, omega_0: float, where: str
+    found: Sequence[Measured], gain: TorqueGain, omega_0: float, where: str
 ) -> dict[str, TimeConstants]:
     """a_avg and a_1 .. a_6 of the time constants, Eq. (4), rising and falling apart; omega_0 in rpm.
 
@@ -139,7 +151,21 @@ def fit_time_constants(
     return fits
 
 
-def _fit(side: _Side, gain: LinearFit) -> LinearFit:
+def fit_constant(found: Sequence[Measured], gain: TorqueGain, where: str) -> dict[str, TimeConstants]:
+    """a_avg of steps at one speed: how the time constants depend on the speed is not seen."""
+    fits = {}
+    for direction in (RISE, FALL):
+        every, _ = _sides(found, direction, 0.0)
+        if every.open:
+            raise InputError(
+                f"{where}: a_avg of Eq. (4), {direction}, cannot be identified: {_measured_at(every.steps)}, and it "
+                "takes at least two steps"
+            )
+        fits[direction] = TimeConstants(_fit(every, gain), None, every.steps, [])
+    return fits
+
+
+def _fit(side: _Side, gain: TorqueGain) -> LinearFit:
     """Least squares of the time constants; the weights follow the fit, from typical constants on."""
     values = np.array([one.time_constant for one in side.steps])
     typical = np.array([one.typical for one in side.steps])
@@ -153,7 +179,7 @@ def _fit(side: _Side, gain: LinearFit) -> LinearFit:
     return fit
 
 
-def scatter_by_omega_0(found: Sequence[Measured], gain: LinearFit, where: str) -> dict[float, float]:
+def scatter_by_omega_0(found: Sequence[Measured], gain: TorqueGain, where: str) -> dict[float, float]:
     """omega_0 (rpm) -> scatter of the time constants about Eq. (4), relative to the least.
 
     Every measured speed at which the steps determine all numbers is tried. The scatter is the geometric mean over all
@@ -213,6 +239,7 @@ def listed(words: Sequence[str]) -> str:
 # --------------------------------------------------------------------------------------- the brake as its steps show it
 
 IDENTIFIED, GIVEN = "identified", "given"
+ONE_SPEED = "the only measured speed, from there on and below the time constants are a_avg"
 NOT_SEEN_FLAT = "the highest measured speed, no faster step shows where the time constants level off"
 
 
@@ -242,7 +269,7 @@ class Identification:
     source: str  # the file's name
     steps: int
     measured: list[Measured]  # averaged steps
-    gain: LinearFit
+    gain: TorqueGain
     constants: dict[str, TimeConstants]  # by direction
     omega_0_rpm: float
     scatter: dict[float, float]  # omega_0 (rpm) -> scatter relative to the least; empty where it was given
@@ -250,6 +277,11 @@ class Identification:
     transients: Transients
     drift: Drift
     zero: Zero | None  # None: the shaft never turned the other way
+
+    @property
+    def one_speed(self) -> bool:
+        """Whether the steps are all at one speed, so that nothing shows how the time constants depend on it."""
+        return any(of_it.surface is None for of_it in self.constants.values())
 
     @property
     def flat_part_seen(self) -> bool:
@@ -283,19 +315,35 @@ class Identification:
     @property
     def warnings(self) -> list[str]:
         """Warnings that stand with the numbers."""
+        if self.one_speed:
+            speed = self.measured[0].step.speed_rpm
+            seen = (
+                f"speed_rpm: all steps are at {speed:g} rpm, so a_1 to a_6 of Eq. (4) are not seen: the time constants "
+            )
+            return [*self._doubts, f"{seen}are taken as constant, and slow joints will answer later than that"]
         assumed = "omega_0_rpm" in self.assumed
+        return self._doubts + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
+
+    @property
+    def _doubts(self) -> list[str]:
+        """Units and faults of the bench."""
         zero = self.zero.warnings if self.zero else []
-        found = [*self.doubtful.values(), *zero, *self.transients.warnings, *self.drift.warnings]
-        return found + [f"omega_0_rpm = {self.omega_0_rpm:g} is {self.omega_0_by}"] * assumed
+        return [*self.doubtful.values(), *zero, *self.transients.warnings, *self.drift.warnings]
 
     @property
     def sources(self) -> dict[str, str]:
         """Key of the brake file -> where its numbers come from: IDENTIFIED, GIVEN, or why they are assumed."""
         return dict.fromkeys(("k", "rise", "fall"), IDENTIFIED) | {
             "current_max_A": "the largest that was measured",
-            "knee_A": "as in the paper",
+            "knee_A": "as in the paper" if self.gain.knee == KNEE_A else GIVEN,
             "floor_rpm": "Eq. (4) is held below",
-            "omega_0_rpm": GIVEN if not self.scatter else IDENTIFIED if self.flat_part_seen else NOT_SEEN_FLAT,
+            "omega_0_rpm": ONE_SPEED
+            if self.one_speed
+            else GIVEN
+            if not self.scatter
+            else IDENTIFIED
+            if self.flat_part_seen
+            else NOT_SEEN_FLAT,
             "backlash_deg": "steps do not show it" if self.backlash_deg is None else GIVEN,
         }
 
@@ -324,12 +372,13 @@ class Identification:
         fits: list[tuple[tuple[str, ...], LinearFit, tuple[str, ...]]] = []
         for direction, constants in self.constants.items():
             fits.append(((f"{direction}.a_avg",), constants.average, ("s",)))
-            names = tuple(f"{direction}.{name}" for name in A_NAMES)
-            fits.append((names, constants.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
+            if constants.surface is not None:
+                names = tuple(f"{direction}.{name}" for name in A_NAMES)
+                fits.append((names, constants.surface, ("s/A", "s", "s/A", "s", "s/A", "s")))
         units = ("N m/A", "N m", "N m/A^2", "N m/A", "N m")
         return [
             Parameter(name, value, half + 0.5 * abs(self.drift.share * value) + zero * (unit == "N m"), unit)
-            for name, value, half, unit in zip(K_NAMES, *map(np.ndarray.tolist, self.gain[1:3]), units, strict=True)
+            for name, value, half, unit in zip(K_NAMES, *map(np.ndarray.tolist, self.gain.fit[1:3]), units, strict=True)
         ] + [
             Parameter(name, value, half if self.transients.exponential else None, unit)
             for names, fit, units in fits
@@ -342,6 +391,7 @@ class ByHand(NamedTuple):
 
     omega_0_rpm: float | None = None  # None: by least squares over the measured speeds
     backlash_deg: float | None = None  # steps do not show it. None: assumed
+    knee_A: float = KNEE_A
 
 
 NOTHING_GIVEN = ByHand()
@@ -349,6 +399,8 @@ NOTHING_GIVEN = ByHand()
 
 def identify_steps(steps: Iterable[Step], source: str, given: ByHand = NOTHING_GIVEN) -> Identification:
     """Fit Eqs. (2), (3) and (4), and take what is given by hand.
+
+    Steps at one speed give Eq. (2) and constant time constants.
 
     InputError where the steps do not determine a number: it names the number and the reason.
     """
@@ -362,17 +414,23 @@ def identify_steps(steps: Iterable[Step], source: str, given: ByHand = NOTHING_G
     steps, zero = one_way(steps, source)
     transients = measure_transients(steps, source)
     measured = transients.measured
-    gain = fit_torque_gain(measured, source)
-    if zero is None and gain.values[1] + gain.half_widths[1] < 0.0:
+    gain = fit_torque_gain(measured, given.knee_A, source)
+    if zero is None and gain.fit.values[1] + gain.fit.half_widths[1] < 0.0:
         raise InputError(
-            f"{source}: torque_N_m: without current the torque would be {significant(gain.values[1], 3)} N m, and a "
+            f"{source}: torque_N_m: without current it would be {significant(gain.fit.values[1], 3)} N m, and a "
             "brake never drives: the torque sensor's zero is off by at least as much (steps with the shaft turned the "
             "other way, speed_rpm below 0, would tell it)"
         )
-    drifted = drift(measured, gain_design(measured), gain)
+    drifted = drift(measured, gain_design(measured, given.knee_A), gain.fit)
     if drifted.share:
         measured = without_drift(measured, drifted.share)
-        gain = fit_torque_gain(measured, source)
+        gain = fit_torque_gain(measured, given.knee_A, source)
+    if given.omega_0_rpm is None and len(speeds := {found.step.speed_rpm for found in measured}) == 1:
+        constants = fit_constant(measured, gain, source)
+        return Identification(
+            source, len(steps), measured, gain, constants, speeds.pop(), {}, given.backlash_deg, transients, drifted,
+            zero,
+        )  # fmt: skip
     scatter = {} if given.omega_0_rpm is not None else scatter_by_omega_0(measured, gain, source)
     omega_0 = choose_omega_0(scatter) if given.omega_0_rpm is None else given.omega_0_rpm
     constants = fit_time_constants(measured, gain, omega_0, source)

@@ -22,7 +22,6 @@ from experiments.identify.fit import (
     GIVEN,
     IDENTIFIED,
     K_NAMES,
-    KNEE_A,
     NOTHING_GIVEN,
     ByHand,
     Identification,
@@ -93,7 +92,8 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
     rows = {row.name: row for row in found.parameters()}
     value = {key: float(f"{row.value:.{DIGITS}g}") for key, row in rows.items()}
     k1, k2, k3, k4 = (value[key] for key in K_NAMES[:4])
-    value["k_5"] = round(k1 * KNEE_A + k2 - (k3 * KNEE_A + k4) * KNEE_A, 9)  # continuous, as rounded
+    knee = found.gain.knee
+    value["k_5"] = round(k1 * knee + k2 - (k3 * knee + k4) * knee, 9)  # continuous, as rounded
     given = found.keys(GIVEN)
     how = {"omega_0_rpm": "identified: where the time constants scatter least"}
     how |= dict.fromkeys(given, GIVEN) | {key: f"assumed: {why}" for key, why in found.assumed.items()}
@@ -121,19 +121,20 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
         "k = [                   # Eq. (2), N m",
         *map(line, K_NAMES),
         "]",
-        number("knee_A", KNEE_A),
+        number("knee_A", knee),
         number("omega_0_rpm", found.omega_0_rpm),
         number("floor_rpm", floor_rpm),
         number("backlash_deg", BACKLASH_DEG if found.backlash_deg is None else float(found.backlash_deg)),
     ]
-    for direction in found.constants:
+    for direction, constants in found.constants.items():
         average = f"{direction}.a_avg"
+        below = [f"    0.0, 0.0, 0.0, 0.0, 0.0, {value[average]!r},    # not seen: a_avg at every speed"]
         lines += [
             "",
             f"[{direction}]                  # Eq. (4), s",
             f"a_avg_s = {value[average]!r}".ljust(24) + f"# {rows[average].spread}",
             "a = [",
-            *(line(f"{direction}.{key}") for key in A_NAMES),
+            *(below if constants.surface is None else (line(f"{direction}.{key}") for key in A_NAMES)),
             "]",
         ]
     return "\n".join(lines) + "\n"
@@ -150,6 +151,7 @@ def summary(found: Identification) -> dict[str, Any]:
         one.step.key: float(r)
         for fits in found.constants.values()
         for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface))
+        if fit is not None
         for one, r in zip(part, fit.residuals, strict=True)
     }  # of its time constant, s
     used = np.array([residual[one.step.key] for one in found.measured if one.step.key in residual])
@@ -172,7 +174,7 @@ def summary(found: Identification) -> dict[str, Any]:
         "assumed": found.assumed,
         "warnings": found.warnings,
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],
-        "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.residuals**2))),
+        "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.fit.residuals**2))),
         "time_constant_residual_rms_s": float(np.sqrt(np.mean(used**2))),
         "set_aside": [str(one.step) for one in found.set_aside],
         "residuals": [
@@ -186,6 +188,6 @@ def summary(found: Identification) -> dict[str, Any]:
                 "time_constant_s": None if math.isnan(one.time_constant) else one.time_constant,
                 "time_constant_residual_s": residual.get(one.step.key),
             }
-            for one, torque_residual in zip(found.measured, found.gain.residuals, strict=True)
+            for one, torque_residual in zip(found.measured, found.gain.fit.residuals, strict=True)
         ],
     }

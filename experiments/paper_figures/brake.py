@@ -92,8 +92,9 @@ def parameters_of(*sources: Device | Brake) -> str:
 
 def draw_torque_gain(brake: Brake) -> Figure:
     """Fig. 6, the fit equation."""
-    k1, k2, k3, k4, k5 = brake.file.k
-    knee, largest = brake.file.knee_A, brake.file.current_max_A
+    k1, k2, k3, k4, k5 = brake.file.equation_2
+    by_table = brake.file.torque_table is not None
+    knee, largest = 0.0 if by_table else brake.file.knee_A, brake.file.current_max_A
     measured = brake.file.command_unit == "A"  # a field is no current of the paper's
     circles = " Circles: the currents at which the paper measured the brake." if measured else ""
     text = f"{parameters_of(brake)} Model only.{circles}"
@@ -114,8 +115,9 @@ def draw_torque_gain(brake: Brake) -> Figure:
     )  # fmt: skip
     below = f"I < {knee:g} {unit}:   K = {k1:g} I{_plus(k2)}\n" if knee > 0.0 else ""
     above = f"I ≥ {knee:g} {unit}:   K = {k3:g} I²{_plus(k4)} I{_plus(k5)}"
+    formula = "torque table" if by_table else f"{below}{above}"
     axes.text(
-        0.98, 0.26, f"{below}{above}".replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
+        0.98, 0.26, formula.replace("-", "−"), transform=axes.transAxes, ha="right", va="center",
         linespacing=1.7, fontsize=MIDDLE, bbox=WHITE,
     )  # fmt: skip
     axes.set(xlim=(-0.02 * largest, 1.03 * largest), ylim=(0.0, top))
@@ -234,7 +236,7 @@ def torque_with_play(brake: Brake, angles: Array, current: float) -> Array:
     The play follows the joint; the brake holds its yield at the edge of the play and k_2 within. The play begins in
     the middle; the first torque is that of the first movement.
     """
-    width, off = math.radians(brake.file.backlash_deg), brake.file.k[1]
+    width, off = math.radians(brake.file.backlash_deg), brake.file.equation_2[1]
     held = float(brake.torque_gain([current])[0])
     play = 0.5 * width
     torque = np.empty(len(angles))
@@ -252,7 +254,7 @@ def torque_as_worded(brake: Brake, angles: Array, current: float, step: float) -
     When the torque crosses zero, boundaries one backlash to either side of the joint are set and the gain is k_2
     against the motion until the joint crosses one. step: s between the angles.
     """
-    width, off = math.radians(brake.file.backlash_deg), brake.file.k[1]
+    width, off = math.radians(brake.file.backlash_deg), brake.file.equation_2[1]
     held = float(brake.torque_gain([current])[0])
     centre, inside = angles[0], False
     torque = np.empty(len(angles))

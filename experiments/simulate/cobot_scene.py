@@ -143,7 +143,7 @@ def read_cobot_scene(path: Path) -> CobotScene:
         wall = np.array((*file.wall.at_m, nx / math.hypot(nx, ny), ny / math.hypot(nx, ny)))
         if (file.initial_pose[0] - wall[0]) * wall[2] + (file.initial_pose[1] - wall[1]) * wall[3] < 0.0:
             raise InputError(f"{path}: initial_pose: stands behind the wall")
-    constant, columns = file.force.constant or (0.0, 0.0, 0.0), ("fx_N", "fy_N", "torque_N_m")
+    constant, columns = file.force.constant or (0.0, 0.0, 0.0), FORCES
     times, force = hand_force(file.force.file, constant, columns, file.duration_s, path)
     if len(cobot.hubs_m) == 1 and np.any(force[:, 2]):
         raise InputError(f"{path}: force: {cobot.name} has one castor and no heading, its torque must be 0")
@@ -221,14 +221,15 @@ class CobotRun:
         return rows
 
 
-def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = no_progress) -> dict[str, Any]:
+def simulate_cobot(scene: CobotScene, out_path: str | Path, progress: Progress = no_progress) -> dict[str, Any]:
     """Run a scene into a new CSV file, as `simulate` does; the summary."""
     wheels = len(scene.cobot.hubs_m)
     limited_rows, nearest = 0, math.inf
 
     def write(times: np.ndarray, rows: np.ndarray) -> None:
         nonlocal limited_rows, nearest
-        write_rows(file, rows, wheels)
+        force = [np.interp(times, scene.force_t, scene.force[:, k]) for k in range(3)]
+        write_rows(file, np.column_stack([rows, *force]), wheels)
         limited_rows += int(np.count_nonzero(rows[:, 10]))
         distance = (rows[:, 1] - scene.wall[0]) * scene.wall[2] + (rows[:, 2] - scene.wall[1]) * scene.wall[3]
         nearest = min(nearest, float(distance.min()))
@@ -251,11 +252,14 @@ def simulate_cobot(scene: CobotScene, out_path: Path, progress: Progress = no_pr
     }
 
 
+FORCES = ("fx_N", "fy_N", "torque_N_m")  # of the hand
+
+
 def column_names(wheels: int) -> list[str]:
     """The header of the output."""
     castors = [f"castor_{i}_rad" for i in range(1, wheels + 1)]
     pose = ["t_s", "x_m", "y_m", "heading_rad", "vx_m_s", "vy_m_s", "rate_rad_s"]
-    return [*pose, *castors, "limited", "work_J", "kinetic_J"]
+    return [*pose, *castors, "limited", "work_J", "kinetic_J", *FORCES]
 
 
 def write_rows(file: BinaryIO, rows: np.ndarray, wheels: int) -> None:

@@ -5,6 +5,7 @@ the energy ledger contradicts the motion, the summary warns.
 """
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +22,17 @@ from core.mechanism import JOINTS
 from core.obstacles import build_obstacles, nearest_obstacle
 from core.simulator.guarding import Guarded
 from core.simulator.hand import new_hand
-from core.simulator.simulation import ROW_WIDTH, Grid, Ledger, Schedule, Simulation
+from core.simulator.simulation import (
+    COMMANDS,
+    ENERGIES,
+    HAND,
+    ROW_WIDTH,
+    STUCK,
+    Grid,
+    Ledger,
+    Schedule,
+    Simulation,
+)
 from core.tick_log import STUCK_LETTERS
 from experiments.numbers import significant
 from experiments.progress import Progress, no_progress
@@ -31,6 +42,7 @@ from experiments.simulate.scene import Scene
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
 #: shows.
 CHUNK_ROWS = 20_000
+STDOUT = "-"  # in place of the file's name
 CHUNK_STEPS = 500_000
 
 #: s; how late an interrupt is heard while a kernel runs.
@@ -43,8 +55,8 @@ SURE_WITHIN_M = 5e-4
 
 ROUNDING = 1e-9  # relative, of a force file's two components: a push of push_N in any direction is no more than that
 
-#: Columns of a chunk: t, x, y, vx, vy, torque of A, E, B, C, stuck (bits 1 A, 2 E, 4 B, 8 C).
-X, TORQUE, STUCK, WIDTH = 1, 5, 9, ROW_WIDTH
+#: Columns of a chunk, beside those of `core.simulator.simulation`.
+X, TORQUE = 1, 5
 GUARD = ROW_WIDTH  # where there is a guard: its decision
 LOCKED, TOO_LATE = "lock", "lock: too late"  # words of the guard; where the brakes are free it has none
 
@@ -63,7 +75,7 @@ class SceneRun:
         first.rows(1, self.schedule, Grid(0, 0, 1, scene.step_s))
 
     def run_chunk(self, count: int) -> np.ndarray:
-        """The next output rows (count, WIDTH, or one more with a guard); the first call begins at t = 0."""
+        """The next output rows (count, ROW_WIDTH, or one more with a guard); the first call begins at t = 0."""
         scene = self.scene
         grid = Grid(self.row, scene.rows - 1, scene.output_every, scene.step_s)
         self.row += count
@@ -103,7 +115,7 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progres
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
     """
-    braked, edges, nearest = scene.device.braked, build_obstacles(scene.around.obstacles), math.inf
+    edges, nearest = build_obstacles(scene.around.obstacles), math.inf
 
     def write(times: np.ndarray, rows: np.ndarray) -> None:
         nonlocal nearest
@@ -115,9 +127,9 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progres
         if scene.around.guard is not None:
             which = np.where(rows[:, GUARD] == NONE, 0, np.where(rows[:, GUARD] == LOCK_TOO_LATE, 2, 1))
             more["guard"] = _words(which, ("", LOCKED, TOO_LATE))
-        write_rows(file, times, rows, braked, more)
+        write_rows(file, times, rows, scene, more)
 
-    with new_csv(Path(out_path), [*column_names(braked), *extra_columns(scene)]) as file:
+    with new_csv(out_path, [*column_names(scene), *extra_columns(scene)]) as file:
         run, half_step = SceneRun(scene), SceneRun(scene.finer())
         done = run_beside(scene, run, half_step, write, progress)
     ledger = run.ledger()
@@ -160,11 +172,17 @@ def pushed_beyond(scene: Scene, allowed: float) -> tuple[str, ...]:
 
 
 @contextmanager
-def new_csv(path: Path, header: Sequence[str]) -> Iterator[BinaryIO]:
+def new_csv(path: str | Path, header: Sequence[str]) -> Iterator[BinaryIO]:
     """A new file with its header, open for writing; it is removed if an exception ends the writing.
 
-    InputError if it exists or cannot be created.
+    `STDOUT` is standard output. InputError if the file exists or cannot be created.
     """
+    if str(path) == STDOUT:
+        sys.stdout.buffer.write((",".join(header) + "\n").encode())
+        yield sys.stdout.buffer
+        sys.stdout.buffer.flush()
+        return
+    path = Path(path)
     refuse_existing_files([path])
     with refusing(path, "cannot be created"):
         file = open(path, "xb")
@@ -270,20 +288,38 @@ def interruptible(compute: Callable[[int], np.ndarray], count: int) -> np.ndarra
     return found[0]
 
 
-def column_names(braked: str) -> list[str]:
-    """The header of the output: no columns for joints without a brake."""
-    tip = ["t_s", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s"]
-    return [*tip, *(f"torque_{joint}_N_m" for joint in braked), "stuck"]
+def places_of(scene: Scene) -> dict[str, int]:
+    """Column of the output -> its place in a row: motion, what the brakes did, what went in, and the energies.
+
+    No columns for joints without a brake; no currents where the brakes are told torques (fidelity ideal).
+    """
+    tip = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s")
+    joints = {joint: JOINTS.index(joint) for joint in scene.device.braked}
+    currents = {} if scene.fidelity == "ideal" else joints
+    energies = ("work_hand_J", "heat_brakes_J", "kinetic_J", "lost_at_stops_J")
+    return (
+        {name: X + place for place, name in enumerate(tip)}
+        | {f"torque_{joint}_N_m": TORQUE + i for joint, i in joints.items()}
+        | {"stuck": STUCK, "hand_fx_N": HAND, "hand_fy_N": HAND + 1}
+        | {f"current_{joint}_A": COMMANDS + i for joint, i in currents.items()}
+        | {name: ENERGIES + place for place, name in enumerate(energies)}
+    )
+
+
+def column_names(scene: Scene) -> list[str]:
+    """The header of the output."""
+    return ["t_s", *places_of(scene)]
 
 
 def write_rows(
-    file: BinaryIO, times: np.ndarray, chunk: np.ndarray, braked: str, more: Mapping[str, pa.Array] | None = None
+    file: BinaryIO, times: np.ndarray, chunk: np.ndarray, scene: Scene, more: Mapping[str, pa.Array]
 ) -> None:
     """Append rows: shortest decimals that read back as the same doubles, LF line ends. more: further columns."""
-    columns = [times, *chunk[:, X : X + 4].T, *(chunk[:, TORQUE + JOINTS.index(joint)] for joint in braked)]
-    arrays = [pa.array(column + 0.0) for column in columns]  # + 0.0: no "-0" where a torque is zero
-    all_columns = dict(zip(column_names(braked), [*arrays, _words(chunk[:, STUCK], STUCK_LETTERS)], strict=True))
-    table = pa.table(all_columns | dict(more or {}))
+    columns = {"t_s": pa.array(times + 0.0)}  # + 0.0: no "-0" where a number is zero
+    for name, place in places_of(scene).items():
+        values = chunk[:, place]
+        columns[name] = _words(values, STUCK_LETTERS) if place == STUCK else pa.array(values + 0.0)
+    table = pa.table(columns | dict(more))
     pa_csv.write_csv(table, file, pa_csv.WriteOptions(include_header=False, quoting_style="none"))
 
 

@@ -10,14 +10,19 @@ import pytest
 from exports import rows
 
 from app.cli import main
+from core.cobot import CobotFile
 from core.device import load_device
+from core.device_file import BrakeFile, DeviceFile
 from core.files import table_in
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
 from experiments.protocol import load_protocol
 from experiments.protocol_file import ProtocolFile
-from experiments.study.sweep import load_sweep
-from experiments.worlds.ranges import load_ranges
+from experiments.simulate.cobot_scene import CobotSceneFile
+from experiments.simulate.scene import SceneFile
+from experiments.study.sweep import SweepFile, load_sweep
+from experiments.trial.population import PopulationFile, Spread
+from experiments.worlds.ranges import Range, RangesFile, load_ranges
 from experiments.worlds.worlds import worlds_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -97,6 +102,31 @@ def keys_of(kind) -> dict[str, object]:
         if (table := table_in(one.type)) is not None:
             found |= {f"{one.name}.{name}": inner for name, inner in keys_of(table).items()}
     return found
+
+
+KINDS = {
+    "Device file": DeviceFile, "Brake file": BrakeFile, "Cobot file": CobotFile, "Scene file": SceneFile,
+    "Cobot scene file": CobotSceneFile, "Sweep file": SweepFile, "Population file": PopulationFile,
+    "Ranges file": RangesFile,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("title", KINDS)
+def test_the_page_of_keys_has_every_key_of_a_kind_of_file_and_no_other(title):
+    page = (EXAMPLES.parent / "keys.md").read_text(encoding="utf-8")
+    section = page.partition(f"## {title}\n")[2].partition("\n## ")[0]
+    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    said = [key for cell in cells for key in re.findall(r"`([\w.]+)`", cell)]
+    declared = keys_of(KINDS[title])
+    ranges = {name for name, one in declared.items() if table_in(one.type) in (Spread, Range)}
+    inside = {name for name in declared for outer in ranges if name.startswith(f"{outer}.")}
+    tables = {name for name in declared if any(other.startswith(f"{name}.") for other in declared)} - ranges
+    assert sorted(said) == sorted(declared.keys() - inside - tables)
+    for kind in (Spread, Range):
+        if any(table_in(declared[name].type) is kind for name in ranges):
+            assert all(
+                f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind)
+            )
 
 
 def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_that_it_names():

@@ -14,6 +14,7 @@ from app.ipc.messages import Setup
 from app.loop.real_time import HOMEWARD_M_S
 from core import tick_log
 from core.control.algorithm import LOCK_OBSTACLE
+from core.path import build_path
 from experiments.assumptions import Assumptions
 from experiments.inputs import OPERATOR
 from experiments.protocol import SHIPPED_FOLDER, load_protocol
@@ -336,7 +337,8 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     assert saved.assumptions == PAPER.assumptions
     change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="encoders")
     window.client.send(m.SaveAsProtocol(str(other)))
-    assert "no blend width" in window.until(lambda s: "Saved" in s.notice).notice
+    window.until(lambda s: f"Saved as {other}" in s.notice)
+    assert build_path(load_protocol(other).paths[2], "path").blend_width == 0.02
     assert load_protocol(other).assumptions == Assumptions(sensing="encoders")
     brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
     assert brakes.k == pytest.approx(0.5 * theirs.k)

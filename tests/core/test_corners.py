@@ -19,11 +19,16 @@ pytestmark = pytest.mark.nojit
 DEVICE = load_device("four-brake")
 BRAKES = pack_brakes(DEVICE.brakes, backlash=False)[0]
 STAR = build_path(
-    Polyline(tuple((0.08 * math.cos(a), 0.36 + 0.08 * math.sin(a)) for a in 0.5 * math.pi + 0.8 * math.pi * np.arange(6))),
+    Polyline(
+        tuple((0.08 * math.cos(a), 0.36 + 0.08 * math.sin(a)) for a in 0.5 * math.pi + 0.8 * math.pi * np.arange(6))
+    ),
     "star",
 )
 CORNER, IN, OUT = STAR.pieces[1, 2:4], STAR.pieces[0, 4:6], STAR.pieces[1, 4:6]
-CONTROLLERS = {**{preset.name: preset for preset in PAPER.controllers.values()}, "wall": Preset("wall", "reflect", (0.0, 500.0))}
+CONTROLLERS = {
+    **{preset.name: preset for preset in PAPER.controllers.values()},
+    "wall": Preset("wall", "reflect", (0.0, 500.0)),
+}
 
 
 def decided(name, tip, velocity, force, memory):

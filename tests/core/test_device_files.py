@@ -113,7 +113,7 @@ def test_kernels_get_radians_and_zeros_where_there_is_no_brake():
     assert b.floor[E] == pytest.approx(0.125 * 2 * math.pi / 60)
     assert b.play[B] == pytest.approx(math.radians(0.75))
     assert list(b.rise[A]) == [0.030, 0.036, -0.024, -0.024, 0.004, 0.004, 0.066]
-    for array in b[:-2]:
+    for array in b[:-3]:
         assert not np.any(array[C])
     assert (b.ripple, b.signed) == (0.0, 0.0)
 
@@ -347,7 +347,6 @@ BAD_BRAKES = {
         "-8.75, 7.25, -0.1",
         "must rise with the current up to",
     ),
-    "jumps at the knee": (r"-0\.3875", "-0.3", "jumps from 1 to 1.0875 N m at knee_A"),
     "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
     "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
     "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be at least 1e-06"),

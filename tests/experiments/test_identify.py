@@ -111,7 +111,7 @@ def test_torque_gain_is_continuous_at_the_knee_and_the_file_is_a_brake():
     assert brake.name == 'my "brake"' and brake.provenance.startswith("identified from steps.csv: k, rise, fall, ")
     k1, k2, k3, k4, k5 = brake.k
     assert k1 * 0.2 + k2 == pytest.approx(k3 * 0.04 + k4 * 0.2 + k5, abs=1e-8)
-    assert np.array(brake.k) == pytest.approx(found.gain.values, rel=1e-4)
+    assert np.array(brake.k) == pytest.approx(found.gain.fit.values, rel=1e-4)
     assert brake.rise.a == pytest.approx(found.constants["rise"].surface.values, rel=1e-5)
 
 
@@ -190,7 +190,7 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
         brake = parse_brake(text, "brake")
         assert brake.provenance == f"{shown}; assumed: {', '.join(expected)}" and brake.assumed
         assert numbers["given"] == given
-        marked = [*numbers["identified"], *given, *expected, "name", "provenance", "command_unit"]
+        marked = [*numbers["identified"], *given, *expected, "name", "provenance", "command_unit", "torque_table"]
         assert sorted(marked) == sorted(BrakeFile.__struct_fields__)
 
 
@@ -431,3 +431,34 @@ def test_a_wrong_file_gives_one_sentence_exit_2_and_nothing_written(folder, caps
 def test_wrong_arguments_are_refused(folder, capsys, argument, words):
     assert main(["identify", "steps.csv", "--out", "mine.toml", *argument]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("speed", [1.0, 16.0])
+def test_steps_at_one_speed_give_the_torque_and_a_constant_time_constant_and_say_what_is_not_seen(
+    speed, folder, capsys
+):
+    steps = synthetic_steps(BRAKE, 4, BENCH, speeds=(speed,))
+    write_steps(steps, folder / "steps.csv")
+    assert main(["identify", "steps.csv", "--out", "one.toml", "--figures", "drawn"]) == 0
+    assert f"all steps are at {speed:g} rpm, so a_1 to a_6 of Eq. (4) are not seen" in capsys.readouterr().err
+    brake = parse_brake((folder / "one.toml").read_text(), "one.toml")
+    assert sorted(path.name for path in (folder / "drawn").iterdir()) == [
+        "fig06_torque_gain.pdf",
+        "fig06_torque_gain.png",
+    ]
+    for constant, true in ((brake.rise, BRAKE.rise), (brake.fall, BRAKE.fall)):
+        own = [true.below_omega_0(current, math.log2(speed)) if speed < 8.0 else true.a_avg_s for current in (0.0, 1.0)]
+        assert 0.9 * min(own) < constant.a_avg_s < 1.1 * max(own)
+        assert constant.below_omega_0(0.7, -2.0) == constant.a_avg_s
+    for current in (0.0, 0.4, 1.0):
+        assert brake.torque_gain(current) == pytest.approx(BRAKE.torque_gain(current), abs=0.2), "the ripple"
+
+
+def test_another_knee_is_found_where_it_is_told(quiet):
+    other = replace_struct(BRAKE, k=(3.0, 0.35, -1.5, 6.0, 0.0), knee_A=0.4)
+    other = replace_struct(other, k=(3.0, 0.35, -1.5, 6.0, 3.0 * 0.4 + 0.35 - (-1.5 * 0.4 + 6.0) * 0.4))
+    steps = synthetic_steps(other, 1, QUIET, repeats=1)
+    found = identify_steps(steps, "steps.csv", knee_A=0.4)
+    assert found.gain.fit.values == pytest.approx(other.k, rel=1e-4)
+    brake = parse_brake(brake_text(found, "it"), "it")
+    assert brake.knee_A == 0.4 and "knee_A = 0.4" in brake_text(found, "it") and "given" in brake_text(found, "it")

@@ -273,3 +273,43 @@ def test_what_cannot_be_simulated_is_refused_in_a_sentence_and_nothing_is_writte
     assert not (tmp_path / "motion.csv").exists()
     with pytest.raises(InputError):
         read_cobot_scene(tmp_path / "scene.toml")
+
+
+IN_AND_OUT = """
+device = "three-brake"
+duration_s = 0.3
+step_s = 1e-3
+initial_tip_m = [0.05, 0.40]
+fidelity = "mr"
+[brakes]
+current_amperes = {A = 0.4, B = 0.1}
+[force]
+file = "push.csv"
+"""
+
+
+def test_a_scene_writes_what_went_in_and_the_energies_balance(tmp_path, capfdbinary):
+    (tmp_path / "scene.toml").write_text(IN_AND_OUT)
+    (tmp_path / "push.csv").write_text("t_s,fx_N,fy_N\n0,0,0\n0.1,12,-3\n0.3,8,5\n")
+    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "motion.csv")]) == 0
+    table = csv_rows(tmp_path / "motion.csv")
+    column = {name: np.array([float(row[name]) for row in table]) for name in table[0] if name != "stuck"}
+    t = column["t_s"]
+    for name, values in (("hand_fx_N", [0, 12, 8]), ("hand_fy_N", [0, -3, 5])):
+        assert column[name] == pytest.approx(np.interp(t, [0, 0.1, 0.3], values), abs=1e-9)
+    currents = {joint: set(column[f"current_{joint}_A"]) for joint in "AEB"}
+    assert currents == {"A": {0.4}, "E": {0.0}, "B": {0.1}} and "current_C_A" not in column
+    left = column["work_hand_J"] - column["heat_brakes_J"] - column["kinetic_J"] - column["lost_at_stops_J"]
+    assert np.abs(left).max() < 1e-6 < 1e-2 < column["work_hand_J"][-1]
+    assert np.all(np.diff(column["heat_brakes_J"]) >= -1e-12)
+    moved = np.gradient(column["tip_x_m"], t), np.gradient(column["tip_y_m"], t)
+    power = column["hand_fx_N"] * moved[0] + column["hand_fy_N"] * moved[1]
+    assert column["work_hand_J"][-1] == pytest.approx(np.trapezoid(power, t), rel=1e-2)
+    capfdbinary.readouterr()
+    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", "-"]) == 0
+    out, err = capfdbinary.readouterr()
+    assert out == (tmp_path / "motion.csv").read_bytes() and b"301 rows" in err
+    (tmp_path / "ideal.toml").write_text(IN_AND_OUT.replace('"mr"', '"ideal"').replace("current_amperes", "torque_N_m"))
+    assert main(["simulate", str(tmp_path / "ideal.toml"), "--out", str(tmp_path / "ideal.csv")]) == 0
+    header = (tmp_path / "ideal.csv").read_text().splitlines()[0]
+    assert "current_" not in header and header.endswith("work_hand_J,heat_brakes_J,kinetic_J,lost_at_stops_J")

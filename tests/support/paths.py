@@ -16,7 +16,7 @@ NEAR_M, NEAR_RATIO = 0.02, 3.0  # a corner of 140 degrees: 2.9 times
 
 
 def comes_near_itself(path: Path) -> bool:
-    """Whether points nearer to each other than `NEAR_M` lie more than `NEAR_RATIO` times as far apart along the path."""
+    """Whether points nearer to each other than `NEAR_M` lie `NEAR_RATIO` times as far apart along the path."""
     stations = np.linspace(0.0, path.length, math.ceil(path.length / 0.002))
     points = np.array([point_at(path, s)[:2] for s in stations])
     apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
