@@ -168,15 +168,9 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
         for device in protocol.devices:
             encoder_counts(device)
     protocols = [
-        replace(
-            protocol,
-            seed=file.seed,
-            rules=rules,
-            assumptions=assumptions,
-            trial=replace(protocol.trial, assumptions=assumptions),
-        )
+        replace(protocol, seed=file.seed, rules=rules, assumptions=own, trial=replace(protocol.trial, assumptions=own))
         for rules in all_rules
-        for assumptions in assumed
+        for own in assumed
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
