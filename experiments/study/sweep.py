@@ -24,7 +24,7 @@ from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
-from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
+from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
@@ -148,9 +148,11 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
     inline = inline_devices(file.device, file.brake, path.parent, str(path))
-    devices = None if file.devices is None else [inline.get(name) or beside(path, name) for name in file.devices]
-    protocol = load_protocol(beside(path, file.protocol), devices=devices)
-    populations = [load_population(beside(path, name)) for name in file.populations]
+    devices = (
+        None if file.devices is None else [inline.get(name) or local_or_shipped(path, name) for name in file.devices]
+    )
+    protocol = load_protocol(local_or_shipped(path, file.protocol), devices=devices)
+    populations = [load_population(local_or_shipped(path, name)) for name in file.populations]
     names = [population.name for population in populations]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
