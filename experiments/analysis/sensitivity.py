@@ -173,7 +173,7 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
 
 def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None:
     """Kendall's tau-b of two rankings of the same things; None where one of them is all ties."""
-    from scipy import stats  # here: it takes a second, which a window that starts has no time for
+    from scipy import stats  # here: it takes more than a second, which a window that starts lacks
 
     tau = float(stats.kendalltau(first, second).statistic)
     return None if math.isnan(tau) else tau

@@ -202,7 +202,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
 
 def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np.ndarray:
     """Mean square of the acceleration (m2/s4) in the band during the movement, of each trial."""
-    from scipy.signal import butter, sosfiltfilt  # here: an app that starts has no time for it
+    from scipy.signal import butter, sosfiltfilt  # here: it takes a second, which an app that starts lacks
 
     band = butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
     found = []
