@@ -17,17 +17,7 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
-from experiments.identify.fit import (
-    A_NAMES,
-    GIVEN,
-    IDENTIFIED,
-    K_NAMES,
-    KNEE_A,
-    NOTHING_GIVEN,
-    ByHand,
-    Identification,
-    identify_steps,
-)
+from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, KNEE_A, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
@@ -39,12 +29,7 @@ BACKLASH_DEG = 0.75  # assumed where none is given
 
 
 def identify(
-    steps_path: Path,
-    out: Path,
-    name: str | None = None,
-    figures: Path | None = None,
-    given: ByHand = NOTHING_GIVEN,
-    progress: Progress = no_progress,
+    steps_path: Path, out: Path, name: str | None, figures: Path | None, given: ByHand, progress: Progress = no_progress
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
 

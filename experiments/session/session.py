@@ -485,12 +485,18 @@ class Session:
         }  # fmt: skip
         if trial.device.command_unit != "A":
             about["command_unit"] = trial.device.command_unit
-        return about if self.blind else about | {"preset": preset_to_json(preset)}
-
-
-def preset_to_json(preset: Preset) -> dict[str, Any]:
-    """A controller as plain words and numbers."""
-    return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
+        return (
+            about
+            if self.blind
+            else about
+            | {
+                "preset": {
+                    "name": preset.name,
+                    "kind": preset.kind,
+                    **{name: preset.value(name) for name in PARAMETERS},
+                }
+            }
+        )
 
 
 def preset_from_json(about: dict[str, Any]) -> Preset:

@@ -248,10 +248,7 @@ class _SessionCheck:
             if column == "controller_name" and None in (stored, right_value):
                 continue  # session.json, which has the names, cannot be read: that is named by itself
             if column == "recording":
-                stored, right_value = (
-                    Path(stored).stem,
-                    Path(right_value).stem,
-                )  # as a stream or as Parquet
+                stored, right_value = Path(stored).stem, Path(right_value).stem  # as a stream or as Parquet
             is_same = stored == right_value
             if isinstance(stored, float) and isinstance(right_value, float):
                 is_same = math.isclose(stored, right_value, rel_tol=TOLERANCE, abs_tol=1e-12)

@@ -107,7 +107,7 @@ class SweepFile(Table, frozen=True):
 
 
 @dataclass(frozen=True)
-class CellOfSweep:
+class SweepCell:
     """The trials of one person in one cell of the sweep: every path and repetition."""
 
     number: int  # in the order of the table
@@ -143,7 +143,7 @@ class CellOfSweep:
         ]  # fmt: skip
 
 
-def load_sweep(path: Path) -> Work[CellOfSweep]:
+def load_sweep(path: Path) -> Work[SweepCell]:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
@@ -178,7 +178,7 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     in_protocol = {entry[1:]: entry.name for entry in presets_of(protocol)}
     jobs = tuple(
-        CellOfSweep(
+        SweepCell(
             number,
             population,
             device,
@@ -198,7 +198,7 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
 
 
 def run_sweep(
-    sweep: Work[CellOfSweep],
+    sweep: Work[SweepCell],
     out: Path,
     resume: bool = False,
     cluster: str | None = None,
