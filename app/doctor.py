@@ -125,7 +125,7 @@ def scheduling() -> Check:
 
 def cores() -> Check:
     """The processor cores that the program may use: the loop wants one of its own."""
-    count = len(program_cores()) or os.cpu_count() or 1
+    count = len(program_cores())
     if count < 2:
         return check("cores", "1: loop and window share it", "Give the machine a second core.")
     return check("cores", f"{count}")

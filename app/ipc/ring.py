@@ -10,9 +10,8 @@ import mmap
 import os
 import secrets
 import sys
-import tempfile
 import time
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -110,10 +109,7 @@ class Ring:
         if handle:
             self.handle = handle
             return mmap.mmap(int(handle), 0)
-        if sys.platform == "linux":
-            self._file: IO[bytes] = open(os.memfd_create("phd-ring"), "w+b", buffering=0)
-        else:
-            self._file = tempfile.TemporaryFile(buffering=0)
+        self._file = open(os.memfd_create("phd-ring"), "w+b", buffering=0)
         missing = bytes(size)  # every page is there: a full memory is noticed now
         while missing:
             missing = missing[self._file.write(missing) :]

@@ -2,7 +2,7 @@
 
 Linux: real-time (FIFO) with its memory locked where the user may; otherwise the shortest slice of the default
 scheduler. Both: no timer slack. Windows: the multimedia class "Pro Audio" where its service runs, otherwise the highest
-priority of a thread. Both systems: a processor core that the other processes of the program leave. Any other: nothing.
+priority of a thread. Both systems: a processor core that the other processes of the program leave.
 
 Time is lost to the host of a virtual machine, which takes the core away ("steal"), and to other programs, which get the
 core while the loop is ready to run. Linux counts both; what a system does not count is None, not 0.
@@ -75,8 +75,6 @@ def take_scheduling(real_time: bool = True) -> Scheduling:
     gc.disable()
     if sys.platform == "win32":
         return _windows(real_time)
-    if sys.platform != "linux":
-        return Scheduling(False, False, -1, f"default: {platform.system()} offers nothing better here")
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_SET_TIMER_SLACK, 1, 0, 0, 0)
     core = _own_core()
@@ -87,7 +85,7 @@ def take_scheduling(real_time: bool = True) -> Scheduling:
 
 
 def program_cores() -> set[int]:
-    """The cores that the program may use; none where the system does not let a program choose."""
+    """The cores that the program may use."""
     given = os.environ.get(CORES_VARIABLE)
     if given is None:
         given = os.environ[CORES_VARIABLE] = ",".join(map(str, _process_cores()))
@@ -101,22 +99,20 @@ def leave_core(core: int) -> None:
     """
     cores = program_cores()
     cores = cores - {core} or cores
-    if sys.platform == "linux":
-        os.sched_setaffinity(0, cores)
-    elif sys.platform == "win32" and cores:
+    if sys.platform == "win32":
         kernel32 = _kernel32()
         kernel32.SetProcessAffinityMask(kernel32.GetCurrentProcess(), _mask(cores))
+    else:
+        os.sched_setaffinity(0, cores)
 
 
 def _process_cores() -> list[int]:
-    """The cores that this process may use; none where the system does not let a program choose."""
-    if sys.platform == "linux":
-        return sorted(os.sched_getaffinity(0))
+    """The cores that this process may use."""
     if sys.platform == "win32":
         kernel32, ours, every = _kernel32(), ctypes.c_size_t(), ctypes.c_size_t()
         kernel32.GetProcessAffinityMask(kernel32.GetCurrentProcess(), ctypes.byref(ours), ctypes.byref(every))
         return [core for core in range(64) if ours.value >> core & 1]
-    return []
+    return sorted(os.sched_getaffinity(0))
 
 
 def _own_core() -> int:
@@ -124,11 +120,11 @@ def _own_core() -> int:
     cores = program_cores()
     if len(cores) < 2:
         return -1
-    if sys.platform == "linux":
-        os.sched_setaffinity(0, {max(cores)})
-    elif sys.platform == "win32":
+    if sys.platform == "win32":
         kernel32 = _kernel32()
         kernel32.SetThreadAffinityMask(kernel32.GetCurrentThread(), _mask({max(cores)}))
+    else:
+        os.sched_setaffinity(0, {max(cores)})
     return max(cores)
 
 

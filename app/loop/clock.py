@@ -1,8 +1,8 @@
 """The clock of the control loop: now, and sleep until then, in nanoseconds of the clock of `time.perf_counter_ns`.
 
 They are calls of the system that compiled code makes without the interpreter. Linux: CLOCK_MONOTONIC. Windows:
-QueryPerformanceCounter and a waitable timer. On other systems, or without the jit, they are Python's own, and what
-calls them runs as Python (`native` leaves it uncompiled).
+QueryPerformanceCounter and a waitable timer. Without the jit they are Python's own, and what calls them runs as Python
+(`native` leaves it uncompiled).
 """
 
 import ctypes
@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from core.kernels import kernel
 
 #: Whether the loop runs as compiled code from its first tick to its last.
-NATIVE = sys.platform in ("linux", "win32") and not numba.config.DISABLE_JIT
+NATIVE = not numba.config.DISABLE_JIT
 
 #: The last part of a wait is spent looking at the clock: a processor core that sleeps takes 50 to 150 us to wake on a
 #: virtual machine. Our choice: a fifth of the loop's core for p99 lateness of about a microsecond. Windows: assumed,

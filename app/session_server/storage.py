@@ -151,18 +151,20 @@ class Storage:
     def _memory_report(self) -> list[str]:
         """What is in memory and what is lost, in sentences without their full stops."""
         running = self._runner.run if self._reported is self._runner.run else None
-        run, said = self._unsaved_trial or running, []
+        run, sentences = self._unsaved_trial or running, []
         if run is not None and (writer := run.recorder.writer) is not None and writer.trouble is not None:
             if run is running:
-                said.append("The trial goes on, and its ticks are kept in memory" if not writer.lost else "It is ended")
+                sentences.append(
+                    "The trial goes on, and its ticks are kept in memory" if not writer.lost else "It is ended"
+                )
             else:
-                said.append(_ticks_of(writer))
+                sentences.append(_ticks_of(writer))
         if self._unsaved_lines:
             lines = len(self._unsaved_lines)
-            said.append(f"{counted(lines, 'line')} of the journal {'is' if lines == 1 else 'are'} in memory")
-        if said and not (running and running is run):
-            said.append("What is in memory is lost if this program ends before it is written")
-        return said
+            sentences.append(f"{counted(lines, 'line')} of the journal {'is' if lines == 1 else 'are'} in memory")
+        if sentences and not (running and running is run):
+            sentences.append("What is in memory is lost if this program ends before it is written")
+        return sentences
 
     def check_folder(self) -> bool:
         """Whether the folder of the session is as it was left; if not, no trial starts. Waits for the disk."""
@@ -192,10 +194,10 @@ class Storage:
     def _keep_in_memory(self, run: TrialRun, trouble: str, error: Exception) -> None:
         """Keep a recording in memory if the disk does not have it, and report that."""
         self._unsaved_trial = run if run.unsaved is not None else None
-        writer, said = run.recorder.writer, trouble
+        writer, sentence = run.recorder.writer, trouble
         if self._unsaved_trial is None and writer is not None and writer.lost:
-            said = f"{trouble} ({_ticks_of(writer)})"
-        self.fail(said, error)
+            sentence = f"{trouble} ({_ticks_of(writer)})"
+        self.fail(sentence, error)
 
     def _finish_trial(self, run: TrialRun) -> None:
         """Add its row and tell the experimenter. InputError or OSError: what is needed cannot be written."""

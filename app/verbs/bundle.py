@@ -13,12 +13,12 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Callable
 from pathlib import Path
 
 from app.progress import ProgressBar
 from app.verbs.common import add_verb
 from core.files import InputError
+from experiments.progress import Progress
 from experiments.recording.atomic_files import new_folders
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +65,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")
 
 
-def bundle(folder: Path, progress: Callable[[float], None]) -> None:
+def bundle(folder: Path, progress: Progress) -> None:
     """Copy program, Python and libraries into a folder."""
     (folder / "program").mkdir(parents=True)
     for name in PROGRAM:

@@ -67,7 +67,7 @@ def cost_of(name: str, trials: int, arguments: tuple[str, ...], out: Path) -> Co
         [sys.executable, "-m", "app.cli", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     assert process.stderr is not None
-    said = process.stderr.read()
+    errors = process.stderr.read()
     if hasattr(os, "wait4"):
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -76,7 +76,7 @@ def cost_of(name: str, trials: int, arguments: tuple[str, ...], out: Path) -> Co
         process.wait()
         memory = None
     if process.returncode:
-        last = (said.splitlines() or ["no word"])[-1]
+        last = (errors.splitlines() or ["no word"])[-1]
         raise InputError(f"phd {arguments[0]}: ended with {process.returncode} while its cost was measured: {last}")
     return Cost(name, trials, time.perf_counter() - start, memory, (size_of(out) - before) / MB)
 

@@ -31,7 +31,7 @@ WAIT_S = 600.0  # longest wait for the loop to compile its kernels, or for a tri
 
 def measure_all(seconds: float, progress: Progress = no_progress) -> list[dict]:
     """`measure` with and without the real-time privilege, if there is one, alone and beside a process per core."""
-    cores = len(program_cores()) or os.cpu_count() or 1
+    cores = len(program_cores())
     found: list[dict] = []
     for real_time in (True, False):
         if found and not found[0]["real_time"]:

@@ -109,7 +109,7 @@ class MadeUpHand(QObject):
         seen = (main.pages[name].workspace.view for name in (RUN, TRY) if name in main.pages)
         for view in (self._windows.participant.view, *seen):
             view.pointer = pointer
-        self._bench.aim(*pointer)
+        self._bench.ring.aim(*pointer)
 
 
 def main() -> None:

@@ -71,7 +71,7 @@ class Sizes(NamedTuple):
     """The widths of box plots (inches), and the formats of all measures beside each other."""
 
     single: float
-    beside: float
+    side_by_side: float
     forms_beside: Sequence[str] = FORMATS
     grows: bool = False  # with the number of controllers, beyond Table I's five
 
@@ -157,7 +157,7 @@ def draw_boxplots(
     # a page has room for three: of the two sums the one that does not hang on the cut
     wide = [metric.name for metric in JUDGED if sizes.grows or metric is not DRAWN[-1]]
     paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
-    calls.append((rows, wide, sizes.beside * more, note, view, paths))
+    calls.append((rows, wide, sizes.side_by_side * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
     for of_sheet in _drawn(calls, pool):

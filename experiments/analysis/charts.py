@@ -141,9 +141,9 @@ Coded = TypeVar("Coded", TrialRow, AnswerSet)
 
 def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]) -> dict[Controller, str]:
     """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
-    there = {row.controller for row in rows}
-    coded: dict[Controller, str] = {controller: controller for controller in there if isinstance(controller, str)}
-    shown = coded if there and len(coded) == len(there) else {**labels, **coded}
+    used = {row.controller for row in rows}
+    coded: dict[Controller, str] = {controller: controller for controller in used if isinstance(controller, str)}
+    shown = coded if used and len(coded) == len(used) else {**labels, **coded}
     return {controller: shown[controller] for controller in sorted(shown, key=by_controller)}
 
 
@@ -365,8 +365,8 @@ def _questionnaire(answers: Sequence[AnswerSet], view: View) -> Chart:
 
 def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:
     """Controller -> its name: of those that charts tell apart by their colours. Codes have none."""
-    there = {point.controller for chart in shown for point in (*chart.points, *chart.timeouts)}
-    return {number: view.name(number) for number in sorted(number for number in there if isinstance(number, int))}
+    used = {point.controller for chart in shown for point in (*chart.points, *chart.timeouts)}
+    return {number: view.name(number) for number in sorted(number for number in used if isinstance(number, int))}
 
 
 def legend(chart: Chart, view: View) -> list[str]:

@@ -57,7 +57,7 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     """
     if len(tip) < 20:  # shorter than the filter's own padding
         return None
-    from scipy import signal  # here: it takes a second, which a window that starts has no time for
+    from scipy import signal  # here: it takes more than a second, which a window that starts lacks
 
     sections = signal.butter(4, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
     smooth = signal.sosfiltfilt(sections, tip.T, axis=1)

@@ -341,9 +341,11 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
                 judged = "slow trials do look accurate" if r.low > 0.0 else "fast trials are the more accurate ones"
             yield f"Twice the speed, same person and task: path error {_number(r, 1e3, 2)} mm; {judged}."
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
-        here = [r for r in speed if r.configuration == configuration]
-        raw = {r.first: 1e3 * (r.value or 0.0) for r in here if r.statistic == "mean_error"}
-        adjusted = {r.first: 1e3 * (r.value or 0.0) for r in here if r.statistic == "error_at_common_speed"}
+        results_of_device = [r for r in speed if r.configuration == configuration]
+        raw = {r.first: 1e3 * (r.value or 0.0) for r in results_of_device if r.statistic == "mean_error"}
+        adjusted = {
+            r.first: 1e3 * (r.value or 0.0) for r in results_of_device if r.statistic == "error_at_common_speed"
+        }
         listed = ", ".join(f"{_name(k, names)} {raw[k]:.2f} -> {adjusted[k]:.2f}" for k in raw)
         same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
         kept = "stays" if same else "changes"

@@ -140,11 +140,11 @@ def sensitivity(
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *further.get(thing, ()))
         for configuration in configurations_of(rows):
-            here = [of_row for of_row in values if of_row["configuration"] == configuration]
-            people = len({of_row["participant"] for of_row in here})
-            base = _means(here, definitions[0])
+            trials = [of_row for of_row in values if of_row["configuration"] == configuration]
+            people = len({of_row["participant"] for of_row in trials})
+            base = _means(trials, definitions[0])
             for definition in definitions:
-                means = _means(here, definition)
+                means = _means(trials, definition)
                 common = [controller for controller in base if controller in means]
                 if len(common) < 2:
                     continue
@@ -153,7 +153,7 @@ def sensitivity(
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
                 results.append(Result(*about, tau))
                 if thing == "smoothness" and not _higher_is_better(definition):
-                    results += _roughness(here, definition, configuration, people, none)
+                    results += _roughness(trials, definition, configuration, people, none)
     return results + _without_reaction(values) if folder else results
 
 
@@ -161,10 +161,10 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
     """What leaving the reaction time out does to a trial: the median ratio of all trials on a device."""
     results = []
     for configuration in dict.fromkeys(of_row["configuration"] for of_row in values):
-        here = [of_row for of_row in values if of_row["configuration"] == configuration]
-        people = len({of_row["participant"] for of_row in here})
+        trials = [of_row for of_row in values if of_row["configuration"] == configuration]
+        people = len({of_row["participant"] for of_row in trials})
         for measure, moving in MOVING.items():
-            ratios = [of_row[moving] / of_row[measure] for of_row in here if of_row.get(moving) and of_row[measure]]
+            ratios = [of_row[moving] / of_row[measure] for of_row in trials if of_row.get(moving) and of_row[measure]]
             if ratios:
                 about = ("reaction", measure, configuration, "", "", people, "median_ratio")
                 results.append(Result(*about, float(np.median(ratios))))
@@ -173,7 +173,7 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
 
 def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None:
     """Kendall's tau-b of two rankings of the same things; None where one of them is all ties."""
-    from scipy import stats  # here: it takes a second, which a window that starts has no time for
+    from scipy import stats  # here: it takes more than a second, which a window that starts lacks
 
     tau = float(stats.kendalltau(first, second).statistic)
     return None if math.isnan(tau) else tau

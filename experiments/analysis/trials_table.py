@@ -147,10 +147,10 @@ def named(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
     return replace(row, controller_name=which if isinstance(which, str) else names.get(which))
 
 
-def is_same_row(there: TrialRow, right: TrialRow) -> bool:
+def is_same_row(stored: TrialRow, right: TrialRow) -> bool:
     """Whether a table's row is the right one; an earlier version's table has no name to compare."""
-    name = None if there.controller_name is None else right.controller_name or ""
-    return there == replace(right, controller_name=name)
+    name = None if stored.controller_name is None else right.controller_name or ""
+    return stored == replace(right, controller_name=name)
 
 
 def is_code(cell: object) -> bool:
@@ -237,13 +237,13 @@ def append_row(
     row again. names: of the controllers, for rows of an earlier version's table, which has no column for them.
     """
     path = Path(path)
-    there = path.read_bytes() if path.exists() else b""
-    columns = there.partition(b"\n")[0].decode(errors="replace").split(",")
-    if there and there == known and set(_columns_of([row])) <= set(columns):
-        data = there + csv_bytes([_cells(row, columns)])
+    content = path.read_bytes() if path.exists() else b""
+    columns = content.partition(b"\n")[0].decode(errors="replace").split(",")
+    if content and content == known and set(_columns_of([row])) <= set(columns):
+        data = content + csv_bytes([_cells(row, columns)])
     else:
-        before = read_table(path) if there else []
-        if before and there != table_bytes(before):
+        before = read_table(path) if content else []
+        if before and content != table_bytes(before):
             raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
         data = table_bytes([*(named(earlier, names or {}) for earlier in before), row])
     replace_file(path, data, sync)

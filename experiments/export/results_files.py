@@ -56,7 +56,7 @@ def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
 
     The folder appears whole, or InputError and no folder. progress: called with the share done.
     """
-    here = Path(os.path.relpath(job.data_dir, job.folder)).as_posix()
+    data_dir = Path(os.path.relpath(job.data_dir, job.folder)).as_posix()
     try:
         with new_folders([job.folder], "a folder of results") as (folder,):
             if job.report:
@@ -66,7 +66,7 @@ def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
             else:
                 shown = charts(job.page, job.rows, job.view, job.answers)
                 draw_charts(shown, job.rows, folder, job.note, job.view, progress)
-                write_table(folder / TABLE, [row.in_folder(here) for row in job.rows])
+                write_table(folder / TABLE, [row.in_folder(data_dir) for row in job.rows])
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
     except OSError as error:

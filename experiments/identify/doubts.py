@@ -64,9 +64,9 @@ def one_way(steps: Sequence[Step], where: str) -> tuple[list[Step], Zero | None]
             f"{where}: speed_rpm: {len(pairs)} steps are there both ways, between the same currents at one speed and "
             "at minus that speed; it takes three to tell the torque sensor's zero"
         )
-    values, one = np.array(list(pairs.values())), np.ones((len(pairs), 1))
+    values, ones = np.array(list(pairs.values())), np.ones((len(pairs), 1))
     groups = np.unique([speed for _, _, speed in pairs], return_inverse=True)[1]
-    fit = fit_linear(one, values, 1.0 / variance_by_group(one, values, groups)[groups])
+    fit = fit_linear(ones, values, 1.0 / variance_by_group(ones, values, groups)[groups])
     zero = Zero(float(fit.values[0]), float(fit.half_widths[0]))
     turned = []
     for step in steps:
@@ -79,14 +79,14 @@ def misfit(found: Sequence[Measured], dead_s: float) -> float:
     """The chance of residuals like these after the steps, if every torque follows Eq. (3): Hotelling's T-squared of
     their means over `STRETCHES`, from step to step, each times the height of its transient."""
     rows = []
-    for one in found:
-        if math.isnan(one.time_constant):
+    for measured in found:
+        if math.isnan(measured.time_constant):
             continue
-        transient = Transient(one.step, window_of(one.time_constant, one.typical), dead_s)
-        log = math.log(one.time_constant)
+        transient = Transient(measured.step, window_of(measured.time_constant, measured.typical), dead_s)
+        log = math.log(measured.time_constant)
         height, _ = transient.fitted(log)
         rest = transient.torque - height * transient.decay(log)
-        stretch = np.searchsorted(STRETCHES, transient.times.mean(axis=1) / one.time_constant, side="right") - 1
+        stretch = np.searchsorted(STRETCHES, transient.times.mean(axis=1) / measured.time_constant, side="right") - 1
         counts = np.bincount(stretch, minlength=len(STRETCHES))[:-1]
         if counts.all():
             rows.append(height * np.bincount(stretch, rest, len(STRETCHES))[:-1] / counts)
@@ -104,20 +104,20 @@ def misfit(found: Sequence[Measured], dead_s: float) -> float:
 
 def dead_time(found: Sequence[Measured]) -> float:
     """The time (s) after which all transients together follow Eq. (3) best."""
-    clear = [one for one in found if not math.isnan(one.time_constant)]
+    clear = [measured for measured in found if not math.isnan(measured.time_constant)]
 
     def missed(log: float, transient: Transient) -> float:
         return -transient.fitted(log)[1]
 
     def unexplained(dead_s: float) -> float:
         total = 0.0
-        for one in clear:
-            transient = Transient(one.step, window_of(one.time_constant, one.typical), dead_s)
-            near = math.log(one.time_constant) + np.array([-0.7, 0.7])
+        for measured in clear:
+            transient = Transient(measured.step, window_of(measured.time_constant, measured.typical), dead_s)
+            near = math.log(measured.time_constant) + np.array([-0.7, 0.7])
             total += minimize_scalar(missed, args=(transient,), bounds=near, method="bounded").fun
         return total
 
-    most = LATEST * min(one.typical for one in clear)
+    most = LATEST * min(measured.typical for measured in clear)
     return float(minimize_scalar(unexplained, bounds=(0.0, most), method="bounded", options={"xatol": 1e-3 * most}).x)
 
 
@@ -179,11 +179,11 @@ class Drift(NamedTuple):
 
 def drift(found: Sequence[Measured], design: np.ndarray, gain: LinearFit) -> Drift:
     """The change of the single steps' torques over the session, beside their fit by `gain`; design (n, 4)."""
-    repeats = [len(one.repeated_torques) for one in found]
-    torques = np.concatenate([one.repeated_torques for one in found])
-    when = np.concatenate([one.places for one in found]) - 0.5
+    repeats = [len(measured.repeated_torques) for measured in found]
+    torques = np.concatenate([measured.repeated_torques for measured in found])
+    when = np.concatenate([measured.places for measured in found]) - 0.5
     rows = np.repeat(design, repeats, axis=0)
-    speeds = np.repeat([one.step.speed_rpm for one in found], repeats)
+    speeds = np.repeat([measured.step.speed_rpm for measured in found], repeats)
     groups = np.unique(speeds, return_inverse=True)[1]
     both = np.column_stack([rows, when * (rows @ gain.coefficients)])
     variances = variance_by_group(both, torques, groups)
@@ -200,12 +200,12 @@ def drift(found: Sequence[Measured], design: np.ndarray, gain: LinearFit) -> Dri
 def without_drift(found: Sequence[Measured], share: float) -> list[Measured]:
     """The steps with the torques that they would have had in the middle of the session."""
     return [
-        one._replace(
-            steady_torque=one.steady_torque / (1.0 + share * (float(np.mean(one.places)) - 0.5)),
+        measured._replace(
+            steady_torque=measured.steady_torque / (1.0 + share * (float(np.mean(measured.places)) - 0.5)),
             repeated_torques=[
                 torque / (1.0 + share * (place - 0.5))
-                for torque, place in zip(one.repeated_torques, one.places, strict=True)
+                for torque, place in zip(measured.repeated_torques, measured.places, strict=True)
             ],
         )
-        for one in found
+        for measured in found
     ]

@@ -54,12 +54,12 @@ def draw_torque_gain(found: Identification) -> Figure:
     figure = new_figure(PAGE_IN, 5.4)
     top = figure.add_axes((0.14, 0.45, 0.82, 0.47))
     below = figure.add_axes((0.14, 0.23, 0.82, 0.17), sharex=top)
-    current = np.array([one.step.current_to for one in found.measured])
-    torque = np.array([one.steady_torque for one in found.measured])
-    _, slowness = np.unique([one.step.speed_rpm for one in found.measured], return_inverse=True)
+    current = np.array([measured.step.current_to for measured in found.measured])
+    torque = np.array([measured.steady_torque for measured in found.measured])
+    _, slowness = np.unique([measured.step.speed_rpm for measured in found.measured], return_inverse=True)
     side = 0.006 * found.current_max  # steps at one current side by side, slowest to the left
     beside = current + side * (slowness - slowness.max() / 2)
-    shade = np.log2([one.step.speed_rpm for one in found.measured])
+    shade = np.log2([measured.step.speed_rpm for measured in found.measured])
     dots: dict[str, Any] = {"s": 11, "c": shade, "cmap": SHADES, "linewidths": 0, "zorder": 3}
     square: dict[str, Any] = {"ms": 9, "mfc": "none", "mec": TEXT}
     line = np.linspace(0.0, found.current_max, 300)
@@ -90,7 +90,7 @@ def draw_torque_gain(found: Identification) -> Figure:
 @matplotlib.rc_context(STYLE)
 def draw_time_constants(found: Identification, direction: str) -> Figure:
     """Fig. 7: time constants of one direction over current stepped to and speed, as measured."""
-    aside = [one for one in found.set_aside if one.direction == direction]
+    aside = [measured for measured in found.set_aside if measured.direction == direction]
     more = f" Not drawn: {len(aside)} without a clear transient." if aside else ""
     text = f"Dots: time constants of averaged steps, Eq. (3).{more}"
     figure, axes, points, currents, logs = _room(found, direction, "measured", [text])
@@ -132,11 +132,11 @@ def draw_surface(found: Identification, direction: str) -> Figure:
             x, y, z, cmap=SHADES, vmin=0.0, vmax=top, alpha=0.75, rcount=30, ccount=30,
             edgecolor="white", linewidth=0.3, zorder=1,
         )  # fmt: skip
-    changes = [abs(torque_change(one.step, found.gain)) for one in every]
+    changes = [abs(torque_change(measured.step, found.gain)) for measured in every]
     fitted = [*fits.surface.fitted, *fits.average.fitted]
-    for one, change, value in zip(every, changes, fitted, strict=True):
+    for measured, change, value in zip(every, changes, fitted, strict=True):
         size = 8 if change < CLEAR_CHANGE * max(changes) else 16
-        at, speed, ms = one.step.current_to, math.log2(one.step.speed_rpm), one.time_constant * 1e3
+        at, speed, ms = measured.step.current_to, math.log2(measured.step.speed_rpm), measured.time_constant * 1e3
         axes.plot([at, at], [speed, speed], [value * 1e3, ms], color=MEASURED, linewidth=1.0, zorder=2)
         axes.scatter(at, speed, ms, s=size, color=MEASURED, depthshade=False, zorder=3)
     return figure
@@ -158,9 +158,9 @@ def _room(
     axes.set_box_aspect((4, 4, 3), zoom=0.92)
     fits = found.constants[direction]
     groups: dict[tuple[float, float], list[float]] = {}
-    for one in (*fits.at_surface, *fits.at_average):
-        place = one.step.current_to, math.log2(one.step.speed_rpm)
-        groups.setdefault(place, []).append(1e3 * one.time_constant)
+    for measured in (*fits.at_surface, *fits.at_average):
+        place = measured.step.current_to, math.log2(measured.step.speed_rpm)
+        groups.setdefault(place, []).append(1e3 * measured.time_constant)
     points = {place: float(np.mean(values)) for place, values in sorted(groups.items())}
     currents, logs = (sorted(set(values)) for values in zip(*points, strict=True))
     axes.set(xlabel="Current stepped to (A)", zlabel="Time constant (ms)", xticks=currents)

@@ -59,7 +59,7 @@ def surface_row(current: float, speed_rpm: float) -> list[float]:
 
 def gain_design(found: Sequence[Measured], knee: float) -> Array:
     """(n, 4) rows of Eq. (2)."""
-    return np.array([gain_row(one.step.current_to, knee) for one in found])
+    return np.array([gain_row(m.step.current_to, knee) for m in found])
 
 
 def fit_torque_gain(found: Sequence[Measured], knee: float, where: str) -> TorqueGain:
@@ -78,12 +78,12 @@ def fit_torque_gain(found: Sequence[Measured], knee: float, where: str) -> Torqu
             f"{where}: {listed(names)} of Eq. (2) cannot be identified: {_measured_at(found, speeds=False)}, and it "
             f"takes steps to four currents, one of them below {knee:g} A and two above, and more than four steps"
         )
-    groups = np.unique([0.0 if one.turns else one.step.speed_rpm for one in found], return_inverse=True)[1]
-    repeats = [len(one.repeated_torques) for one in found]
-    torques = np.concatenate([one.repeated_torques for one in found])
+    groups = np.unique([0.0 if m.turns else m.step.speed_rpm for m in found], return_inverse=True)[1]
+    repeats = [len(m.repeated_torques) for m in found]
+    torques = np.concatenate([m.repeated_torques for m in found])
     variances = variance_by_group(np.repeat(design, repeats, axis=0), torques, np.repeat(groups, repeats))
     contrasts = np.vstack([np.eye(4), [knee, 1.0, -(knee**2), -knee]])
-    steady = np.array([one.steady_torque for one in found])
+    steady = np.array([m.steady_torque for m in found])
     return TorqueGain(knee, fit_linear(design, steady, np.array(repeats) / variances[groups], contrasts))
 
 
@@ -112,11 +112,11 @@ class _Side(NamedTuple):
 
 def _sides(found: Sequence[Measured], direction: str, omega_0: float) -> tuple[_Side, _Side]:
     """The steps in a direction at omega_0 (rpm) and above, and below."""
-    usable = [one for one in found if one.direction == direction and not math.isnan(one.time_constant)]
-    fast = [one for one in usable if one.step.speed_rpm >= omega_0]
-    slow = [one for one in usable if one.step.speed_rpm < omega_0]
+    usable = [m for m in found if m.direction == direction and not math.isnan(m.time_constant)]
+    fast = [m for m in usable if m.step.speed_rpm >= omega_0]
+    slow = [m for m in usable if m.step.speed_rpm < omega_0]
     flat = np.ones((len(fast), 1))
-    surface = np.array([surface_row(one.step.current_to, one.step.speed_rpm) for one in slow]).reshape(-1, 6)
+    surface = np.array([surface_row(m.step.current_to, m.step.speed_rpm) for m in slow]).reshape(-1, 6)
     return (
         _Side(
             fast, flat, undetermined(flat, ["a_avg"]),
@@ -167,10 +167,10 @@ def fit_constant(found: Sequence[Measured], gain: TorqueGain, where: str) -> dic
 
 def _fit(side: _Side, gain: TorqueGain) -> LinearFit:
     """Least squares of the time constants; the weights follow the fit, from typical constants on."""
-    values = np.array([one.time_constant for one in side.steps])
-    typical = np.array([one.typical for one in side.steps])
-    speeds = np.array([one.step.speed_rpm for one in side.steps])
-    squares = np.array([torque_change(one.step, gain) for one in side.steps]) ** 2
+    values = np.array([m.time_constant for m in side.steps])
+    typical = np.array([m.typical for m in side.steps])
+    speeds = np.array([m.step.speed_rpm for m in side.steps])
+    squares = np.array([torque_change(m.step, gain) for m in side.steps]) ** 2
     expected = typical
     for _ in range(3):
         weights = weights_with_ripple(side.design, values, squares / expected, speeds)
@@ -185,7 +185,7 @@ def scatter_by_omega_0(found: Sequence[Measured], gain: TorqueGain, where: str) 
     Every measured speed at which the steps determine all numbers is tried. The scatter is the geometric mean over all
     steps of the standard deviation at their speed, so that the worst speed does not hide what the others show.
     """
-    speeds = sorted({one.step.speed_rpm for one in found})
+    speeds = sorted({m.step.speed_rpm for m in found})
     lacking = {
         omega_0: sum(
             len(next((side.open for side in _sides(found, direction, omega_0) if side.open), []))
@@ -196,13 +196,13 @@ def scatter_by_omega_0(found: Sequence[Measured], gain: TorqueGain, where: str) 
     fewest = min(speeds, key=lacking.__getitem__)
     if lacking[fewest]:
         fit_time_constants(found, gain, fewest, where)  # refuses
-    usable = [one for one in found if not math.isnan(one.time_constant)]
-    trust = np.array([abs(torque_change(one.step, gain)) / math.sqrt(one.typical) for one in usable])
-    values = np.array([one.time_constant for one in usable]) * trust
-    all_speeds = np.array([one.step.speed_rpm for one in usable])
+    usable = [m for m in found if not math.isnan(m.time_constant)]
+    trust = np.array([abs(torque_change(m.step, gain)) / math.sqrt(m.typical) for m in usable])
+    values = np.array([m.time_constant for m in usable]) * trust
+    all_speeds = np.array([m.step.speed_rpm for m in usable])
     _, groups, counts = np.unique(all_speeds, return_inverse=True, return_counts=True)
-    rising = np.array([[one.step.rising] for one in usable])
-    surface = np.array([[0.0, *surface_row(one.step.current_to, one.step.speed_rpm)] for one in usable])
+    rising = np.array([[m.step.rising] for m in usable])
+    surface = np.array([[0.0, *surface_row(m.step.current_to, m.step.speed_rpm)] for m in usable])
     scatter = {}
     for omega_0 in (speed for speed in speeds if not lacking[speed]):
         rows = np.where(all_speeds[:, None] >= omega_0, [1.0, *[0.0] * 6], surface)  # times (a_avg, a_1 .. a_6)
@@ -223,8 +223,8 @@ def _measured_at(found: Sequence[Measured], speeds: bool = True) -> str:
     if not found:
         return "no step shows a time constant"
     count = f"{len(found)} averaged step{'s' if len(found) > 1 else ''}"
-    text = f"{count} to {_numbers(one.step.current_to for one in found)} A"
-    return text + (f" at {_numbers(one.step.speed_rpm for one in found)} rpm" if speeds else "") + " only"
+    text = f"{count} to {_numbers(m.step.current_to for m in found)} A"
+    return text + (f" at {_numbers(m.step.speed_rpm for m in found)} rpm" if speeds else "") + " only"
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -286,7 +286,7 @@ class Identification:
     @property
     def flat_part_seen(self) -> bool:
         """Whether two measured speeds at least lie at omega_0 and above: else nothing shows that Eq. (4) is flat."""
-        return len({one.step.speed_rpm for one in self.measured if one.step.speed_rpm >= self.omega_0_rpm}) > 1
+        return len({m.step.speed_rpm for m in self.measured if m.step.speed_rpm >= self.omega_0_rpm}) > 1
 
     @property
     def omega_0_by(self) -> str:
@@ -297,12 +297,12 @@ class Identification:
     @property
     def doubtful(self) -> dict[str, str]:
         """Column of the steps -> why its numbers are hardly in its unit."""
-        constants = sorted(one.time_constant for one in self.measured if not math.isnan(one.time_constant))
+        constants = sorted(m.time_constant for m in self.measured if not math.isnan(m.time_constant))
         values = {
             TIME: constants[len(constants) // 2],
-            TORQUE: max(abs(one.steady_torque) for one in self.measured),
+            TORQUE: max(abs(m.steady_torque) for m in self.measured),
             CURRENT: self.current_max,
-            SPEED: max(one.step.speed_rpm for one in self.measured),
+            SPEED: max(m.step.speed_rpm for m in self.measured),
         }
         if self.scatter and self.flat_part_seen:
             values[OMEGA_0] = self.omega_0_rpm
@@ -359,12 +359,12 @@ class Identification:
     @property
     def set_aside(self) -> list[Measured]:
         """The averaged steps without a transient that stands out."""
-        return [one for one in self.measured if math.isnan(one.time_constant)]
+        return [m for m in self.measured if math.isnan(m.time_constant)]
 
     @property
     def current_max(self) -> float:
         """The largest current measured (A)."""
-        return max(max(one.step.current_from, one.step.current_to) for one in self.measured)
+        return max(max(m.step.current_from, m.step.current_to) for m in self.measured)
 
     def parameters(self) -> list[Parameter]:
         """k_1 .. k_5, and for rise and fall a_avg and a_1 .. a_6."""

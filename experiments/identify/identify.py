@@ -17,16 +17,7 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
-from experiments.identify.fit import (
-    A_NAMES,
-    GIVEN,
-    IDENTIFIED,
-    K_NAMES,
-    NOTHING_GIVEN,
-    ByHand,
-    Identification,
-    identify_steps,
-)
+from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
@@ -38,12 +29,7 @@ BACKLASH_DEG = 0.75  # assumed where none is given
 
 
 def identify(
-    steps_path: Path,
-    out: Path,
-    name: str | None = None,
-    figures: Path | None = None,
-    given: ByHand = NOTHING_GIVEN,
-    progress: Progress = no_progress,
+    steps_path: Path, out: Path, name: str | None, figures: Path | None, given: ByHand, progress: Progress = no_progress
 ) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
 
@@ -75,7 +61,7 @@ def _brake(text: str, where: str) -> BrakeFile:
 
 def brake_text(found: Identification, name: str) -> str:
     """The brake file, which `core.device_file` reads; InputError where the fit is no brake that can exist."""
-    lowest = min(one.step.speed_rpm for one in found.measured)
+    lowest = min(measured.step.speed_rpm for measured in found.measured)
     text = _brake_text(found, name, lowest * BELOW_MEASURED)
     with contextlib.suppress(InputError):
         _brake(text, found.source)
@@ -148,13 +134,13 @@ def with_zero(found: Identification) -> str:
 def summary(found: Identification) -> dict[str, Any]:
     """Everything that was found, for JSON: numbers with intervals, omega_0, what is assumed, residuals by step."""
     residual = {
-        one.step.key: float(r)
+        measured.step.key: float(r)
         for fits in found.constants.values()
         for part, fit in ((fits.at_average, fits.average), (fits.at_surface, fits.surface))
         if fit is not None
-        for one, r in zip(part, fit.residuals, strict=True)
+        for measured, r in zip(part, fit.residuals, strict=True)
     }  # of its time constant, s
-    used = np.array([residual[one.step.key] for one in found.measured if one.step.key in residual])
+    used = np.array([residual[measured.step.key] for measured in found.measured if measured.step.key in residual])
     return {
         "source": found.source,
         "steps": found.steps,
@@ -176,18 +162,18 @@ def summary(found: Identification) -> dict[str, Any]:
         "scatter_by_omega_0": [{"omega_0_rpm": key, "scatter": value} for key, value in found.scatter.items()],
         "torque_residual_rms_N_m": float(np.sqrt(np.mean(found.gain.fit.residuals**2))),
         "time_constant_residual_rms_s": float(np.sqrt(np.mean(used**2))),
-        "set_aside": [str(one.step) for one in found.set_aside],
+        "set_aside": [str(measured.step) for measured in found.set_aside],
         "residuals": [
             {
-                "current_from_A": one.step.current_from,
-                "current_to_A": one.step.current_to,
-                "speed_rpm": one.step.speed_rpm,
-                "repeats": one.step.repeats,
-                "torque_N_m": one.steady_torque,
+                "current_from_A": measured.step.current_from,
+                "current_to_A": measured.step.current_to,
+                "speed_rpm": measured.step.speed_rpm,
+                "repeats": measured.step.repeats,
+                "torque_N_m": measured.steady_torque,
                 "torque_residual_N_m": float(torque_residual),
-                "time_constant_s": None if math.isnan(one.time_constant) else one.time_constant,
-                "time_constant_residual_s": residual.get(one.step.key),
+                "time_constant_s": None if math.isnan(measured.time_constant) else measured.time_constant,
+                "time_constant_residual_s": residual.get(measured.step.key),
             }
-            for one, torque_residual in zip(found.measured, found.gain.fit.residuals, strict=True)
+            for measured, torque_residual in zip(found.measured, found.gain.fit.residuals, strict=True)
         ],
     }

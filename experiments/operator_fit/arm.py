@@ -192,11 +192,11 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
         if not lists[0]:
             raise InputError("the handle never moved for 0.8 s without a stop, no arm can be fitted")
         memory = fitted(lists[len(lists) // 2], len(trials))[1]
-        return [whiten(one, len(trials), memory) for one in lists], sum(len(run.force) for run in lists[0])
+        return [whiten(runs, len(trials), memory) for runs in lists], sum(len(run.force) for run in lists[0])
 
     def delays(tried: np.ndarray, felt: np.ndarray, seen: np.ndarray) -> list[float]:
         of_each, samples = normals(felt, seen)
-        return [lowest(tried, [one.solve(keep)[1] for one in of_each], samples) for keep in keeps]
+        return [lowest(tried, [normal.solve(keep)[1] for normal in of_each], samples) for keep in keeps]
 
     def numbers(felt: int, seen: int) -> np.ndarray:
         normal = normals(np.array([felt]), np.array([seen]))[0][0]
@@ -322,7 +322,7 @@ def fit_unrest(trials: list[Motion], arm: dict[str, float], corner_Hz: float) ->
     best = minimize(lambda p: np.sum(unlikely(p)), start, method="Nelder-Mead", options=near).x
     step = 0.02 * np.eye(len(best))
     scores = np.array([unlikely(best + h) - unlikely(best - h) for h in step]).T / 0.04  # (s, 4)
-    by_trial = np.array([scores[owners == one].sum(axis=0) for one in np.unique(owners)])
+    by_trial = np.array([scores[owners == trial].sum(axis=0) for trial in np.unique(owners)])
     bend = np.array([[np.sum(unlikely(best + g + h) - unlikely(best + g - h) - unlikely(best - g + h)
                              + unlikely(best - g - h)) for h in step] for g in step]) / 0.04**2  # fmt: skip
     inverse = np.linalg.pinv(bend)

@@ -71,7 +71,7 @@ class Fitted(NamedTuple):
     @property
     def unseen(self) -> list[str]:
         """The numbers that these recordings do not show."""
-        seen = {one.name for one in self.numbers}
+        seen = {n.name for n in self.numbers}
         return [key for key in Person._fields if key not in seen]
 
 
@@ -105,10 +105,10 @@ def fit_person(label: str, trials: list[Motion], like: Population) -> Fitted:
     damping, mass = across["damping_N_s_m"][0], across["mass_kg"][0]
     along = fit_along(trials, damping, mass, groups)
     samples = across | {"stiffness_along_N_m": along}
-    arm = {key: float(one[0]) for key, one in samples.items()}
+    arm = {key: float(own[0]) for key, own in samples.items()}
     if not min(arm["stiffness_along_N_m"], arm["stiffness_across_N_m"], damping, mass) > 0.0:
         raise InputError("force and motion are not those of an arm: its stiffness, damping or mass would be negative")
-    found = {key: around(one[0], half_width(one[1:])) for key, one in samples.items() if not np.isnan(one).any()}
+    found = {key: around(own[0], half_width(own[1:])) for key, own in samples.items() if not np.isnan(own).any()}
     pace = fit_pace(trials, along[0], damping, mass)
     if len(pace) >= LEAST_TRIALS:
         half = stats.t.ppf(0.975, len(pace) - 1) * stats.sem(pace)
@@ -136,13 +136,13 @@ def spread_of(values: np.ndarray, error: float) -> tuple[float, float, float]:
     freedom = len(values) - 1
     square = np.var(values, ddof=1)
     bounds = (square * freedom / stats.chi2.ppf(share, freedom) for share in (0.975, 0.025))
-    value, low, high = (float(np.sqrt(max(one - error, 0.0))) for one in (square, *bounds))
+    value, low, high = (float(np.sqrt(max(part - error, 0.0))) for part in (square, *bounds))
     return value, low, high
 
 
 def population_text(name: str, found: list[Fitted], like: Population) -> str:
     """The population file. A number that is not seen of every person stays as in `like`."""
-    seen = {key: [one for fitted in found for one in fitted.numbers if one.name == key] for key in RESTS_ON}
+    seen = {key: [n for fitted in found for n in fitted.numbers if n.name == key] for key in RESTS_ON}
     people = ", ".join(fitted.participant for fitted in found)
     lines = [
         f"# Fitted by phd fit-operator to {sum(fitted.trials for fitted in found)} trials of participants {people};",
@@ -155,10 +155,10 @@ def population_text(name: str, found: list[Fitted], like: Population) -> str:
         every = seen.get(key, [])
         if len(every) == len(found):
             each = "; ".join(
-                f"{significant(one.value, 4)} ({significant(one.low)} to {significant(one.high)})" for one in every
+                f"{significant(n.value, 4)} ({significant(n.low)} to {significant(n.high)})" for n in every
             )
             source = f"fitted to participant {people}: {each}; {every[0].rests_on}"
-            values = [min(max(one.value, LIMITS[key][0]), LIMITS[key][1]) for one in every]
+            values = [min(max(n.value, LIMITS[key][0]), LIMITS[key][1]) for n in every]
             spread = Spread(source, value=float(f"{values[0]:.6g}"))
             if len(values) > 1:
                 mean, sd = float(f"{np.mean(values):.6g}"), float(f"{np.std(values, ddof=1):.6g}")

@@ -9,13 +9,14 @@ named, and what the others say holds. After another crash every step continues w
 cut short.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import append_row, is_same_row, read_table, row_of, table_bytes, write_table
+from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
 from experiments.recording.reader import read_recording
@@ -49,7 +50,7 @@ class Rescue:
             self.not_rescued.append(files.relative_to(session, str(error)))
 
 
-def recover(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
+def recover(folder: Path, progress: Progress = no_progress) -> dict:
     """Recover every session of a data folder; what was done, by file names in it, and what is left.
 
     `faults`: what `verify` still finds. InputError, and nothing is changed, if a live process has the study or a
@@ -65,11 +66,10 @@ def recover(folder: Path, progress: Callable[[float], None] | None = None) -> di
             inside = "" if session == folder else f"{session.relative_to(folder).as_posix()}/"
             for name, entries in vars(recover_session(session)).items():
                 getattr(total, name).extend(f"{inside}{entry}" for entry in entries)
-            if progress:
-                progress(0.5 * number / len(sessions))
+            progress(0.5 * number / len(sessions))
         if folder not in sessions and (folder / files.TABLE).exists():
             _recover_pooled_table(folder, total)
-    found = verify(folder, progress and (lambda share: progress(0.5 + 0.5 * share)))
+    found = verify(folder, lambda share: progress(0.5 + 0.5 * share))
     return {"dir": str(folder), "sessions": len(sessions), **vars(total), "faults": found["faults"]}
 
 

@@ -237,8 +237,8 @@ class Session:
         """Whether a break of the protocol comes before the next trial."""
         if not (waiting := self._waiting):
             return False
-        here = waiting[0].configuration
-        left, whole = (sum(trial.configuration == here for trial in trials) for trials in (waiting, self.plan))
+        configuration = waiting[0].configuration
+        left, whole = (sum(trial.configuration == configuration for trial in trials) for trials in (waiting, self.plan))
         return break_after(self.protocol, whole - left, left)
 
     # -------------------------------------------------------------------------------------------------------- a trial

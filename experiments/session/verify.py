@@ -17,12 +17,13 @@ Checksums find accidents, not malice (`checksums`): who changes a file on purpos
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table, row_of
 from experiments.plan import PRACTICE_BLOCK, counted
+from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
@@ -36,7 +37,7 @@ from experiments.session.journal import NAME, JournalSummary, journal_summary, r
 TOLERANCE = 1e-6
 
 
-def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dict:
+def verify(folder: Path, progress: Progress = no_progress) -> dict:
     """Check every session of a data folder; the summary, with `faults` as a list of {"file", "fault"}.
 
     `warnings`: whole recordings whose motion the simulator's energy ledger contradicts. `notes`: no faults, but worth
@@ -59,8 +60,7 @@ def verify(folder: Path, progress: Callable[[float], None] | None = None) -> dic
         faults += [(f"{inside}{file}", fault) for file, fault in checks[-1].faults]
         warnings += [(f"{inside}{file}", text) for file, text in checks[-1].warnings]
         notes += [(f"{inside}{file}", text) for file, text in checks[-1].notes]
-        if progress:
-            progress(number / len(sessions))
+        progress(number / len(sessions))
     in_use = sum(check.live for check in checks)
     if folder not in sessions and (folder / files.TABLE).exists() and not in_use and not files.is_in_use(folder):
         faults += [(files.TABLE, fault) for fault in _pooled_faults(folder)]
@@ -248,10 +248,7 @@ class _SessionCheck:
             if column == "controller_name" and None in (stored, right_value):
                 continue  # session.json, which has the names, cannot be read: that is named by itself
             if column == "recording":
-                stored, right_value = (
-                    Path(stored).stem,
-                    Path(right_value).stem,
-                )  # as a stream or as Parquet
+                stored, right_value = Path(stored).stem, Path(right_value).stem  # as a stream or as Parquet
             is_same = stored == right_value
             if isinstance(stored, float) and isinstance(right_value, float):
                 is_same = math.isclose(stored, right_value, rel_tol=TOLERANCE, abs_tol=1e-12)

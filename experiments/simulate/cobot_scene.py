@@ -236,7 +236,7 @@ def simulate_cobot(scene: CobotScene, out_path: str | Path, progress: Progress =
 
     with new_csv(out_path, column_names(wheels)) as file:
         run = CobotRun(scene)
-        done = run_beside(scene, run, CobotRun(scene.finer()), write, progress)
+        done = run_beside(run, CobotRun(scene.finer()), write, progress)
     record = run.cobots[0]
     return {
         "cobot": scene.cobot.name,

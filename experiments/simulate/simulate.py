@@ -131,7 +131,7 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progres
 
     with new_csv(out_path, [*column_names(scene), *extra_columns(scene)]) as file:
         run, half_step = SceneRun(scene), SceneRun(scene.finer())
-        done = run_beside(scene, run, half_step, write, progress)
+        done = run_beside(run, half_step, write, progress)
     ledger = run.ledger()
     return {
         "rows": scene.rows,
@@ -195,27 +195,10 @@ def new_csv(path: str | Path, header: Sequence[str]) -> Iterator[BinaryIO]:
         raise
 
 
-class AnyScene(Protocol):
-    """A scene of a device or of a cobot."""
-
-    @property
-    def rows(self) -> int:
-        """Rows of the output."""
-
-    @property
-    def output_every(self) -> int:
-        """Steps from one output row to the next."""
-
-    @property
-    def doubt(self) -> tuple[str, str]:
-        """Where the check comes apart from the run: the name of the check, and what to do."""
-
-    def row_times(self, first: int, count: int) -> np.ndarray:
-        """Times (s) of output rows first .. first + count - 1."""
-
-
 class AnyRun(Protocol):
-    """A scene being simulated, chunk by chunk."""
+    """A scene of a device or of a cobot, being simulated."""
+
+    scene: Any
 
     def run_chunk(self, count: int) -> np.ndarray:
         """The next output rows (count, columns)."""
@@ -231,13 +214,14 @@ class Comparison(NamedTuple):
 
 
 def run_beside(
-    scene: AnyScene, run: AnyRun, half_step: AnyRun, write: Callable[[np.ndarray, np.ndarray], None], progress: Progress
+    run: AnyRun, half_step: AnyRun, write: Callable[[np.ndarray, np.ndarray], None], progress: Progress
 ) -> Comparison:
     """Run a scene and its check (`finer`), chunk by chunk, and compare the places.
 
     write: takes the times (n,) and rows (n, columns; the place in columns X and X + 1) of each chunk of the run.
     FloatingPointError if the motion diverges.
     """
+    scene = run.scene
     start, check_s, done, differs_m, wrong_from_s = time.perf_counter(), 0.0, 0, 0.0, math.inf
     while done < scene.rows:
         count = min(CHUNK_ROWS, max(CHUNK_STEPS // scene.output_every, 1), scene.rows - done)

@@ -96,8 +96,8 @@ def run_work(work: Work, out: Path, resume: bool, cluster: str | None, progress:
             write_new_file(stored, json.dumps(about, indent=1, sort_keys=True).encode() + b"\n", sync=True)
         parts = {job.number: out / PARTS / f"{job.number:06d}.csv" for job in work.jobs}
         width = len(work.columns)
-        there = {path.name for path in (out / PARTS).glob("*.csv") if _cells_of(path) == width}
-        waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in there]
+        done_before = {path.name for path in (out / PARTS).glob("*.csv") if _cells_of(path) == width}
+        waiting = [] if table.exists() else [job for job in work.jobs if parts[job.number].name not in done_before]
         done, ticks = len(work.jobs) - len(waiting), 0
         progress(done / len(work.jobs))
         if waiting:
@@ -155,10 +155,10 @@ def device_texts(devices: Iterable[Device]) -> dict[str, str]:
     return texts
 
 
-def beside(path: Path, name: str) -> str | Path:
+def local_or_shipped(path: Path, name: str) -> str | Path:
     """A file beside the work's own where there is one of that name, else the shipped thing of that name."""
-    there = path.parent / name
-    return there if there.is_file() else name
+    local = path.parent / name
+    return local if local.is_file() else name
 
 
 def _a(work: Work) -> str:

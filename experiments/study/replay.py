@@ -159,8 +159,8 @@ def choose_controller(trial: Recorded, controller: int | None, protocol: str | N
     if isinstance(number, str):
         raise InputError(f"{trial.recording.path}: its session is blind, say through which controller")
     if number not in chosen.controllers:
-        there = ", ".join(f"{number} {preset.name}" for number, preset in chosen.controllers.items())
-        raise InputError(f"controller {number}: the {chosen.name} protocol has none of this number ({there})")
+        known = ", ".join(f"{number} {preset.name}" for number, preset in chosen.controllers.items())
+        raise InputError(f"controller {number}: the {chosen.name} protocol has none of this number ({known})")
     return chosen, number
 
 

@@ -67,10 +67,10 @@ def run_study(
     refuse_too_many(out, operators, protocol)
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
-    with helpers(operators) as beside, hold_lock(out):
+    with helpers(operators) as workers, hold_lock(out):
         study = StudyPlan(operators, with_low_gain_found(protocol, population), population)
         write_study(out, study)
-        return carry_out(out, study, beside, purpose, progress)
+        return carry_out(out, study, workers, purpose, progress)
 
 
 def resume_study(
@@ -88,26 +88,26 @@ def resume_study(
     study = read_study(out)
     refuse_other(out, study, asked)
     load_kernels()
-    with helpers(study.operators) as beside, hold_lock(out):
-        return carry_out(out, study, beside, purpose, progress)
+    with helpers(study.operators) as workers, hold_lock(out):
+        return carry_out(out, study, workers, purpose, progress)
 
 
 def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
     """InputError for more operators than a study may have, or than the disk of `out` has room for."""
     if operators > MOST_OPERATORS:
         raise InputError(f"--operators: at most {MOST_OPERATORS}, not {operators}; a sweep keeps no recordings")
-    there = next(folder for folder in (out, *out.absolute().parents) if folder.is_dir())
+    existing = next(folder for folder in (out, *out.absolute().parents) if folder.is_dir())
     wanted = operators * len(make_plan(protocol, "01", coded=False)) * TRIAL_BYTES
-    if wanted > (free := shutil.disk_usage(there).free):
+    if wanted > (free := shutil.disk_usage(existing).free):
         raise InputError(
             f"{out}: {operators} operators record about {1e-9 * wanted:.1f} GB, and {1e-9 * free:.1f} GB are free there"
         )
 
 
-def carry_out(out: Path, study: StudyPlan, beside: Helpers, purpose: str, progress: Progress) -> dict:
+def carry_out(out: Path, study: StudyPlan, workers: Helpers, purpose: str, progress: Progress) -> dict:
     """Run what is not done yet; the summary. An interrupt says how the study goes on."""
     try:
-        return StudyRun(out, study, beside.shared, progress, purpose).carry_out(beside)
+        return StudyRun(out, study, workers.shared, progress, purpose).carry_out(workers)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(going_on(out)) from None
 
@@ -124,7 +124,7 @@ class StudyRun:
     done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
-    def carry_out(self, beside: Helpers) -> dict:
+    def carry_out(self, workers: Helpers) -> dict:
         """Run what is not done yet, with the helpers, then the table and the figures."""
         began = time.perf_counter()
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
@@ -132,14 +132,14 @@ class StudyRun:
         for operator in self.shared.operators(operators):
             with contextlib.closing(self.session(f"{operator:02d}")) as session:
                 if errors is None and session.next_planned():  # from here on the helpers have something to do
-                    errors = beside.pool.submit(errors_in, self.out)
-                    others = [beside.pool.submit(run_share, self.out, self.study) for _ in range(beside.processes)]
+                    errors = workers.pool.submit(errors_in, self.out)
+                    others = [workers.pool.submit(run_share, self.out, self.study) for _ in range(workers.processes)]
                 self.run_operator(session)
         for other in others:
             self.done.update(other.result())
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
-            self.conclude(table, beside, errors or beside.pool.submit(errors_in, self.out))
+            self.conclude(table, workers, errors or workers.pool.submit(errors_in, self.out))
         ended = {number: [row.status == "done" for row in table if row.controller == number]
                  for number in protocol.controllers}  # fmt: skip
         refusal = why_no_findings(protocol.controllers)
@@ -217,7 +217,7 @@ class StudyRun:
             writer.write(self.rows[:n])
         self.done["ticks"] += trial.ticks
 
-    def conclude(self, table: Sequence[TrialRow], beside: Helpers, errors: Future[list[Moved]]) -> None:
+    def conclude(self, table: Sequence[TrialRow], workers: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
         caption, note = (f"{protocol.note()}, {about}" for about in (operators.label, operators.note))
@@ -227,7 +227,7 @@ class StudyRun:
             shutil.rmtree(self.out / name, ignore_errors=True)
             with new_folders([self.out / name], "a study") as (folder,):
                 if name == FIGURES:
-                    draw_boxplots(data, folder, pool=beside.pool, purpose=self.purpose)
+                    draw_boxplots(data, folder, pool=workers.pool, purpose=self.purpose)
                 else:
                     write_report(data, folder, moved=moved)
 

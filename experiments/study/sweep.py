@@ -24,7 +24,7 @@ from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
-from experiments.study.jobs import Done, Work, beside, device_texts, run_work, table_lines
+from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
@@ -107,7 +107,7 @@ class SweepFile(Table, frozen=True):
 
 
 @dataclass(frozen=True)
-class CellOfSweep:
+class SweepCell:
     """The trials of one person in one cell of the sweep: every path and repetition."""
 
     number: int  # in the order of the table
@@ -143,14 +143,16 @@ class CellOfSweep:
         ]  # fmt: skip
 
 
-def load_sweep(path: Path) -> Work[CellOfSweep]:
+def load_sweep(path: Path) -> Work[SweepCell]:
     """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
     inline = inline_devices(file.device, file.brake, path.parent, str(path))
-    devices = None if file.devices is None else [inline.get(name) or beside(path, name) for name in file.devices]
-    protocol = load_protocol(beside(path, file.protocol), devices=devices)
-    populations = [load_population(beside(path, name)) for name in file.populations]
+    devices = (
+        None if file.devices is None else [inline.get(name) or local_or_shipped(path, name) for name in file.devices]
+    )
+    protocol = load_protocol(local_or_shipped(path, file.protocol), devices=devices)
+    populations = [load_population(local_or_shipped(path, name)) for name in file.populations]
     names = [population.name for population in populations]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
@@ -168,21 +170,15 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
         for device in protocol.devices:
             encoder_counts(device)
     protocols = [
-        replace(
-            protocol,
-            seed=file.seed,
-            rules=rules,
-            assumptions=assumptions,
-            trial=replace(protocol.trial, assumptions=assumptions),
-        )
+        replace(protocol, seed=file.seed, rules=rules, assumptions=own, trial=replace(protocol.trial, assumptions=own))
         for rules in all_rules
-        for assumptions in assumed
+        for own in assumed
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     in_protocol = {entry[1:]: entry.name for entry in presets_of(protocol)}
     jobs = tuple(
-        CellOfSweep(
+        SweepCell(
             number,
             population,
             device,
@@ -202,7 +198,7 @@ def load_sweep(path: Path) -> Work[CellOfSweep]:
 
 
 def run_sweep(
-    sweep: Work[CellOfSweep],
+    sweep: Work[SweepCell],
     out: Path,
     resume: bool = False,
     cluster: str | None = None,

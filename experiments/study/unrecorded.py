@@ -143,11 +143,11 @@ def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Mo
     for planned in make_plan(protocol, label, coded=False):
         if planned.block != 1:
             continue
-        here = devices[planned.configuration]
-        start, tip = here.recorded_start(), here.tip
-        before = measured(planned, person, here)
+        device = devices[planned.configuration]
+        start, tip = device.recorded_start(), device.tip
+        before = measured(planned, person, device)
         for change in (STEP, HAND, BRAKES[other]):
-            again = SimulatedDevice(here.device, tip, fidelity=other if change == BRAKES[other] else assumed)
+            again = SimulatedDevice(device.device, tip, fidelity=other if change == BRAKES[other] else assumed)
             start_again(again, start)
             someone = person._replace(bias_m=person.bias_m + ASIDE_M) if change == HAND else person
             after = measured(planned, someone, again, SUBSTEPS if change == STEP else 1)
@@ -210,7 +210,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
 
 def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np.ndarray:
     """Mean square of the acceleration (m2/s4) in the band during the movement, of each trial."""
-    from scipy.signal import butter, sosfiltfilt  # here: an app that starts has no time for it
+    from scipy.signal import butter, sosfiltfilt  # here: it takes a second, which an app that starts lacks
 
     band = butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
     found = []

@@ -61,7 +61,7 @@ def grown(obstacle: ObstacleFile, clear: float) -> np.ndarray:
 
 def convex_hull(points: np.ndarray) -> np.ndarray:
     """The corners of the convex hull of points (n, 2), counter-clockwise."""
-    from scipy.spatial import ConvexHull  # here: an app that starts has no time for it
+    from scipy.spatial import ConvexHull  # here: 0.4 s, which an app that starts lacks
 
     return points[ConvexHull(points).vertices]
 

@@ -43,7 +43,7 @@ class RealTrial(Trial):
     """A trial of the plan on the device of a file, to which it is brought later (`connect`)."""
 
     real = True
-    _told = ("_reason", "filled", "_report")
+    _sent = ("_reason", "filled", "_report")
 
     def __init__(self, device: Device, planned: PlannedTrial, conditions: Conditions) -> None:
         path = path_of(planned, conditions)

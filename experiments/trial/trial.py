@@ -62,7 +62,7 @@ class Trial(ABC):
     """One trial of the plan. It can be sent to the process of the control loop and its outcome taken back."""
 
     real = False  # it is for a real device
-    _told: tuple[str, ...] = ("_reason",)  # beside arrays, what running it changes
+    _sent: tuple[str, ...] = ("_reason",)  # beside arrays, what running it changes
 
     def __init__(self, known: Known, path: Path, planned: PlannedTrial, conditions: Conditions) -> None:
         self.device, self.simulation, self.sensing, noise, assumed = known
@@ -108,7 +108,7 @@ class Trial(ABC):
         """The arrays and the end that running the trial has changed, for the process that has device and session."""
         hand, state, scratch = self.simulation.data
         arrays = hand.grips, state, scratch, self._run, self._operator, self._memory, self.sensing.sensors
-        return arrays, {name: getattr(self, name) for name in self._told}
+        return arrays, {name: getattr(self, name) for name in self._sent}
 
     def take_back(self, changed: Changed) -> None:
         """Take over what another process changed by running the trial."""

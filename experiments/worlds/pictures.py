@@ -104,15 +104,15 @@ def _share_against(axes: Axes, assumption: AssumptionRange, shares: np.ndarray, 
     """The share of studies (worlds, triples, 1) that hold in each part of a range, with its 95 % interval."""
     parts = parts_of(assumption)
     place = part_at(shares, parts)
-    there = [part for part in range(parts) if np.any(place == part)]
-    p = np.array([holds[place == part].mean() for part in there])
-    low, high = np.array([wilson(*counted(holds[place == part])) for part in there])[..., 0].T
-    middles = (np.array(there) + 0.5) / parts
+    tried = [part for part in range(parts) if np.any(place == part)]
+    p = np.array([holds[place == part].mean() for part in tried])
+    low, high = np.array([wilson(*counted(holds[place == part])) for part in tried])[..., 0].T
+    middles = (np.array(tried) + 0.5) / parts
     axes.axhline(holds.mean(), color=QUIET, linewidth=0.8, linestyle=":", zorder=1)
     if assumption.choices is not None:
         axes.bar(middles, p, 0.5 / parts, color=BLUE, zorder=2)
         axes.vlines(middles, low, high, color=QUIET, linewidth=1.0, zorder=3)
-        axes.set_xticks(middles, [str(assumption.choices[part]) for part in there])
+        axes.set_xticks(middles, [str(assumption.choices[part]) for part in tried])
     else:
         axes.fill_between(middles, low, high, color=BLUE, alpha=0.25, linewidth=0.0, zorder=1)
         axes.plot(middles, p, "o-", color=BLUE, markersize=2.5, linewidth=1.2, zorder=2)

@@ -26,7 +26,7 @@ from core.files import InputError, Table, parse_toml, read_text, shipped_or_file
 from experiments.assumptions import Assumptions
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_file import Count, Text
-from experiments.study.jobs import beside
+from experiments.study.jobs import local_or_shipped
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of
 
@@ -163,10 +163,10 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     if not given:
         raise InputError(f"{path}: holds no range")
     names = [str(population) for population in file.population.ends] if file.population else ["average"]
-    populations = {name: load_population(beside(path, name)).text for name in names}
+    populations = {name: load_population(local_or_shipped(path, name)).text for name in names}
     ranges = {column: assumption for column, assumption in given.items() if assumption.value is None}
     fixed = {column: assumption for column, assumption in given.items() if assumption.value is not None}
-    protocol = load_protocol(beside(path, file.protocol))
+    protocol = load_protocol(local_or_shipped(path, file.protocol))
     found = Ranges(file.name, text, protocol, file.operators, populations, ranges, fixed)
     for column, assumption in given.items():
         _check(replace(found, fixed={}), column, assumption, str(path))
@@ -198,10 +198,10 @@ def _check(ranges: Ranges, column: str, assumption: AssumptionRange, where: str)
 def _changed_device(text: str, numbers: Mapping[str, Value]) -> str:
     """A device file with these numbers in place of its own, where it has them."""
     content = tomllib.loads(text)
-    there = {name: holder for name in numbers if (holder := _number_at(content, name))}
-    for name, holder in there.items():
+    holders = {name: holder for name in numbers if (holder := _number_at(content, name))}
+    for name, holder in holders.items():
         holder[name.rpartition(".")[2]] = numbers[name]
-    return toml_text(content) if there else text
+    return toml_text(content) if holders else text
 
 
 def _number_at(content: dict[str, Any], name: str) -> dict[str, Any] | None:

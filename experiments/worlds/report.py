@@ -233,15 +233,11 @@ def _decided(found: Judgement) -> str:
     return _table(("", "the paper says", "first", "second", "third"), lines)
 
 
-def where_it_holds(assumption: AssumptionRange, shares: np.ndarray, holds: np.ndarray) -> str:
+def where_it_holds(of: AssumptionRange, shares: np.ndarray, holds: np.ndarray) -> str:
     """In what share of the studies a statement holds: with each choice, or in each half of the range."""
-    parts = 2 if assumption.choices is None else len(assumption.choices)
+    parts = 2 if of.choices is None else len(of.choices)
     place = part_at(shares, parts)
-    words = (
-        (f"up to {significant(float(assumption.at(0.5)))}", "above")
-        if assumption.choices is None
-        else map(str, assumption.choices)
-    )
+    words = (f"up to {significant(float(of.at(0.5)))}", "above") if of.choices is None else map(str, of.choices)
     of_each = [holds[place == part].mean() if np.any(place == part) else np.nan for part in range(parts)]
     return ", ".join(f"{word} {percent(p, 0 if p >= 0.095 else 1)}" for word, p in zip(words, of_each, strict=True))
 
@@ -255,15 +251,8 @@ def _measure_first(found: Judgement) -> str:
         settled = np.where(found.indices.clear[:, j], found.indices.of.first[:, j], 0.0) * p * (1.0 - p)
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-settled, kind="stable")[:3] if settled[i] > 0.0]
         assumption = list(found.ranges.ranges.values())[j]
-        lines.append(
-            (
-                found.ranges.labels[j],
-                percent(share, 1),
-                ", ".join(main),
-                assumption.settled_by or "-",
-                assumption.source,
-            )
-        )
+        about = assumption.settled_by or "-", assumption.source
+        lines.append((found.ranges.labels[j], percent(share, 1), ", ".join(main), *about))
     heads = "assumption", "settles of all doubt", "of statements, mainly", "how to settle it", "what it rests on now"
     others = [name for j, name in enumerate(found.ranges.labels) if j not in dict(found.settling)]
     return _table(heads, lines) + (f"\n\nNo index above chance: {', '.join(others)}." if others else "")

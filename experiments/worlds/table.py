@@ -61,8 +61,8 @@ class Worlds(NamedTuple):
 
     def boxes(self) -> list[Boxes]:
         """The boxes of each row; none where under 90 % of the trials reached the end."""
-        there = np.isfinite(self.values)
-        enough, whole = there.mean(axis=2) >= LEAST_FINISHED, there.all(axis=2)
+        measured = np.isfinite(self.values)
+        enough, whole = measured.mean(axis=2) >= LEAST_FINISHED, measured.all(axis=2)
         quartiles, at = np.full((3, *enough.shape), np.nan), (0.25, 0.5, 0.75)
         for some, quantile in ((whole, np.quantile), (enough & ~whole, np.nanquantile)):
             quartiles[:, some] = quantile(self.values[some], at, axis=1, method=QUARTILE_METHOD)

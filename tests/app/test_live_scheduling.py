@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from processes import children
 
-from app.ipc.scheduling import leave_core, program_cores, take_scheduling
+from app.ipc.scheduling import leave_core, program_cores
 from app.loop.clock import SPIN_NS, new_timer, now_ns, sleep_until
 from app.verbs.loop_lateness import cpu_load, measure
 
@@ -58,17 +58,6 @@ def test_other_processes_leave_the_loops_core_and_come_back_to_it() -> None:
     thread.start()
     thread.join()
     assert seen == [cores - {max(cores)} or cores, cores]
-
-
-def test_a_system_with_nothing_better_to_offer_is_said_to_have_the_default(monkeypatch) -> None:
-    import gc
-
-    monkeypatch.setattr(sys, "platform", "freebsd14")
-    monkeypatch.setattr("platform.system", lambda: "FreeBSD")
-    got = take_scheduling()
-    gc.enable()
-    gc.unfreeze()
-    assert got.words == "default: FreeBSD offers nothing better here" and got.core == -1 and not got.real_time
 
 
 @linux

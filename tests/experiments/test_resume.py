@@ -21,7 +21,7 @@ from experiments.study.study import resume_study, run_study
 
 def kill_in_run(monkeypatch, run: int) -> None:
     """The study dies in the middle of this run of the first operator; the others wait for that in their second."""
-    real = studies.Run.run_ticks
+    real = studies.StudyRun.run_ticks
 
     def run_ticks(self, trial, writer):
         first = writer.path.parts[-4] == "sub-01"
@@ -32,7 +32,7 @@ def kill_in_run(monkeypatch, run: int) -> None:
             assert self.shared.stop.wait(120)
         real(self, trial, writer)
 
-    monkeypatch.setattr(studies.Run, "run_ticks", run_ticks)
+    monkeypatch.setattr(studies.StudyRun, "run_ticks", run_ticks)
 
 
 def high():

@@ -39,7 +39,7 @@ class Ramp:
     """A row source that counts: row k of the scene holds k + column / 100."""
 
     def __init__(self, scene, fails_after: int | None = None, error: BaseException | None = None) -> None:
-        self.done, self.fails_after, self.error = 0, fails_after, error
+        self.scene, self.done, self.fails_after, self.error = scene, 0, fails_after, error
 
     def ledger(self) -> SimpleNamespace:
         return SimpleNamespace(events=3, fallbacks=1, warnings=tuple)

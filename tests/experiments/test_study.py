@@ -178,7 +178,7 @@ def test_the_table_is_the_one_of_operators_one_after_another_and_of_trials_witho
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where helpers are not forked they do not see the change")
 def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_later(tmp_path, monkeypatch):
-    real = studies.Run.run_ticks
+    real = studies.StudyRun.run_ticks
 
     def run_ticks(self, trial, writer):
         if writer.path.parts[-4] == "sub-02":
@@ -186,7 +186,7 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
         real(self, trial, writer)
 
     with monkeypatch.context() as patch, pytest.raises(OSError, match="participant 02; .* --resume"):
-        patch.setattr(studies.Run, "run_ticks", run_ticks)
+        patch.setattr(studies.StudyRun, "run_ticks", run_ticks)
         run_study(tmp_path / "study", 3, short(paths=1, seed="6"), PEOPLE)
     summary = resume_study(tmp_path / "study", {})
     done = [row for row in read_table(tmp_path / "study" / "trials.csv") if row.status == "done"]
