@@ -1,9 +1,9 @@
-"""`python -m tests.benchmarks.firmware_session [TRIALS] [--image]`: the paper's session behind the Python board and behind
-the board in C as Cortex-M4 machine code, and whether both leave the same bytes.
+"""`python -m tests.benchmarks.firmware_session [TRIALS] [--image]`: the paper's session behind the Python board and
+behind the board in C as Cortex-M4 machine code, and whether both leave the same bytes.
 
 A whole session with a simulated person and the chain of the bench (device, sensors, board, frames, link, filter, trial,
-recording, table), headless and in simulated time: the plant is the clock. By default the core alone runs in the emulator
-(some minutes); --image: the whole firmware with its serial ports.
+recording, table), headless and in simulated time: the plant is the clock. By default the core alone runs in the
+emulator (some minutes); --image: the whole firmware with its serial ports.
 """
 
 import sys
@@ -33,7 +33,9 @@ from firmware_board import Image, Pipe, firmware_boards  # noqa: E402
 from reference_board import made, on_a_cortex_m4  # noqa: E402
 
 
-def run_session(folder: Path, board: type[Board], trials: int, progress: Callable[[int], None] = lambda n: None) -> Path:
+def run_session(
+    folder: Path, board: type[Board], trials: int, progress: Callable[[int], None] = lambda n: None
+) -> Path:
     """The first trials of a participant's session over boards of this kind; its folder."""
     protocol = load_protocol()
     coming = settings(protocol)[:trials]
