@@ -42,7 +42,7 @@ from hardware.wire.messages import Fault, State
 
 #: Bytes of the NUCLEO-F446RE's image; of the image whose plant is the clock the deepest stack (bytes), and the
 #: instructions of a tick until its sample is on its way.
-CEILINGS = {"flash": 16_384, "RAM": 8192, "stack": 1024, "instructions of a tick": 9000}
+CEILINGS = {"flash": 12_288, "RAM": 8192, "stack": 1024, "instructions of a tick": 9000}
 #: One instruction takes 128 ns of the emulator's time, 21.504 of the processor's clocks.
 ONE_BY_ONE = ("-icount", "shift=7,sleep=off")
 CLOCKS = 168 * 0.128
