@@ -182,7 +182,7 @@ def test_stop_latches_until_reset(bench: Bench, link: SerialDevice) -> None:
     run(link, 10, (0.5,) * 4)
     link.stop()
     sample = run(link, 3, (0.5,) * 4)[-1]
-    assert sample.fault == "stopped by the host" and bench.board.currents == (0, 0, 0, 0)
+    assert sample.fault == "stopped by the host or the emergency stop" and bench.board.currents == (0, 0, 0, 0)
     link.reset()
     assert not run(link, 2)[-1].fault
 
