@@ -82,17 +82,12 @@ def differing(one: Path, other: Path) -> list[str]:
     return [name for name in names if (one / name).read_bytes() != (other / name).read_bytes()]
 
 
-def opened(folder: Path, whole_image: bool) -> Pipe | Image:
-    """The board in C on an emulated Cortex-M4."""
-    return Image(made(folder, "plant-f405.elf")) if whole_image else Pipe(on_a_cortex_m4(folder))
-
-
 def main(arguments: list[str]) -> int:
     """Run both and compare; 0: they are the same."""
     trials = next((int(word) for word in arguments if word.isdigit()), 60)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        running = opened(folder, "--image" in arguments)
+        running = Image(made("plant-f405.elf")) if "--image" in arguments else Pipe(on_a_cortex_m4())
         kinds = {"Python": Board, "Cortex-M4": firmware_boards(lambda: running)}
         sessions = {}
         try:

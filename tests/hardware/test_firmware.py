@@ -11,8 +11,6 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -57,10 +55,6 @@ ERRORS = {
 }
 
 
-def image(folder: Path) -> Path:
-    return made(folder, "plant-f405.elf")
-
-
 @pytest.mark.parametrize("file", ERRORS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_an_error_in_the_core_is_found(target: str, file: str, tmp_path: Path) -> None:
@@ -76,8 +70,8 @@ def test_an_error_in_the_core_is_found(target: str, file: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("dialogue", SHORT, ids=[dialogue["name"].replace(" ", "-") for dialogue in SHORT])
-def test_the_whole_image_does_what_the_dialogue_says(dialogue: dict, tmp_path: Path) -> None:
-    run = Image(image(tmp_path))
+def test_the_whole_image_does_what_the_dialogue_says(dialogue: dict) -> None:
+    run = Image(made("plant-f405.elf"))
     try:
         hold(dialogue, firmware_boards(lambda: run))
     finally:
@@ -85,9 +79,9 @@ def test_the_whole_image_does_what_the_dialogue_says(dialogue: dict, tmp_path: P
 
 
 @pytest.mark.parametrize("state", [State.IDLE, State.READY, State.ACTIVE, State.FAULT])
-def test_the_emergency_stop_latches_what_the_host_s_stop_does(state: State, tmp_path: Path) -> None:
+def test_the_emergency_stop_latches_what_the_host_s_stop_does(state: State) -> None:
     bench = SimulatedBoard(hello())
-    run = Pipe(on_a_cortex_m4(tmp_path))
+    run = Pipe(on_a_cortex_m4())
     try:
         bench.board = firmware_boards(lambda: run)(hello())
         bench.start()
@@ -106,13 +100,13 @@ def test_the_emergency_stop_latches_what_the_host_s_stop_does(state: State, tmp_
         run.close()
 
 
-def figures(folder: Path) -> dict[str, int]:
+def figures() -> dict[str, int]:
     """What the firmware takes."""
     sizes = subprocess.run(
-        ["arm-none-eabi-size", "-A", made(folder, "nucleo-f446-usb.elf")], capture_output=True, text=True, check=True
+        ["arm-none-eabi-size", "-A", made("nucleo-f446-usb.elf")], capture_output=True, text=True, check=True
     ).stdout  # fmt: skip
     of = {name: int(size) for name, size in re.findall(r"^\.(\w+)\s+(\d+)", sizes, re.M)}
-    run = Image(image(folder), *ONE_BY_ONE)
+    run = Image(made("plant-f405.elf"), *ONE_BY_ONE)
     try:
         bench = recorded(hello())
         bench.board = firmware_boards(lambda: run)(hello())
@@ -132,23 +126,23 @@ def figures(folder: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("name", ["nucleo-f446-usb.bin", "nucleo-f446-uart.bin", "f405-usb.elf"])
-def test_every_firmware_is_built_without_a_warning(name: str, tmp_path: Path) -> None:
-    assert made(tmp_path, name).stat().st_size > 0
+def test_every_firmware_is_built_without_a_warning(name: str) -> None:
+    assert made(name).stat().st_size > 0
 
 
-def test_it_keeps_within_its_ceilings(tmp_path: Path) -> None:
-    taken = figures(tmp_path)
+def test_it_keeps_within_its_ceilings() -> None:
+    taken = figures()
     assert not {name: of for name, of in taken.items() if not 0 < of <= CEILINGS[name]}
 
 
-def test_the_firmware_of_the_board_boots_and_a_host_connects_to_it(tmp_path: Path) -> None:
+def test_the_firmware_of_the_board_boots_and_a_host_connects_to_it() -> None:
     """All its files but those of the converters and USB do something in the emulator; the tick is SysTick's."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         number = free.getsockname()[1]
     emulator = subprocess.Popen(
         ["qemu-system-arm", "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null",
          "-serial", f"tcp:127.0.0.1:{number},server=on,wait=on,nodelay=on", "-kernel",
-         made(tmp_path, "emulated-f405.elf")]
+         made("emulated-f405.elf")]
     )  # fmt: skip
     link = SerialDevice(load_device("four-brake"), f"socket://127.0.0.1:{number}")
     try:
@@ -219,6 +213,5 @@ def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        for what, took in figures(Path(name)).items():
-            print(f"{what:24}{took:8,}  ceiling {CEILINGS[what]:8,}", file=sys.stdout)
+    for what, took in figures().items():
+        print(f"{what:24}{took:8,}  ceiling {CEILINGS[what]:8,}")
