@@ -199,6 +199,15 @@ def test_the_current_loop_settles_and_zero_is_zero(asked_mA: int, ohm: float, su
     assert course[-1] < 1.0
 
 
+@needs_compiler
+def test_a_broken_wire_of_the_current_measurement_gives_no_more_than_twice_the_current(tmp_path: Path) -> None:
+    loop = ctypes.CDLL(str(compiled(tmp_path, "loop.so", "-shared", "-fPIC", sources="current_loop.c")))
+    for asked_mA in (1, 100, 1000):
+        integral = ctypes.c_int32(0)
+        given = [loop.current_loop_step(ctypes.byref(integral), asked_mA, 0) for _ in range(10_000)]
+        assert 8 * asked_mA <= max(given) <= 2 * 8 * asked_mA
+
+
 def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None:
     rows = pin_map.rows()
     header = (SOURCES / "stm32f4" / "pins.h").read_text()
