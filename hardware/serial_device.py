@@ -153,6 +153,7 @@ class Health:
     lost_links: int = 0
     begun_anew: int = 0  # of these: because the board took, or would take, all commands for late
     round_trip_s: float = math.inf  # the least, of heartbeats
+    delay_ticks: int | None = None  # from a sample to the first that has taken in the command that answers it, newest
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
     def report(self, sensing: BoardSensing | None, connection: Connection | None) -> dict:
@@ -214,6 +215,7 @@ class SerialDevice:
         self._beat: tuple[int, float] | None = None  # token and time of the heartbeat that is out
         self._beat_at = self._heard = self._asked = -math.inf
         self._last: int | None = None  # sequence of the last sample
+        self._timed: tuple[int, int] | None = None  # a command on its way, and the sample that it answers
         self._watch = FreshnessWatch()  # of the present connection
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
         self._identity: Identity | None = None
@@ -283,7 +285,7 @@ class SerialDevice:
         self._reached, self.sensing, hello = reached, reached.sensing, reached.sensing.hello
         self.encoders = "".join(JOINTS[i] for i in joints_of(hello.encoders))
         self.force_channels = hello.force_channels
-        self._back = self._bringing = self._last = self._beat = None
+        self._back = self._bringing = self._last = self._beat = self._timed = None
         self._watch, self._sequence = FreshnessWatch(), 0
         self._heard = self.clock()
         self.health.frames = reached.connection.frames
@@ -360,6 +362,8 @@ class SerialDevice:
 
     def _command(self, connection: Connection, milliamperes: Four) -> None:
         self._sequence = self._sequence % (WRAP - 1) + 1
+        if self._timed is None and self._last is not None:
+            self._timed = self._sequence, self._last
         now_us = round(1e6 * self.clock())
         connection.send(m.Command(self._sequence, now_us, int(any(milliamperes)), milliamperes))
 
@@ -394,6 +398,9 @@ class SerialDevice:
                 return None
             self.health.lost += ahead - 1
         self._last, self._heard = sample.sequence, now
+        if self._timed is not None and (sample.echo - self._timed[0]) % WRAP < WRAP // 2:
+            self.health.delay_ticks = (sample.sequence - self._timed[1]) % WRAP
+            self._timed = None
         self.health.samples += 1
         self.health.late_commands += bool(sample.flags & m.Flag.LATE)
         if self._force_sensor:

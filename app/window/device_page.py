@@ -57,7 +57,7 @@ STATES = {
     "ACTIVE": "active: currents may flow", "FAULT": "fault: no current until it is reset",
 }  # fmt: skip
 BOARD = ("Device", "Board", "Port", "Firmware", "State", "Fault", "Encoders", "Force sensor")
-SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", "Round trip")
+SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", "Round trip", "Delay")
 #: name -> counters, as they are shown
 LINK = {
     "Lost": "{lost} of {all} samples", "Repeated": "{repeated} samples",
@@ -168,6 +168,8 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
         figures["Firmware"] = f"{report.get('firmware', NOTHING)}, protocol {report.get('protocol', NOTHING)}"
         if report.get("round_trip_s") is not None:
             figures["Round trip"] = f"{1e3 * report['round_trip_s']:.1f} ms at best"
+        if ticks := report.get("delay_ticks"):
+            figures["Delay"] = f"a current {ticks} {'tick' if ticks == 1 else 'ticks'} after its sample"
         if (clock := report.get("clock")) and clock["blocks"]:
             figures["Clock offset"] = f"{clock['offset_s']:+.4f} s, ± {1e6 * clock['residual_s']:.0f} µs"
             figures["Clock drift"] = f"{1e6 * clock['drift']:+z.0f} ppm" if clock["blocks"] >= 3 else ""

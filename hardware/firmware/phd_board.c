@@ -214,10 +214,16 @@ static void take(phd_board *board, const phd_request *request, uint64_t now_us)
         obey(board, request, now_us);
 }
 
+/* A tick's time may be a little before that of bytes that came while it waited: that is no time, not 2^64 us. */
+static uint64_t since(uint64_t then_us, uint64_t now_us)
+{
+    return now_us > then_us ? now_us - then_us : 0;
+}
+
 /* Trips while there is still a tick left, so that currents are zero at 50 ms at the latest. */
 static void watchdog(phd_board *board, uint64_t now_us)
 {
-    if (board->state == PHD_ACTIVE && now_us - board->commanded_us > PHD_WATCHDOG_US - PHD_TICK_US) {
+    if (board->state == PHD_ACTIVE && since(board->commanded_us, now_us) > PHD_WATCHDOG_US - PHD_TICK_US) {
         change(board, PHD_ON_WATCHDOG);
         latch(board, PHD_FAULT_WATCHDOG, PHD_NO_DETAIL);
     }
@@ -284,7 +290,7 @@ void phd_board_tick(phd_board *board, const phd_readings *readings, uint64_t now
 {
     board->readings = *readings;
     if (board->state == PHD_BOOT) {
-        if (now_us - board->started_us >= PHD_START_US) {
+        if (since(board->started_us, now_us) >= PHD_START_US) {
             board->heard_us = now_us;
             change(board, board->after_brown_out ? PHD_ON_STARTED_LOW : PHD_ON_STARTED);
             if (board->after_brown_out)
@@ -294,7 +300,7 @@ void phd_board_tick(phd_board *board, const phd_readings *readings, uint64_t now
     }
     board->sequence++;
     watchdog(board, now_us);
-    if (board->connected && board->state != PHD_ACTIVE && now_us - board->heard_us >= PHD_SILENCE_US) {
+    if (board->connected && board->state != PHD_ACTIVE && since(board->heard_us, now_us) >= PHD_SILENCE_US) {
         change(board, PHD_ON_SILENCE);
         disconnect(board);
     }

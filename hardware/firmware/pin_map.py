@@ -1,5 +1,6 @@
 """`python hardware/firmware/pin_map.py`: the pin map of the NUCLEO-F446RE as a Markdown table, from the firmware's own
-table (stm32f4/pins.h)."""
+table (stm32f4/pins.h); docs/pin-map.md ends with it.
+"""
 
 import re
 from pathlib import Path

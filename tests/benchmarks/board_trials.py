@@ -39,7 +39,7 @@ class Effects(NamedTuple):
 
     counts: float = FINE  # per revolution, times the device file's; 1: its own steps
     window: int = 0  # ms of positions that make the velocity; 0: the simulated device's own
-    late: bool = False  # currents act a tick after the one that decided them
+    late: int = 0  # ticks after the one that decided them at which currents act: 1 by USB, 2 by a UART
     noise: bool = False  # of force sensor and amplifiers
 
     def title(self) -> str:
@@ -47,17 +47,18 @@ class Effects(NamedTuple):
         parts = [
             "" if self.counts >= FINE else "steps",
             f"filter of {self.window} ms" if self.window else "",
-            *("delay" * self.late, "noise" * self.noise),
+            ("", "delay", "delay of 2 ticks")[self.late],
+            "noise" * self.noise,
         ]
         return " + ".join(filter(None, parts)) or "the wire alone"
 
 
-ALL = Effects(1, WINDOW, True, True)
+ALL = Effects(1, WINDOW, 1, True)
 #: ms, of a filter that is much quicker than the product's: more noise, less lag
 SHORT = 3
 #: one by one, and those that work upon each other together
 CASES = (
-    Effects(), Effects(late=True), Effects(noise=True), Effects(1), Effects(window=WINDOW), Effects(1, WINDOW),
+    Effects(), Effects(late=1), Effects(noise=True), Effects(1), Effects(window=WINDOW), Effects(1, WINDOW),
     Effects(window=SHORT), Effects(1, SHORT), ALL,
 )  # fmt: skip
 
@@ -100,7 +101,7 @@ class BoardInStep:
         if not how.noise:
             self.device.sensors.noise[:] = 0.0
         self._late = how.late
-        self._sent = b""
+        self._sent = self._on_its_way = b""
         self.ticks = self.not_taken = 0
         self.moves = False  # before the trial, operator and device stand
         self.read()  # kernels are compiled, or loaded, before a host waits for an answer
@@ -118,6 +119,8 @@ class BoardInStep:
         """A tick; what the board then says."""
         self.ticks += 1
         now_us, sent, self._sent = self.ticks * TICK_US, self._sent, b""
+        if self._late > 1:
+            sent, self._on_its_way = self._on_its_way, sent
         out = self.board.receive(sent, now_us)
         if self.moves and not self._late:
             self.device.advance(self.board.currents)

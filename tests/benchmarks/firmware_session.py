@@ -1,9 +1,9 @@
-"""`python -m tests.benchmarks.firmware_session [TRIALS] [--image]`: the paper's session behind the Python board and behind
-the board in C as Cortex-M4 machine code, and whether both leave the same bytes.
+"""`python -m tests.benchmarks.firmware_session [TRIALS] [--image]`: the paper's session behind the Python board and
+behind the board in C as Cortex-M4 machine code, and whether both leave the same bytes.
 
 A whole session with a simulated person and the chain of the bench (device, sensors, board, frames, link, filter, trial,
-recording, table), headless and in simulated time: the plant is the clock. By default the core alone runs in the emulator
-(some minutes); --image: the whole firmware with its serial ports.
+recording, table), headless and in simulated time: the plant is the clock. By default the core alone runs in the
+emulator (some minutes); --image: the whole firmware with its serial ports.
 """
 
 import sys
@@ -33,7 +33,9 @@ from firmware_board import Image, Pipe, firmware_boards  # noqa: E402
 from reference_board import made, on_a_cortex_m4  # noqa: E402
 
 
-def run_session(folder: Path, board: type[Board], trials: int, progress: Callable[[int], None] = lambda n: None) -> Path:
+def run_session(
+    folder: Path, board: type[Board], trials: int, progress: Callable[[int], None] = lambda n: None
+) -> Path:
     """The first trials of a participant's session over boards of this kind; its folder."""
     protocol = load_protocol()
     coming = settings(protocol)[:trials]
@@ -80,17 +82,12 @@ def differing(one: Path, other: Path) -> list[str]:
     return [name for name in names if (one / name).read_bytes() != (other / name).read_bytes()]
 
 
-def opened(folder: Path, whole_image: bool) -> Pipe | Image:
-    """The board in C on an emulated Cortex-M4."""
-    return Image(made(folder, "plant-f405.elf")) if whole_image else Pipe(on_a_cortex_m4(folder))
-
-
 def main(arguments: list[str]) -> int:
     """Run both and compare; 0: they are the same."""
     trials = next((int(word) for word in arguments if word.isdigit()), 60)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        running = opened(folder, "--image" in arguments)
+        running = Image(made("plant-f405.elf")) if "--image" in arguments else Pipe(on_a_cortex_m4())
         kinds = {"Python": Board, "Cortex-M4": firmware_boards(lambda: running)}
         sessions = {}
         try:

@@ -90,6 +90,18 @@ def test_a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence(progr
     assert live_alike(program, [bench.board])[-1].state == State.IDLE
 
 
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_tick_that_was_read_before_the_bytes_that_came_meanwhile_is_no_silence(program: Program, mode: int) -> None:
+    bench = recorded()
+    bench.connect()
+    for _ in range(3):
+        bench.now_us += 1400
+        bench.command(mode=mode)
+        bench.now_us -= 1400
+        bench.tick()
+    assert live_alike(program, [bench.board])[-1].state == (State.ACTIVE if mode else State.READY)
+
+
 def test_every_limit_lies_where_it_lies_in_python(program: Program) -> None:
     """One less than what is too much is borne, on either side of zero; then one more."""
     edges = [{"current_mA": (0, 0, most, 0)} for most in (1200, 1201, -1200, -1201, -(2**15))]

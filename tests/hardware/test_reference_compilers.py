@@ -133,7 +133,7 @@ def test_a_program_in_cpp_is_linked_with_the_board_in_c(processor: str, tmp_path
 
 def test_where_an_int_has_16_bits_the_board_stops_after_50_ms_without_a_command(tmp_path: Path) -> None:
     found("simavr")
-    program = made(tmp_path, "watchdog-avr.elf")
+    program = made("watchdog-avr.elf")
     run = ["simavr", "-m", "atmega2560", "-f", "16000000", program]
     done = subprocess.run(run, capture_output=True, text=True, timeout=120)
     said = re.findall(r"(start|watchdog|silence|late) ([\d ]+)", done.stdout + done.stderr)

@@ -57,6 +57,14 @@ def test_every_sample_is_taken_once_and_every_command_is_echoed(bench: Bench, li
     assert link.health.lost == link.health.repeated == link.health.frames.bad == 0
 
 
+def test_the_delay_from_sample_to_current_is_measured(bench: Bench, link: SerialDevice) -> None:
+    run(link, 50)
+    assert link.report()["delay_ticks"] == 1, "as by USB"
+    bench.fault("delay=0.001")
+    run(link, 50)
+    assert link.report()["delay_ticks"] == 3, "a millisecond more each way"
+
+
 @pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, math.inf, 0.0])
 def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialDevice, current: float) -> None:
     run(link, 5, (current,) * 4)
@@ -174,7 +182,7 @@ def test_stop_latches_until_reset(bench: Bench, link: SerialDevice) -> None:
     run(link, 10, (0.5,) * 4)
     link.stop()
     sample = run(link, 3, (0.5,) * 4)[-1]
-    assert sample.fault == "stopped by the host" and bench.board.currents == (0, 0, 0, 0)
+    assert sample.fault == "stopped by the host or the emergency stop" and bench.board.currents == (0, 0, 0, 0)
     link.reset()
     assert not run(link, 2)[-1].fault
 

@@ -1,9 +1,11 @@
 """The board in C (hardware/firmware) built on this host, and a Python board that writes down what it lives through."""
 
+import functools
 import random
 import shutil
 import struct
 import subprocess
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,9 +46,9 @@ def on_this_machine(folder: Path, sources: Path = SOURCES) -> Program:
     return [str(compiled(folder, "try_board", *(SANITIZERS if works else ()), sources=CORE, at=sources))]
 
 
-def on_a_cortex_m4(folder: Path, sources: Path = SOURCES) -> Program:
+def on_a_cortex_m4(_folder: Path | None = None, sources: Path = SOURCES) -> Program:
     """The same as Cortex-M4 machine code, in an emulator that passes stdin and stdout on."""
-    return [*M4, str(made(folder, "try-m4.elf", sources))]
+    return [*M4, str(made("try-m4.elf", sources))]
 
 
 #: where the board in C runs
@@ -61,13 +63,19 @@ def found(*programs: str) -> None:
         pytest.skip(f"no {', '.join(missing)} on this machine")
 
 
-def made(folder: Path, name: str, sources: Path = SOURCES) -> Path:
-    """What the Makefile of the firmware makes of this name."""
+@functools.cache
+def made(name: str, sources: Path = SOURCES) -> Path:
+    """What the Makefile of the firmware makes of this name; of the project's own sources once in a process."""
     found("make", *(("avr-gcc",) if "avr" in name else ("arm-none-eabi-gcc", "qemu-system-arm")))
-    command = ["make", "-s", "-C", SOURCES, f"SOURCES={sources}", f"BUILD={folder}", str(folder / name)]
+    _built.append(tempfile.TemporaryDirectory())
+    folder = _built[-1].name
+    command = ["make", "-s", "-C", SOURCES, f"SOURCES={sources}", f"BUILD={folder}", f"{folder}/{name}"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return folder / name
+    return Path(folder) / name
+
+
+_built: list[tempfile.TemporaryDirectory] = []  # gone with the process
 
 
 HEAD = struct.Struct("<BHH4HB8IH")

@@ -33,7 +33,7 @@ void clock_begin(void)
     RCC_CR |= BIT(18); /* a clock, and no crystal */
     RCC_CR |= BIT(16);
     until(&RCC_CR, BIT(17));
-    RCC_PLLCFGR = 8 | 336 << 6 | 0 << 16 | BIT(22) | 7 << 24; /* / 8 * 336 / 2; / 7: 48 MHz */
+    RCC_PLLCFGR = 8 | 336 << 6 | 0 << 16 | BIT(22) | 7 << 24 | 2 << 28; /* / 8 * 336 / 2; / 7: 48 MHz */
     RCC_CR |= BIT(24);
     until(&RCC_CR, BIT(25));
     FLASH_ACR = 5 | BIT(8) | BIT(9) | BIT(10); /* wait states; prefetch, caches */

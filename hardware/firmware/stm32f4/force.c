@@ -9,8 +9,8 @@ enum { PATIENCE = 2000 }; /* loops: some 50 us; a converter that is not there co
 void force_begin(void)
 {
     RCC_APB1ENR |= BIT(14);
-    /* master, clock high at rest, second edge, 16 bits, 42 MHz / 4, no pin of its own to select */
-    SPI2_CR1 = BIT(11) | BIT(9) | BIT(8) | 1 << 3 | BIT(2) | BIT(1) | BIT(0);
+    /* master, clock high at rest, read at its falling edge, 16 bits, 42 MHz / 4, no pin of its own to select */
+    SPI2_CR1 = BIT(11) | BIT(9) | BIT(8) | 1 << 3 | BIT(2) | BIT(1);
     SPI2_CR1 |= BIT(6);
     pin_set(PIN_FORCE_SELECT, true);
     pin_set(PIN_FORCE_RESET, true);

@@ -9,7 +9,7 @@ static phd_capability made_of = {
     .firmware = {1, 0, 0},
     .counts_per_rev = {96000, 0, 96000, 0},
     .current_max_mA = {1000, 1000, 1000, 1000},
-    .force_unit = 305,         /* assumed: micro-newtons a step; the device file's calibration has the rest */
+    .force_unit = 305, /* 10 V of 32768 steps, in microvolts: the matrix of the device file makes newtons of volts */
     .force_full_scale = 32700, /* of 32767 */
     .device = "four-brake",
 };
