@@ -248,7 +248,7 @@ def named_record(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
         "file": found.file if found else "",
         "checksum": found.checksum if found else "",
         "signed_by": found.by if found else "",
-        "time": found.time if found else "",
+        "signed_at": found.time if found else "",
         "problem": problem or problem_of(found, str(status.report.get("firmware", ""))),
     }
 

@@ -171,7 +171,7 @@ def one_after_another(t: float, largest: np.ndarray) -> Four:
 
 
 def all_on(t: float, largest: np.ndarray) -> Four:
-    return tuple((SHARE * largest).tolist())  # type: ignore[return-value]
+    return tuple((SHARE * largest).tolist())
 
 
 class CurrentStep(NamedTuple):

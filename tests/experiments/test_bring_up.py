@@ -13,8 +13,12 @@ from core.device import load_device
 from core.files import InputError
 from experiments.bring_up.bring_up import Result
 from experiments.bring_up.record import content, newest_record, problem_of, state_of, write_record
+from experiments.bring_up.steps import second_hole
 from experiments.identify.step_response import read_steps
+from experiments.protocol import home_of, load_protocol
 from hardware.emulated_board.builder import MISTAKES
+from hardware.sensing.encoders import PoseSensing
+from hardware.sensing.samples import sensing_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring-up.md"
 FOUR = load_device("four-brake")
@@ -139,6 +143,20 @@ def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path:
     files[0].write_text(files[0].read_text().replace('"passed": true', '"passed": false', 1))
     with pytest.raises(InputError, match="checksum"):
         newest_record(tmp_path, "TEST")
+
+
+def test_the_drawing_of_the_jig_has_the_numbers_of_the_device_files() -> None:
+    drawing = (PAGE.parent / "homing-jig.svg").read_text()
+    for name in ("four-brake", "three-brake"):
+        device = load_device(name)
+        home = home_of(device, load_protocol().paths)
+        hole = second_hole(device, home)
+        assert home == (0.0, 0.4) and hole == (0.0, pytest.approx(0.48))
+        counts_per_rev = sensing_of(device)[0].counts
+        sensing = PoseSensing(device, (0, 2), counts_per_rev)
+        for place in (home, hole):
+            for count in sensing.counts_at(place)[::2]:
+                assert f"{count:,}" in drawing
 
 
 HEAD = """# Bringing a board up
