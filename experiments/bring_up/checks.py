@@ -217,10 +217,10 @@ def judge_currents(seen: Seen) -> Finding:
         )
         if found.others > OTHERS_SHARE:
             wrong.append(f"Current for {joint} is measured elsewhere: exchange the current-sensing wires.")
-        elif abs(found.gain - 1.0) > GAIN_SHARE:
-            wrong.append(f"Set the gain of amplifier {joint}, or look at its brake's plug: it gives a wrong current.")
         elif found.overshoot > OVERSHOOT:
             wrong.append(f"Lower the gains of the current loop of {joint}: it overshoots.")
+        elif abs(found.gain - 1.0) > GAIN_SHARE:
+            wrong.append(f"Set the gain of amplifier {joint}, or look at its brake's plug: it gives a wrong current.")
         elif found.rise_s > longest:
             wrong.append(
                 f"Make the current loop of {joint} quicker: the model's brake takes its current at once, so at most "

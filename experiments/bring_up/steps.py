@@ -110,8 +110,8 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
                  needs=needs, begins=moves, drive=in_turn)
         )  # fmt: skip
     found.append(
-        Step("latency", f"Latency and jitter over {latency_s:g} s", judge_latency, latency_s, "Let go of the handle.",
-             {"do": "let go"}, needs=("board",))
+        Step("latency", "Latency and jitter", judge_latency, latency_s,
+             f"Let go of the handle, and leave it for {latency_s:g} s.", {"do": "let go"}, needs=("board",))
     )  # fmt: skip
     return found
 

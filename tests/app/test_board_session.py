@@ -139,11 +139,11 @@ def test_a_session_names_the_record_of_the_bring_up_of_its_board(on_bench: OnBen
     result = Result(Step("board", "Version", judge_board, 1.0), True, Finding(True, "a board"), 1.0)
     about = {"board": "TEST", "firmware": "1.0.0"}
     record = content([result], DEVICE, about, "A. Builder", "2026-01-01T00:00:00.000+00:00")
-    (file,) = write_record(tmp_path / "data", record, [result])
+    (file,) = write_record(tmp_path / "data", record, {})
     on_bench.open()
     on_bench.zero()
     on_bench.send(m.Start())
-    on_bench.until(lambda s: s.card and s.card.text or s.stage == m.RUNNING)
+    on_bench.until(lambda s: s.rows)
     entries = read_journal(tmp_path / "data" / "sub-01" / "ses-01").entries
     (named,) = (entry.about for entry in entries if entry.event == BROUGHT_UP)
     assert named["board"] == "TEST" and named["signed_by"] == "A. Builder" and named["problem"] == ""

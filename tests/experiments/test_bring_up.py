@@ -12,7 +12,7 @@ from bring_up_bench import Bringing
 from core.device import load_device
 from core.files import InputError
 from experiments.bring_up.bring_up import Result
-from experiments.bring_up.record import content, newest_record, problem_of, state_of, write_record
+from experiments.bring_up.record import brake_steps, content, newest_record, problem_of, state_of, write_record
 from experiments.bring_up.steps import second_hole
 from experiments.identify.step_response import read_steps
 from experiments.protocol import home_of, load_protocol
@@ -130,11 +130,10 @@ def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path:
     about |= {"board": "TEST", "firmware": "1.0.0"}
     assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("This board was never")
     bad = [results[0]._replace(finding=results[0].finding._replace(passed=False)), *results[1:]]
-    write_record(tmp_path, content(bad, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00"), bad)
+    write_record(tmp_path, content(bad, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00"), {})
     assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("Not every step")
-    files = write_record(
-        tmp_path, content(results, FOUR, about, "A. Builder", "2026-01-02T00:00:00.000+00:00"), results
-    )
+    good = content(results, FOUR, about, "A. Builder", "2026-01-02T00:00:00.000+00:00")
+    files = write_record(tmp_path, good, brake_steps(results))
     found = newest_record(tmp_path, "TEST")
     assert found and found.by == "A. Builder" and found.passed and problem_of(found, "1.0.0") == ""
     assert "1.1.0" in problem_of(found, "1.1.0")
