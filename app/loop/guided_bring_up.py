@@ -1,5 +1,7 @@
 """`phd bring-up` from the window: the loop does its steps, a tick at a time, and shows how far it is."""
 
+from collections.abc import Callable
+
 from app.ipc.messages import BringUp, BringUpShown, BroughtUp
 from core.device_interface import RealDevice
 from experiments.bring_up import bring_up
@@ -12,10 +14,10 @@ from experiments.session.journal import now
 class GuidedBringUp:
     """The steps on one device, asked for by a person at the window."""
 
-    def __init__(self, device: RealDevice, job: BringUp) -> None:
+    def __init__(self, device: RealDevice, job: BringUp, sleep: Callable[[float], None]) -> None:
         self.shown = BringUpShown("", "", False, ())
         self._device, self._by, self._is_ready = device, job.by, False
-        self._runner = bring_up.BringUp(device, self)
+        self._runner = bring_up.BringUp(device, self, sleep)
         steps = steps_for(device.device, device.encoders, device.force_channels > 0, job.home)
         self._ticks = self._runner.run(steps)
 

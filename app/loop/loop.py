@@ -108,6 +108,8 @@ class Loop:
                     return
                 self.do(job)
         finally:
+            if self._bring_up is not None:
+                self._bring_up.end()
             if self.device is not None:
                 self.device.close()
 
@@ -155,7 +157,7 @@ class Loop:
                 case m.BringUp():
                     from app.loop.guided_bring_up import GuidedBringUp
 
-                    self._bring_up = GuidedBringUp(self._there(), job)
+                    self._bring_up = GuidedBringUp(self._there(), job, self._sleep)
                 case m.BringUpAnswer(goes_on):
                     self._answer_bring_up(goes_on)
                 case m.Reset(presses):

@@ -13,7 +13,7 @@ from app.window.widgets.preflight import Checklist
 STATES = {"passed": m.GOOD, "failed": m.BAD, "not done": m.WAITING}
 ABOUT = (
     "Checks a device that has just been wired, one thing after another. At first no current flows; later brakes get "
-    "10 % of theirs, and a hand is asked to the handle last. The record is signed with your name; this session names it."
+    "10 % of theirs, and a hand is asked to the handle last. You sign the record with your name."
 )
 
 

@@ -18,12 +18,19 @@ from app.ipc.messages import Setup
 from app.loop import guided_bring_up
 from app.window.device_page import DevicePage
 from experiments.bring_up.record import newest_record
+from experiments.bring_up.step import Step
 from experiments.bring_up.steps import steps_for
+
+STEPS = ("quiet", "encoder A", "stop")  # a few of them, for each look of this server is 20 ms of the board's time
 
 
 @pytest.fixture
 def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OnBench]:
-    monkeypatch.setattr(guided_bring_up, "steps_for", lambda *about: shortened(steps_for(*about, latency_s=1.0)))
+    def few(*about) -> list[Step]:
+        steps = {step.name: step for step in shortened(steps_for(*about))}
+        return [steps[name]._replace(lasts_s=min(steps[name].lasts_s, 0.5), needs=()) for name in STEPS]
+
+    monkeypatch.setattr(guided_bring_up, "steps_for", few)
     protocol = tmp_path / "one.toml"
     protocol.write_text(changed(PAPER.text, hold_s="0.0"), encoding="utf-8")
     board = BuiltBench(DEVICE, "dead-encoder")
@@ -35,7 +42,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OnBench]:
 
 def do_what_is_asked(built: OnBench, orders: dict[str, dict]) -> None:
     """Until it is over: the hand obeys once a step, and the window says when it is done."""
-    shown = ""
+    shown, told = "", set()
 
     def over() -> bool:
         nonlocal shown
@@ -43,7 +50,8 @@ def do_what_is_asked(built: OnBench, orders: dict[str, dict]) -> None:
         if running and running.title != shown:
             shown = running.title
             built.board.hand.obey(orders.get(shown, {"do": "let go"}))
-        if running and running.confirmed and built.board.hand.is_done:
+        if running and running.confirmed and built.board.hand.is_done and shown not in told:
+            told.add(shown)
             built.send(m.PrepareDevice(m.GO_ON))
         return bool(shown) and running is None
 
@@ -57,13 +65,11 @@ def test_the_window_leads_through_the_steps_and_the_session_keeps_the_record(bui
     built.send(m.PrepareDevice(m.BRING_UP, "A. Builder"))
     built.until(lambda: built.status.bring_up is not None)
     built.send(m.Start())  # not meanwhile
-    orders = {"Emergency stop": {"do": "press stop"}, "Supply after the emergency stop": {"do": "release stop"}}
-    do_what_is_asked(built, orders)
+    do_what_is_asked(built, {"Emergency stop": {"do": "press stop"}})
     built.until(lambda s: s.notice_bad and "Not every step has passed" in s.notice)
     found = newest_record(tmp_path / "data", "TEST")
     assert found is not None and found.by == "A. Builder" and not found.passed
-    assert found.steps["Encoder of joint A"] == "failed" and found.steps["Emergency stop"] == "passed"
-    assert found.steps["Brakes at their joints"] == "not done"
+    assert list(found.steps.values()) == ["passed", "failed", "passed"]
 
 
 def test_it_can_be_broken_off(built: OnBench) -> None:
@@ -74,7 +80,7 @@ def test_it_can_be_broken_off(built: OnBench) -> None:
     built.until(lambda: built.status.bring_up and built.status.bring_up.confirmed)
     built.send(m.PrepareDevice(m.BREAK_OFF))
     built.until(lambda s: s.notice_bad and "broken off" in s.notice)
-    assert built.status.bring_up is None
+    built.until(lambda: built.status.bring_up is None)
 
 
 def test_the_page_shows_the_step_and_what_was_seen(qtbot) -> None:
