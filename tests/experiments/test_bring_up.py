@@ -173,8 +173,8 @@ journal which record it names, or why none holds (never brought up, a step faile
 brakes lie beside it as files that `phd identify` reads: the time constants of the record are found from them by its
 own fit. They alone give no brake file, which takes steps to four currents at three speeds.
 
-The device page of the app (F3, *Bring up …*) leads through the same steps while a session on that device is open, between
-two trials; its record is the same.
+The device page of the app (F3, *Bring up …*) leads through the same steps while a session on that device is open,
+between two trials; its record is the same.
 
 To see it without a board: `phd emulate --hand builder`, in a second terminal `phd bring-up --link serial:PORT --by
 ME` with the port that the first line names. `--mistake NAME` of `phd emulate` puts in one of the mistakes below.
