@@ -40,7 +40,7 @@ def judge_board(seen: Seen) -> Finding:
     limits = ", ".join(f"{JOINTS[i]} {seen.largest[i]:g} A" for i in seen.braked)
     saw = (
         f"{about.get('board') or 'a board without a number'}, firmware {about.get('firmware', 'unknown')}, protocol "
-        f"{about.get('protocol', 'unknown')}; limits in force: {limits}; "
+        f"{about.get('protocol', 'unknown')}; limits {limits}; "
         f"{1e3 * float(np.sum(board_s)) / float(np.sum(ticks)):.3f} ms a tick, its clock {100.0 * apart:+.1f} %"
     )
     if abs(apart) > RATE:
