@@ -77,7 +77,7 @@ def test_a_mistake_is_found_by_its_own_step_and_only_there(mistake: str) -> None
     assert not any(bringing.bench.board.currents)
 
 
-@pytest.mark.parametrize("device", ["three-brake", "er-two-brake"])
+@pytest.mark.parametrize("device", ["three-brake"])
 def test_the_other_boards_pass_as_well(device: str) -> None:
     assert not failed(Bringing(load_device(device)).run())
 
