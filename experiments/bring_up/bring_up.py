@@ -102,7 +102,7 @@ class BringUp:
             self._device.zero()
         self._rows.clear()
         self._about = self._report()
-        yield from self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()))
+        yield from self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()), step.may_fault)
         self._rows.clear()
         begun, largest = self._device.clock(), self._seen().largest
         looked = 0

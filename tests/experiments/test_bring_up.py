@@ -19,6 +19,8 @@ from experiments.protocol import home_of, load_protocol
 from hardware.emulated_board.builder import MISTAKES
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.samples import sensing_of
+from hardware.wire.frames import encode_frame
+from hardware.wire.messages import Stop, pack
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring-up.md"
 FOUR = load_device("four-brake")
@@ -123,6 +125,21 @@ def test_every_end_is_zero_current(how: str) -> None:
     for _ in range(60):
         before()
     assert not any(bringing.bench.board.currents)
+
+
+def test_a_firmware_that_latches_the_emergency_stop_passes_too() -> None:
+    """As that of hardware/firmware does: the fault stands until the stop is released and the host resets it."""
+    bringing = Bringing(FOUR)
+    bringing.steps = bringing.runner_steps(("quiet", "currents", "stop", "supply back"))
+    bench, before = bringing.bench, bringing.bench.tick
+
+    def tick() -> bytes:
+        if not bench.hand.supply:
+            bench.board.receive(encode_frame(pack(Stop())), 1000 * bench.ticks)
+        return before()
+
+    bench.tick = tick
+    assert [state_of(result) for result in bringing.run()] == ["passed"] * 4
 
 
 def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path: Path) -> None:
