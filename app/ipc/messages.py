@@ -119,7 +119,8 @@ class Confirm(NamedTuple):
 class PrepareDevice(NamedTuple):
     """Do a step that makes the device on the bench ready, between two trials."""
 
-    step: str  # CONNECT, HOME, ZERO
+    step: str  # CONNECT, HOME, ZERO; BRING_UP, and while that goes on GO_ON, BREAK_OFF
+    by: str = ""  # who signs the record of BRING_UP
 
 
 class Unblind(NamedTuple):
@@ -217,6 +218,7 @@ NOT_NOW = {
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
+BRING_UP, GO_ON, BREAK_OFF = "bring up", "go on", "break off"
 
 BRAKES_OFF = "brakes off"  # what the check of the device finds while it is there and no current may flow
 GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
@@ -412,13 +414,26 @@ class TakeZero(NamedTuple):
     """Take the present readings as zero: the handle is free."""
 
 
+class BringUp(NamedTuple):
+    """Check the device step by step; `home`: of its jig, m. `by`: who signs the record."""
+
+    home: tuple[float, float]
+    by: str
+
+
+class BringUpAnswer(NamedTuple):
+    """What a step of it asked for is done; or break it off."""
+
+    goes_on: bool
+
+
 class Reset(NamedTuple):
     """Reset the faults of the board and the brakes-off, unless it was pressed again since."""
 
     presses: int  # of the brakes-off, that were seen (`Ring.presses`)
 
 
-LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset
+LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset | BringUp | BringUpAnswer
 
 
 # -------------------------------------------------------------------------------------- answers: loop -> session server
@@ -442,6 +457,15 @@ class TrialReturned(NamedTuple):
     changed: "Changed"  # by running it; see `Trial.take_back`
 
 
+class BringUpShown(NamedTuple):
+    """How far the bring-up of a device is."""
+
+    title: str  # of the present step
+    ask: str
+    confirmed: bool  # the person says when it is done
+    results: tuple[tuple[str, str, str, str], ...]  # title, "passed" .., what was seen, what to do
+
+
 class DeviceStatus(NamedTuple):
     """The state of a real device, about ten times a second while no trial runs."""
 
@@ -462,6 +486,7 @@ class DeviceStatus(NamedTuple):
     homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
     zeroed_at: float = 0.0
     reported_s: float = 0.0  # monotonic clock
+    bring_up: BringUpShown | None = None  # None: none is going on
 
 
 class ConnectEnded(NamedTuple):
@@ -472,6 +497,13 @@ class HomeSet(NamedTuple):
     """The encoders were set with the handle at `tip`, m."""
 
     tip: tuple[float, float]
+
+
+class BroughtUp(NamedTuple):
+    """A bring-up is over: its record (`experiments.bring_up.record`), and joint -> the steps of its brake, as CSV."""
+
+    record: dict
+    steps: dict[str, str]
 
 
 class Zeroed(NamedTuple):
@@ -486,4 +518,6 @@ class NotDone(NamedTuple):
     why: str
 
 
-LoopAnswer = Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | NotDone
+LoopAnswer = (
+    Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | BroughtUp | NotDone
+)

@@ -189,7 +189,7 @@ def _rig(state: ServerState, command: m.PrepareDevice) -> None:
         raise InputError("The device is simulated: there is nothing to make ready.")
     if state.storage.open.coming is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(state.storage.open, command.step)
+    state.device.do(state.storage.open, command.step, command.by)
 
 
 def _unblind(state: ServerState, command: m.Unblind) -> None:

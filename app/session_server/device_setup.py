@@ -18,7 +18,7 @@ from app.session_server.preflight import check_device, check_hand, check_real, c
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.bring_up.record import newest_record, problem_of
+from experiments.bring_up.record import newest_record, problem_of, write_record
 from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
@@ -116,6 +116,7 @@ class RealSetup:
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
+        self._data_dir = Path()  # of the session in which the device is brought up
         self._named: tuple[Path, str] | None = None  # the session and board whose bring-up its journal has
         self.reconnect()
 
@@ -158,16 +159,21 @@ class RealSetup:
         """The experimenter has done it: now the loop does its part."""
         self.do(progress, self.step(self._device(progress)))
 
-    def do(self, progress: "SessionProgress", step: str) -> None:
-        """Let the loop do a step, again if need be; nothing while one is being done."""
+    def do(self, progress: "SessionProgress", step: str, by: str = "") -> None:
+        """Let the loop do a step, again if need be; nothing while one is being done. by: who signs a bring-up."""
+        if step in (m.GO_ON, m.BREAK_OFF):
+            self._send(m.BringUpAnswer(step == m.GO_ON))
+            return
         if not step or self._busy:
             return
         device = self._device(progress)
         if step == CONNECT:
             self._connect = m.Connect((device,))
-        home = m.HomeAt(home_of(device, progress.session.protocol.paths))
+        place, self._data_dir = home_of(device, progress.session.protocol.paths), progress.session.data_dir
         self._busy = True
-        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: home, ZERO: m.TakeZero()}
+        jobs: dict[str, m.LoopJob] = {
+            CONNECT: self._connect, HOME: m.HomeAt(place), ZERO: m.TakeZero(), m.BRING_UP: m.BringUp(place, by),
+        }  # fmt: skip
         self._send(jobs[step])
 
     def _device(self, progress: "SessionProgress") -> Device:
@@ -188,6 +194,8 @@ class RealSetup:
                     write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
                 case m.Zeroed(record):
                     write(ZEROED, **record._asdict())
+                case m.BroughtUp(record, steps):
+                    notify(*kept(self._data_dir, record, steps))
                 case m.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
@@ -237,6 +245,16 @@ class RealSetup:
         """The loop lets the board go."""
 
 
+def kept(data_dir: Path, record: dict, steps: dict[str, str]) -> tuple[str, bool]:
+    """Write the record of a bring-up; what the experimenter reads, and whether it is bad."""
+    try:
+        write_record(data_dir, record, steps)
+    except (InputError, OSError) as error:
+        return f"The record of the bring-up is lost: {error}. Repeat it.", True
+    passed = bool(record["passed"])
+    return f"{'Every' if passed else 'Not every'} step has passed: the record is written.", not passed
+
+
 def named_record(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
     """How a session names the record of `phd bring-up` of its board: the fields of `BROUGHT_UP`."""
     found, problem = None, ""
@@ -249,7 +267,7 @@ def named_record(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
         "file": found.file if found else "",
         "checksum": found.checksum if found else "",
         "signed_by": found.by if found else "",
-        "time": found.time if found else "",
+        "signed_at": found.time if found else "",
         "problem": problem or problem_of(found, str(status.report.get("firmware", ""))),
     }
 

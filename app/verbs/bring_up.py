@@ -117,7 +117,7 @@ def bring_up(args: argparse.Namespace) -> int:
     from app.verbs.run import reached
     from core.device import load_device
     from experiments.bring_up.bring_up import BringUp
-    from experiments.bring_up.record import content, state_of, write_record
+    from experiments.bring_up.record import brake_steps, content, state_of, write_record
     from experiments.bring_up.steps import steps_for
     from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
@@ -141,12 +141,15 @@ def bring_up(args: argparse.Namespace) -> int:
         builder = AtTheKeyboard() if control is None else EmulatedBuilder(control)
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
-        results = BringUp(real, builder).run(steps)
+        runner = BringUp(real, builder)
+        for _ in runner.run(steps):
+            pass
+        results = runner.results
         about = real.report()
     finally:
         real.close()
     record = content(results, device, about, args.by, now())
-    files = write_record(args.data_dir, record, results)
+    files = write_record(args.data_dir, record, brake_steps(results))
     failed = [result.step.title for result in results if state_of(result) == "failed"]
     verdict = "all passed" if record["passed"] else f"failed: {', '.join(failed)}"
     print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))

@@ -11,6 +11,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout, QWidget
 
 from app.ipc import messages as m
+from app.window.bring_up_panel import BringUpPanel
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.parts import OneLine, button, column, holder, panel, row, text_label, wrapped_label
@@ -199,17 +200,19 @@ class DevicePage(QWidget):
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, partial(self._ask, text)) for text in STEPS}
         self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
+        self.bring_up = BringUpPanel(send)
+        self.bring_up.opened.connect(self._refresh)
         self._lay_out()
         self._refresh()
 
     def _lay_out(self) -> None:
-        steps = row(*self.steps.values(), self.reset, 1)
+        steps = row(*self.steps.values(), self.bring_up.ask_open, self.reset, 1)
         state = panel("Is it ready?", self.health, self.quantised, self.why, steps)
         groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
         panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
         self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))
         head = row(text_label("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.closed.emit))
-        self.setLayout(column(head, self.simulated, (self.bench, 1), 1, spacing=theme.GAP))
+        self.setLayout(column(head, self.simulated, (self.bench, 1), (self.bring_up, 1), 1, spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
         grid = QGridLayout()
@@ -243,7 +246,7 @@ class DevicePage(QWidget):
         status, snapshot, opened = self._status, self._snapshot, self._opened
         on_bench = opened is not None and opened.real_device
         self.simulated.setVisible(not on_bench)
-        self.bench.setVisible(on_bench)
+        self.bench.setVisible(on_bench and not self.bring_up.is_open)
         if opened is None or not on_bench or not self.isVisible():
             return
         found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
@@ -261,6 +264,7 @@ class DevicePage(QWidget):
         home.setEnabled(usable is not None and bool(usable.device))
         zero.setEnabled(usable is not None and bool(usable.device) and usable.force_channels > 0)
         reconnect.setEnabled(not why)
+        self.bring_up.show_status(status, not why and status is not None and not status.problem)
         self.reset.setEnabled(bool(snapshot.brakes_off) and snapshot.stage != m.RUNNING)
 
     def _ask(self, text: str) -> None:

@@ -127,19 +127,20 @@ def _flat(design: np.ndarray, force: np.ndarray, rows: np.ndarray) -> tuple[np.n
 
 
 def steps_of(motion: Motion, torques: Torques, braked: list[int], k: int, level: float) -> list[Step]:
-    """The torque (N m) of brake k after each rise of its current, where its joint turned one way all the while."""
+    """The torque (N m) of brake k after each change of its current, where its joint turned one way all the while."""
     rest = motion.force - np.einsum("nkm,m->nk", inertia_columns(motion.acceleration), torques.mass)
     for place, j in enumerate(braked):
         rest = rest - (np.sign(motion.rates[:, j]) * torques.off[place])[:, None] * motion.g[:, j]
     g = motion.g[:, k]
     torque = np.sign(motion.rates[:, k]) * np.einsum("nk,nk->n", rest, g) / np.einsum("nk,nk->n", g, g)
     steps = []
-    for begin in np.flatnonzero((motion.on[1:] == k) & (motion.on[:-1] != k)) + 1:
+    for begin in np.flatnonzero((motion.on[1:] == k) ^ (motion.on[:-1] == k)) + 1:
         part = slice(begin, begin + round(1e3 * TRANSIENT_S))
         rates = motion.rates[part, k]
         if len(rates) == round(1e3 * TRANSIENT_S) and np.abs(rates).min() > SLOWEST and np.ptp(np.sign(rates)) == 0.0:
             rpm = 30.0 / math.pi * float(np.abs(rates).mean())
-            steps.append(Step(0.0, level, round(rpm, 1), motion.t[part] - motion.t[begin], torque[part]))
+            currents = (0.0, level) if motion.on[begin] == k else (level, 0.0)
+            steps.append(Step(*currents, round(rpm, 1), motion.t[part] - motion.t[begin], torque[part]))
     return steps
 
 
@@ -171,10 +172,10 @@ def judge_brakes(seen: Seen) -> Finding:
         tables[joint] = steps_text(steps)
         about = {"added_N_m": added, "model_N_m": model, "steps": len(steps), "resists": JOINTS[torques.joints[place]]}
         words.append(f"{joint} {added:.2f} N m (model {model:.2f})")
-        if steps:
-            rate = math.pi / 30.0 * float(np.mean([step.speed_rpm for step in steps]))
+        if rises := [step for step in steps if step.rising]:
+            rate = math.pi / 30.0 * float(np.mean([step.speed_rpm for step in rises]))
             expected = float(time_constant(record, k, level, rate, True))
-            mean = Step(0.0, level, steps[0].speed_rpm, steps[0].t, np.mean([step.torque for step in steps], axis=0))
+            mean = Step(0.0, level, rises[0].speed_rpm, rises[0].t, np.mean([step.torque for step in rises], axis=0))
             found = time_constant_of_step(mean, expected)[0]
             about |= {"time_constant_s": None if math.isnan(found) else found, "model_time_constant_s": expected}
         figures[joint] = about

@@ -1,15 +1,19 @@
-"""Runs the steps on a real device. However it ends, the last thing that the device is told is zero current."""
+"""Runs the steps on a real device, tick by tick. However it ends, the last thing that it is told is zero current."""
 
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from core.device_interface import DeviceError, RealDevice
 from core.faults import advice, cause_of
 from experiments.bring_up.step import NO_CURRENT, Finding, Four, Row, Seen, Step
 from experiments.bring_up.steps import PATIENCE_S, why_not
+
+#: of a course of exchanges: one a tick, and what comes of it
+Outcome = TypeVar("Outcome")
+Ticks: TypeAlias = Generator[None, None, Outcome]
 
 LOOK_ROWS = 25  # between two looks at whether a step begins or ends
 NO_SAMPLE_S = 3.0  # after which the device is lost
@@ -55,29 +59,29 @@ class BringUp:
         self._rows: list[Row] = []
         self._heard = device.clock()
         self._about: dict[str, Any] = {}
+        self.results: list[Result] = []
 
-    def run(self, steps: Sequence[Step]) -> list[Result]:
-        """Every step whose needs have passed. The currents are zero at the end, whatever ends it."""
-        results: list[Result] = []
+    def run(self, steps: Sequence[Step]) -> Ticks[None]:
+        """Every step whose needs have passed, into `results`. The currents are zero at the end, whatever ends it."""
         try:
             for step in steps:
-                passed = [result.step.name for result in results if result.finding.passed]
+                passed = [result.step.name for result in self.results if result.finding.passed]
                 begun = self._device.clock()
                 why = f"not done: {self._device.problem}" if self._device.problem else why_not(step, passed)
                 if why:
                     result = Result(step, False, Finding(False, why), 0.0)
                 else:
-                    result = Result(step, True, self._try(step), self._device.clock() - begun)
-                results.append(result)
+                    finding = yield from self._try(step)
+                    result = Result(step, True, finding, self._device.clock() - begun)
+                self.results.append(result)
                 self._builder.show(result)
         finally:
             with contextlib.suppress(DeviceError):
                 self._device.exchange(NO_CURRENT)
-        return results
 
-    def _try(self, step: Step) -> Finding:
+    def _try(self, step: Step) -> Ticks[Finding]:
         try:
-            return self._do(step)
+            return (yield from self._do(step))
         except Unfit as unfit:
             return unfit.finding
         except DeviceError as error:
@@ -85,12 +89,12 @@ class BringUp:
         finally:
             self._device.exchange(NO_CURRENT)
 
-    def _do(self, step: Step) -> Finding:
+    def _do(self, step: Step) -> Ticks[Finding]:
         """Ask, wait, drive, judge."""
         self._heard = self._device.clock()
         self._builder.ask(step)
         if step.confirmed:
-            self._wait(self._builder.is_ready, may_fault=True)
+            yield from self._wait(self._builder.is_ready, may_fault=True)
         self._reset()
         if step.homes is not None:
             self._device.home(step.homes)
@@ -98,19 +102,19 @@ class BringUp:
             self._device.zero()
         self._rows.clear()
         self._about = self._report()
-        self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()))
+        yield from self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()), step.may_fault)
         self._rows.clear()
         begun, largest = self._device.clock(), self._seen().largest
         looked = 0
         while (t := self._device.clock() - begun) < step.lasts_s:
             self._exchange(step.drive(t, largest), step.may_fault)
+            yield
             if len(self._rows) >= looked + LOOK_ROWS:
                 looked = len(self._rows)
                 if step.ends(self._seen()):
                     break
         if step.silent_s:
             self._sleep(step.silent_s)
-            self._exchange(NO_CURRENT, may_fault=True)
             for _ in range(50):
                 self._exchange(NO_CURRENT, may_fault=True)
         if not self._rows:
@@ -121,6 +125,7 @@ class BringUp:
             finding = thinks.submit(step.judge, Seen(list(self._rows), self._device.device, self._about))
             while not finding.done():
                 self._device.exchange(NO_CURRENT)
+                yield
         return finding.result()
 
     def _reset(self) -> None:
@@ -130,11 +135,12 @@ class BringUp:
             self._device.reset()
         self._rows.clear()
 
-    def _wait(self, until: Callable[[], bool], may_fault: bool = False) -> None:
+    def _wait(self, until: Callable[[], bool], may_fault: bool = False) -> Ticks[None]:
         """Without current. Unfit: the person has not done it."""
         end, looked = self._device.clock() + PATIENCE_S, 0
         while self._device.clock() < end:
             self._exchange(NO_CURRENT, may_fault)
+            yield
             del self._rows[: -round(1e3 * KEPT_S)]
             looked += 1
             if looked % LOOK_ROWS == 0 and until():

@@ -24,7 +24,7 @@ RISE_SHARE = 0.25  # of the brake's shortest time constant: most that its curren
 OVERSHOOT = 0.1
 OTHERS_SHARE = 0.25  # of the step: most that another amplifier measures meanwhile
 WATCHDOG_S, SILENT_S = 0.05, 0.12
-GONE_TICKS = 50
+GONE_TICKS, FLOW_TICKS = 50, 300
 LOST_SHARE, LATE_S, LATEST_S = 1e-3, 0.003, 0.04
 MOVING_M_S = 0.05
 
@@ -40,7 +40,7 @@ def judge_board(seen: Seen) -> Finding:
     limits = ", ".join(f"{JOINTS[i]} {seen.largest[i]:g} A" for i in seen.braked)
     saw = (
         f"{about.get('board') or 'a board without a number'}, firmware {about.get('firmware', 'unknown')}, protocol "
-        f"{about.get('protocol', 'unknown')}; limits in force: {limits}; "
+        f"{about.get('protocol', 'unknown')}; limits {limits}; "
         f"{1e3 * float(np.sum(board_s)) / float(np.sum(ticks)):.3f} ms a tick, its clock {100.0 * apart:+.1f} %"
     )
     if abs(apart) > RATE:
@@ -135,6 +135,10 @@ def pushed(seen: Seen) -> np.ndarray:
     return force[np.hypot(force[:, 0], force[:, 1]) > PUSHED_N]
 
 
+def has_pushed(seen: Seen) -> bool:
+    return len(pushed(seen.part(-1000, None))) >= PUSHED_TICKS
+
+
 def judge_push(direction: Point, words: str) -> Callable[[Seen], Finding]:
     def judge(seen: Seen) -> Finding:
         force = pushed(seen)
@@ -171,7 +175,7 @@ def one_after_another(t: float, largest: np.ndarray) -> Four:
 
 
 def all_on(t: float, largest: np.ndarray) -> Four:
-    return tuple((SHARE * largest).tolist())  # type: ignore[return-value]
+    return tuple((SHARE * largest).tolist())
 
 
 class CurrentStep(NamedTuple):
@@ -217,10 +221,10 @@ def judge_currents(seen: Seen) -> Finding:
         )
         if found.others > OTHERS_SHARE:
             wrong.append(f"Current for {joint} is measured elsewhere: exchange the current-sensing wires.")
-        elif abs(found.gain - 1.0) > GAIN_SHARE:
-            wrong.append(f"Set the gain of amplifier {joint}, or look at its brake's plug: it gives a wrong current.")
         elif found.overshoot > OVERSHOOT:
             wrong.append(f"Lower the gains of the current loop of {joint}: it overshoots.")
+        elif abs(found.gain - 1.0) > GAIN_SHARE:
+            wrong.append(f"Set the gain of amplifier {joint}, or look at its brake's plug: it gives a wrong current.")
         elif found.rise_s > longest:
             wrong.append(
                 f"Make the current loop of {joint} quicker: the model's brake takes its current at once, so at most "
@@ -252,8 +256,14 @@ def judge_watchdog(seen: Seen) -> Finding:
 
 def brakes_without(seen: Seen) -> list[bool]:
     """Of each brake whether its current has been gone for the last ticks."""
-    measured = seen.column("current")[-GONE_TICKS:]
+    measured = seen.part(-GONE_TICKS, None).column("current")
     return [bool((measured[:, i] < 0.3 * SHARE * seen.largest[i]).all()) for i in seen.braked]
+
+
+def have_flowed(seen: Seen) -> bool:
+    """Whether every brake had its current at first: else nothing is known of what took it off."""
+    flowed = seen.part(None, FLOW_TICKS).column("current").max(axis=0)
+    return all(flowed[i] > 0.8 * SHARE * seen.largest[i] for i in seen.braked)
 
 
 def are_gone(seen: Seen) -> bool:
@@ -262,12 +272,15 @@ def are_gone(seen: Seen) -> bool:
 
 def are_there(seen: Seen) -> bool:
     """Whether the currents flow as asked."""
-    measured = seen.column("current")[-GONE_TICKS:].mean(axis=0)
+    measured = seen.part(-GONE_TICKS, None).column("current").mean(axis=0)
     return len(seen.rows) > GONE_TICKS and all(measured[i] > 0.8 * SHARE * seen.largest[i] for i in seen.braked)
 
 
 def judge_stop(seen: Seen) -> Finding:
     gone = brakes_without(seen)
+    if not have_flowed(seen):
+        advice = "Release the stop, press start, and repeat; press it after the step has asked for it, not before."
+        return Finding(False, "no current flowed before the stop was pressed", advice)
     names = [JOINTS[i] for i, none in zip(seen.braked, gone, strict=True) if not none]
     if not names:
         return Finding(True, "no brake has current, though 10 % are asked for")
@@ -312,5 +325,5 @@ def judge_latency(seen: Seen) -> Finding:
 
 def moves(seen: Seen) -> bool:
     """Whether the handle has moved for half a second."""
-    speeds = np.hypot(*seen.column("velocity")[-500:].T)
+    speeds = np.hypot(*seen.part(-500, None).column("velocity").T)
     return len(seen.rows) > 500 and float(np.mean(speeds > MOVING_M_S)) > 0.8

@@ -48,14 +48,18 @@ def content(results: list[Result], device: Device, about: dict[str, Any], by: st
     }  # fmt: skip
 
 
-def write_record(data_dir: Path, record: dict[str, Any], results: list[Result]) -> list[Path]:
+def brake_steps(results: list[Result]) -> dict[str, str]:
+    """Joint -> the current steps of its brake, as `phd identify` reads them."""
+    found = [result.finding.figures["steps"] for result in results if "steps" in result.finding.figures]
+    return {joint: text for steps in found for joint, text in steps.items() if text}
+
+
+def write_record(data_dir: Path, record: dict[str, Any], steps: dict[str, str]) -> list[Path]:
     """Write the record, and beside it the brakes' current steps; the files. InputError: they cannot be written."""
     stamp = re.sub(r"\D", "", record["time"])[:14]
     name = f"{_plain(record['board'])}-{stamp}"
     files = {data_dir / FOLDER / f"{name}.json": sealed(record)}
-    for result in results:
-        for joint, steps in result.finding.figures.get("steps", {}).items():
-            files |= {data_dir / FOLDER / f"{name}-steps-{joint}.csv": steps.encode()} if steps else {}
+    files |= {data_dir / FOLDER / f"{name}-steps-{joint}.csv": text.encode() for joint, text in steps.items()}
     write_new_files(files)
     return list(files)
 

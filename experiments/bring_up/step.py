@@ -43,10 +43,14 @@ class Seen(NamedTuple):
     def braked(self) -> list[int]:
         return [i for i in range(4) if self.device.brakes.present[i]]
 
+    def part(self, begin: int | None, end: int | None) -> "Seen":
+        """Only some rows: what looks at a growing record must not take longer and longer."""
+        return self._replace(rows=self.rows[begin:end])
+
     def turned(self) -> dict[str, float]:
         """Joint with an encoder -> how far it has turned, rad, counter-clockwise."""
-        counts = self.column("counts")
-        moved = (counts[-1] - counts[0]) * 2.0 * math.pi / np.array(self.about["counts_per_rev"])
+        first, last = (np.array(self.rows[k].sample.counts) for k in (0, -1))
+        moved = (last - first) * 2.0 * math.pi / np.array(self.about["counts_per_rev"])
         return dict(zip(self.about["encoders"], moved.tolist(), strict=True))
 
 

@@ -10,11 +10,11 @@ from experiments.bring_up.brakes_in_motion import LASTS_S, in_turn, judge_brakes
 from experiments.bring_up.checks import (
     LINKS,
     ON_S,
-    PUSHED_TICKS,
     SILENT_S,
     all_on,
     are_gone,
     are_there,
+    has_pushed,
     has_turned,
     judge_board,
     judge_currents,
@@ -29,7 +29,6 @@ from experiments.bring_up.checks import (
     judge_zero,
     moves,
     one_after_another,
-    pushed,
 )
 from experiments.bring_up.step import Point, Step
 
@@ -82,10 +81,10 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
                  ("first hole",), zeroes=True),
             Step("push right", "Force sensor along x", judge_push((1.0, 0.0), "to the right"), PATIENCE_S,
                  "Push the handle to the right (+x) with a finger.", {"do": "push right"}, needs=("zero",),
-                 ends=lambda seen: len(pushed(seen)) >= PUSHED_TICKS),
+                 ends=has_pushed),
             Step("push away", "Force sensor along y", judge_push((0.0, 1.0), "away from the bases"), PATIENCE_S,
                  "Push the handle away from the bases (+y) with a finger.", {"do": "push away"}, needs=("push right",),
-                 ends=lambda seen: len(pushed(seen)) >= PUSHED_TICKS),
+                 ends=has_pushed),
         ]  # fmt: skip
         hands_safe += ("push away",)
     count = int(np.count_nonzero(device.brakes.present))
@@ -110,8 +109,8 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
                  needs=needs, begins=moves, drive=in_turn)
         )  # fmt: skip
     found.append(
-        Step("latency", f"Latency and jitter over {latency_s:g} s", judge_latency, latency_s, "Let go of the handle.",
-             {"do": "let go"}, needs=("board",))
+        Step("latency", "Latency and jitter", judge_latency, latency_s,
+             f"Let go of the handle, and leave it for {latency_s:g} s.", {"do": "let go"}, needs=("board",))
     )  # fmt: skip
     return found
 

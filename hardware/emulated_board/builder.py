@@ -29,7 +29,7 @@ FREE = (0.0, 0.0, 0.0)
 SPEED_M_S, TURN_RAD, TURN_RAD_S = 0.1, math.radians(18.0), math.radians(20.0)
 PUSH_N, PUSH_S = 6.0, 0.4
 CIRCLE_M, CIRCLE_S = 0.04, 2.0
-RESTS_S = 0.3
+RESTS_S, PRESS_S = 0.3, 0.4
 HELD_STILL = {0: 2, 1: 0, 2: 0, 3: 2}  # joint that is turned -> joint that the other hand holds
 DIRECTIONS = {"right": (1.0, 0.0), "away": (0.0, 1.0)}
 
@@ -40,6 +40,7 @@ class BuilderHand:
     def __init__(self, tip: tuple[float, float]) -> None:
         self.hand = spring_hand(STIFF, DAMPED, 60.0, 0.5, tip)
         self.supply = True  # of the amplifiers: False while the emergency stop is pressed
+        self._presses, self._press_in = False, 0.0
         self._device: Device | None = None
         self._tip, self._t = tip, 0.0
         self._target: Callable[[float], tuple[float, float]] = lambda t: tip  # by the time since the order
@@ -52,12 +53,15 @@ class BuilderHand:
     @property
     def is_done(self) -> bool:
         """Whether the last order has been obeyed, and the handle had time to come to rest."""
-        return self._t > self._takes_s + RESTS_S
+        return self._t > self._takes_s + RESTS_S and self._press_in < 0.0
 
     def tick(self, x: float, y: float) -> None:
         self._tip = (x, y)
         self._t += TICK_S
         self.hand.grips["target"][0, :2] = self._target(self._t)
+        self._press_in -= TICK_S
+        if self._press_in < 0.0:
+            self.supply = not self._presses
         if self._t > self._push_until:
             self.hand.grips["held"][0] = 0.0
 
@@ -85,7 +89,7 @@ class BuilderHand:
         elif what == "let":
             self._let_go()
         elif what in ("press", "release"):
-            self.supply = what == "release"
+            self._presses, self._press_in = what == "press", PRESS_S
         else:
             raise InputError(f"a builder's hand cannot {order['do']!r}")
 

@@ -87,8 +87,9 @@ def test_the_template_is_brought_up() -> None:
 
     device.reset = forget
     runner = BringUp(device, ScriptedBuilder(hand), lambda seconds: [bus.tick() for _ in range(round(1e3 * seconds))])
-    results = runner.run(steps_for(DEVICE, device.encoders, True, HOME, latency_s=1.0))
-    assert [result.finding for result in results if not result.finding.passed] == []
+    for _ in runner.run(steps_for(DEVICE, device.encoders, True, HOME, latency_s=1.0)):
+        pass
+    assert [result.finding for result in runner.results if not result.finding.passed] == []
     assert not any(bus.currents)
 
 
