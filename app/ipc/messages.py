@@ -218,6 +218,7 @@ NOT_NOW = {
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
 
+DISK_WAIT = "Waiting for the disk"  # how the notice begins while a command still waits for it
 BRAKES_OFF = "brakes off"  # what the check of the device finds while it is there and no current may flow
 GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
 
@@ -320,7 +321,7 @@ class Snapshot(NamedTuple):
         if self.stage not in (READY, NO_SESSION):
             return self.stage_refusal
         if self.paused:
-            return "The session is paused: resume it first (Ctrl+P)."
+            return "The session is paused: resume it first (Alt+P)."
         if self.brakes_off:
             return f"Brakes are off: {self.brakes_off}"
         for state in (BAD, WAITING):

@@ -90,6 +90,7 @@ class SessionServer:
                 self.end = command.reason or "the window was closed"
             else:
                 do(self._state, command)
+                self._shown.pop(m.Snapshot, None)  # so that every command is answered
         if self._window.closed and not self._alone and not self.end:
             self._alone = True
             self._state.window_lost()

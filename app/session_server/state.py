@@ -128,7 +128,7 @@ class State:
     def announce_wait(self, what: str) -> None:
         """Show the window that a slow disk is about to be waited for. what: "the trial is opened"."""
         if self._disk.slow or self._slow_s > SLOW_SYNC_S:
-            self._waits_for = f"Waiting for the disk: {what}."
+            self._waits_for = f"{m.DISK_WAIT}: {what}."
             self.show()
             self._waits_for = ""
 

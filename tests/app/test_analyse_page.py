@@ -23,7 +23,8 @@ from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import REASONS
+from app.window.widgets.cards import EXCLUDE
+from app.window.widgets.parts import KeyButton
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
 from experiments.analysis.report import SIMULATED
@@ -285,12 +286,18 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
     assert not page.side.playing  # another page is at the front
 
 
+def exclude(page: AnalysePage, reason: int) -> None:
+    """Press the button, and of what it asks the reason in this place."""
+    page.side.exclude.click()
+    page.cards.question.findChildren(KeyButton)[reason].click()
+
+
 def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
     qtbot, recorded: AnalysePage
 ) -> None:
-    page, reason = recorded, REASONS[1]
+    page, reason = recorded, EXCLUDE.reasons[1]
     assert page.side.exclude.isVisible()
-    page.side.exclude.menu().actions()[1].trigger()
+    exclude(page, 1)
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
     assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
     assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
@@ -306,8 +313,8 @@ def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, re
     page.send = sent.append
     session = page.results.folder / "sub-01" / "ses-01"
     page.show_opened(fake_client.opened("01", folder=str(session)))
-    page.side.exclude.menu().actions()[0].trigger()
-    assert sent == [m.Exclude(2, REASONS[0])]
+    exclude(page, 0)
+    assert sent == [m.Exclude(2, EXCLUDE.reasons[0])]
     page.show_snapshot(fake_client.ready(2, notice="A trial is running.", notice_bad=True))
     assert page.side.note.text() == "A trial is running."
 
@@ -316,7 +323,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     page = recorded
     other = Session.resume(page.results.folder, "01")
     try:
-        page.side.exclude.menu().actions()[0].trigger()
+        exclude(page, 0)
         qtbot.waitUntil(lambda: "is using this folder" in page.side.note.text(), timeout=60_000)
     finally:
         other.close()

@@ -107,11 +107,11 @@ def test_escape_leads_from_the_device_page_back_to_where_it_was_asked_for(screen
 
 def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
     screens.hear(opened(), running())
-    screens.press(KEY.Key_A, modifier=CTRL)
+    screens.press(KEY.Key_A, modifier=ALT)
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
     assert screens.client.off_causes == [] and screens.run.cards.question is None
     screens.hear(ready(3))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     screens.press(KEY.Key_Escape, screens.run.panel.note)
     assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()
     screens.press(KEY.Key_Escape)
@@ -120,18 +120,18 @@ def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_b
 
 def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
-    assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "trial 5" in screens.run.cards.question.title.text()
+    assert screens.press(KEY.Key_R, modifier=ALT) == [] and "trial 5" in screens.run.cards.question.title.text()
     assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO.reasons[1])]
     assert screens.run.cards.question is None
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
-    screens.press(KEY.Key_R, modifier=CTRL)
+    screens.press(KEY.Key_R, modifier=ALT)
     assert screens.press(KEY.Key_1, screens.run.cards.question.own, ALT)[0].run == 1
 
 
 def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
-    screens.press(KEY.Key_S, modifier=CTRL)
+    screens.press(KEY.Key_S, modifier=ALT)
     question = screens.run.cards.question
     assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
     QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
@@ -143,15 +143,15 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
     QTest.mouseClick(screens.run.panel.abort, Qt.MouseButton.LeftButton)
     assert screens.run.cards.question is not None
     screens.hear(ready(1))
-    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=CTRL) == []
+    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
 
 
 def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
     screens.hear(opened(), running())
-    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(True)]
+    assert screens.press(KEY.Key_P, modifier=ALT) == [m.Pause(True)]
     screens.hear(ready(1, paused=True))
     assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
-    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(False)]
+    assert screens.press(KEY.Key_P, modifier=ALT) == [m.Pause(False)]
 
 
 def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
@@ -206,7 +206,7 @@ def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_
 
 def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     QTest.keyClicks(screens.run.panel.note, "prs nab t")
     assert screens.client.sent == []
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("prs nab t")]
@@ -279,7 +279,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
         assert not any(name in text for name in names for text in told)
         assert screens.run.traces.currents.hidden and not screens.run.energy.isVisible()
         seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
-        screens.press(KEY.Key_R, modifier=CTRL)
+        screens.press(KEY.Key_R, modifier=ALT)
     assert all(seen)
     screens.hear(running(9))
     assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
@@ -334,7 +334,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
-    assert all(screens.press(key, modifier=CTRL) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
+    assert all(screens.press(key, modifier=ALT) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
 def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
@@ -478,7 +478,7 @@ def test_no_text_is_cut_at_any_size_nor_one_of_a_question(screens: Screens) -> N
             assert cut_texts(console) == [], state
     console = screens.hear(opened(), ready(22))
     for key in (KEY.Key_R, KEY.Key_S):
-        screens.press(key, modifier=CTRL)
+        screens.press(key, modifier=ALT)
         settle(console)
         assert screens.run.cards.question is not None and cut_texts(console) == []
 
@@ -511,9 +511,12 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     screens.run.panel.grid.clicked.emit(rows[0])
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
-    screens.run.card.reason.setCurrentIndex(2)
-    screens.run.card.exclude()
-    assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
+    assert (
+        screens.press(KEY.Key_X, modifier=ALT) == []
+    )  # it asks why first, in the order of its buttons or in own words
+    QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
+    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
+    screens.hear(ready(2, rows=rows))
     screens.run.panel.grid.clicked.emit(rows[1])
     qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
     qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)

@@ -198,7 +198,7 @@ def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
 def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     assert screens.press(Qt.Key.Key_Space, screens.participant) == [m.Start()]
-    assert screens.press(Qt.Key.Key_P, screens.participant, CTRL) == [m.Pause(True)]
+    assert screens.press(Qt.Key.Key_P, screens.participant, ALT) == [m.Pause(True)]
 
 
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:

@@ -236,16 +236,6 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
     assert f"1 of {len(PLAN)} trials have no result" in " ".join(visible_texts(console))
 
 
-@pytest.mark.parametrize(
-    ("status", "offered"), [("done", True), ("aborted", True), ("stopped", False), ("recovered", False)]
-)
-def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
-    screens: Screens, status: str, offered: bool
-) -> None:
-    screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
-    assert screens.run.panel.redo.isEnabled() == offered
-
-
 CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s
 GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
 ERROR, CUE = "mm from the line on average", ENGLISH_WORDS["slower"]

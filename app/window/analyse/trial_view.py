@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QWidget
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
 from app.window.canvas.force_view import RefreshClock
@@ -25,7 +25,6 @@ from app.window.widgets import theme
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
-from app.window.widgets.words import REASONS
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
@@ -55,7 +54,7 @@ class TrialView(Panel):
 
     closed = Signal()
     stepped = Signal(int)  # -1, 1: the trial before, the next one
-    excluded = Signal(str)  # reason
+    exclude_asked = Signal()
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
@@ -70,10 +69,9 @@ class TrialView(Panel):
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
         self.note = wrapped_label("", "quiet", theme.SMALL)
-        self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
-        self.exclude.setMenu(reasons := QMenu(self.exclude))
-        for reason in REASONS:
-            reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
+        self.exclude = button(
+            "Exclude …", self.exclude_asked.emit, "small", "For a reason; the recording is kept (Alt+X)"
+        )
         self.workspace = Workspace(whole)
         self.workspace.hide()  # until there is a trial
         if not whole:

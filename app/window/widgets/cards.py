@@ -35,6 +35,16 @@ class Ask(NamedTuple):
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
     own: str = "Another reason"  # what one's own words are
 
+    def of_trial(self, number: int, about: str = "") -> "Ask":
+        """The same of one trial of the plan."""
+        return self._replace(title=self.title.format(number), text=self.text.format(about))
+
+
+EXCLUDE = Ask(
+    "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
+    ("the pointer left the window", "the participant was distracted", "the device was disturbed", "another task was done"),
+)  # fmt: skip
+
 
 class OverlayCard(Panel):
     """Title, text and buttons in the middle of its parent; whatever a subclass adds stands between them.

@@ -52,13 +52,6 @@ SHORT = {
     "Acceleration, weighted DFT sum": "Acceleration sum",
     "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
-#: Why a trial does not count, to choose from.
-REASONS = (
-    "the pointer left the window",
-    "the participant was distracted",
-    "the device was disturbed",
-    "another task was done",
-)
 
 
 def server_died(last: m.Snapshot) -> str:
