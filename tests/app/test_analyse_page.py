@@ -22,9 +22,9 @@ from app.ipc import messages as m
 from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
+from app.window.widgets.theme import COLOURS
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
 from experiments.analysis.report import SIMULATED

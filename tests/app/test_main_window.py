@@ -326,11 +326,11 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert screens.main.banner.text() == words.server_died(running(3))
+        assert screens.main.preflight.advice.text() == words.server_died(running(3))
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.main.banner.text() == "The disk is full."
-    assert screens.main.banner.isVisible()
+        assert screens.main.preflight.advice.text() == "The disk is full."
+    assert screens.main.preflight.advice.isVisible()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
@@ -342,7 +342,7 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.hear(opened(), running(3, notice=refused, notice_bad=True))
     screens.client.alive = False
     screens.hear()
-    said = screens.main.banner.text()
+    said = screens.main.preflight.advice.text()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
 
 

@@ -35,7 +35,7 @@ from experiments.language import ENGLISH_WORDS
 from experiments.protocol import load_protocol, shipped_protocols
 from experiments.protocol_file import Cues, Instruction
 
-CTRL = Qt.KeyboardModifier.ControlModifier
+ALT = Qt.KeyboardModifier.AltModifier
 
 
 @pytest.fixture

@@ -18,9 +18,9 @@ from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QS
 from PySide6.QtWidgets import QApplication, QBoxLayout, QWidget
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
-from app.window.canvas.force_view import RefreshClock
+from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
-from app.window.canvas.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
+from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import start_of_hold

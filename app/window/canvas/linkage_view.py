@@ -8,8 +8,9 @@ from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
-from app.window.canvas.force_view import FORCE_COLOUR, FORCES, TRAIL, ForceView, Layered
-from app.window.canvas.plane import AT_DESK, RIGHT, Sizes
+from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
+from app.window.canvas.plane import AT_DESK, RIGHT
+from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
 from core import tick_log
@@ -17,12 +18,11 @@ from core.control.velocity_field import Field
 from core.device import Device
 from core.path import Path, PathFile, build_path
 
-FIELD, DIRECTIONS, REACHABLE, LINKAGE = "field", "directions", "force", "linkage"
+FIELD, DIRECTIONS, REACHABLE = "field", "directions", "force"
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 FIELD_PX = 70.0  # from the top, where its first needles may stand
-ARM_PX = 7.0  # width of an arm
 #: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
@@ -39,10 +39,10 @@ class Readout(NamedTuple):
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
-    def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
-        """worded: with the line above, a grid, and read-outs; a small view has no room for them."""
+    def __init__(self, worded: bool = True) -> None:
+        """worded: with the line above, a grid, read-outs and the whole device in a corner; a small view has no room."""
         free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, sizes, grid=worded)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, AT_DESK, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
@@ -99,6 +99,10 @@ class LinkageView(ForceView):
         self.title, self.line = title, line
         self.update()
 
+    @property
+    def whole_in_corner(self) -> bool:
+        return self._worded_view and LINKAGE in self.shown and WHOLE not in self.shown
+
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
@@ -115,6 +119,7 @@ class LinkageView(ForceView):
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
             painter.drawText(QRectF(0.0, 11.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+        super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
@@ -173,23 +178,6 @@ class LinkageView(ForceView):
         shown = now.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
         return at, marks.rings_of(at, now.device.labels)
-
-
-class SmallView(LinkageView):
-    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
-
-    def __init__(self, sizes: Sizes) -> None:
-        super().__init__(False, sizes)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setMinimumSize(0, 0)
-        self.shown = {LINKAGE}
-        self.show_trail(False)
-        self.hide()  # until there is something to show
-
-    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        self.set_extent(layers.extent_of_linkages([device], [path]))
-        super().show_trial(device, path, tip)
 
 
 #: layer -> its key, what it shows

@@ -13,8 +13,8 @@ from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QS
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
-from app.window.canvas.linkage_view import SmallView
 from app.window.canvas.plane import Sizes
+from app.window.canvas.small_view import SmallView
 from app.window.device_page import DevicePage
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent

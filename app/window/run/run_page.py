@@ -1,6 +1,7 @@
 """The Run page: plan and commands at the left, the workspace, and at the right the running trial's curves or the card
 of the trial that has just ended."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,14 +16,16 @@ from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
 from app.window.run.actions import Actions, possible
 from app.window.run.energy_panel import EnergyPanel
+from app.window.run.recording_sign import RecordingSign
 from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
 from app.window.run.session_panel import SessionPanel
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import KeyButton, column, holder, row, stack, text_label, wrapped_label
+from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack, text_label
 from app.window.widgets.plots import TimingStrip, Traces
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse, place
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
@@ -51,7 +54,7 @@ class RunPage(Page):
         super().__init__(send)
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
-        self.large, self.small = text_label("", size=theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
+        self.large, self.small = text_label("", size=theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
@@ -67,7 +70,9 @@ class RunPage(Page):
         self._numbers = RefreshClock()
         self.can = Actions()  # what can be done now
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
-        self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
+        self.recording = RecordingSign()
+        self._opened_s = time.perf_counter()  # when the session was opened here
+        self._centre = holder(column(self.large, row(self.small, self.recording), (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
@@ -221,6 +226,7 @@ class RunPage(Page):
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
             self._reading.forget()
+            self._opened_s = time.perf_counter()
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
@@ -273,13 +279,14 @@ class RunPage(Page):
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.timing.show_timing(pulse.timing)
-        self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
+        self.recording.show_proof(pulse.proof)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
         self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
         self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
+        self.recording.show_time(float(rows[-1, tick_log.T]))
         self._ticks.append(rows)
         self._waiting.append(rows)
         if len(self._waiting) >= PANELS_EVERY:
@@ -309,11 +316,13 @@ class RunPage(Page):
 
     def _write(self, shown: words.Shown) -> None:
         self.large.setText(shown.large)
-        self.small.setText(shown.small)
+        self.small.show_parts((shown.small, COLOURS.quiet))
 
     def show_time(self, now_s: float) -> None:
-        """What only the clock changes: the countdown of a break."""
+        """What only the clock changes: the countdown of a break, the minutes that have passed."""
         self.cards.show_time(now_s)
+        if self.opened is not None and self.opened.participant:
+            self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far")
 
     def begin(self, what: object = None) -> None:
         self._refresh()
@@ -336,6 +345,7 @@ class RunPage(Page):
             button, waits = self._asked_by
             button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
+        self.recording.show_snapshot(snapshot)
         if snapshot.running is None:
             self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
         self.traces.set_blind(snapshot.blind)

@@ -11,6 +11,7 @@ from app.window.participant.tone import player
 from app.window.run.actions import Actions
 from app.window.run.plan_grid import PlanGrid
 from app.window.widgets import theme
+from app.window.widgets.keys import KEYS
 from app.window.widgets.parts import (
     NO_FOCUS,
     KeyButton,
@@ -23,7 +24,6 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.keys import KEYS
 from app.window.widgets.preflight import advice
 from app.window.widgets.words import LACKING, cell, done_of, minutes, place
 from experiments.session.files import finished_cells
@@ -42,7 +42,8 @@ class SessionPanel(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.head = text_label("", size=theme.HEAD, bold=True)
-        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", size=theme.TITLE, bold=True)
+        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
+        self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()
         self.coming_head = text_label("Next", "quiet")
         self.coming = text_label("", bold=True)
@@ -72,7 +73,8 @@ class SessionPanel(Panel):
         self.scroll_area.setFocusPolicy(NO_FOCUS)
         self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
-            self.head, self.done, (self.scroll_area, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
+            self.head, self.done, (self.scroll_area, 1000), row(self.left, 1, self.elapsed),
+            row(self.coming_head, self.coming, 1), self.cell,
             self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
             self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
@@ -136,13 +138,14 @@ class SessionPanel(Panel):
             notice = snapshot.trial_blocker or (READS if reads else SILENT if silent else "")
         theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
-        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
+        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there the banner says it
 
     def _offer(self, snapshot: m.Snapshot, can: Actions) -> None:
         runs = snapshot.stage == m.RUNNING
         for pressed, offered in (
-            (self.start, can.start), (self.redo, can.repeat is not None), (self.skip, can.skip), (self.pause, can.pause),
-            (self.abort, can.abort), (self.leave, can.leave), (self.elsewhere, can.move), (self.note, can.note),
+            (self.start, can.start), (self.redo, can.repeat is not None), (self.skip, can.skip),
+            (self.pause, can.pause), (self.abort, can.abort), (self.leave, can.leave), (self.elsewhere, can.move),
+            (self.note, can.note),
         ):  # fmt: skip
             pressed.setEnabled(offered)
         for pressed, text in self._texts.items():

@@ -10,10 +10,10 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QGridLayout
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import Layered, RefreshClock
+from app.window.canvas.force_view import INSET_PX, Layered, RefreshClock
 from app.window.sandbox.controls import Controls
 from app.window.sandbox.pass_table import PassTable
-from app.window.sandbox.pass_view import INSET_PX, LAYERS, PassView
+from app.window.sandbox.pass_view import LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.page import Page
 from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label, wrapped_label

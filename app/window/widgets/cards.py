@@ -42,7 +42,10 @@ class Ask(NamedTuple):
 
 EXCLUDE = Ask(
     "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
-    ("the pointer left the window", "the participant was distracted", "the device was disturbed", "another task was done"),
+    (
+        "the pointer left the window", "the participant was distracted", "the device was disturbed",
+        "another task was done",
+    ),
 )  # fmt: skip
 
 

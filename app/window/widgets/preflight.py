@@ -1,6 +1,6 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
@@ -44,6 +44,38 @@ class Pill(Panel):
             self.clicked.emit()
 
 
+class Banner(QLabel):
+    """What is wrong, laid over the foot of the window: nothing moves when it comes or goes."""
+
+    def __init__(self) -> None:
+        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self.setFont(theme.font(theme.NORMAL, bold=True))
+        self.hide()
+
+    def lie_over(self, window: QWidget) -> None:
+        self.setParent(window)
+        window.installEventFilter(self)
+
+    def show_text(self, text: str) -> None:
+        """A line for each thing; "": nothing is wrong."""
+        self.setText(text)
+        self.setVisible(bool(text))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """As wide as the window, as high as its text, from the foot up."""
+        window = self.parentWidget()
+        wide = window.width() - 2 * theme.GAP
+        high = self.heightForWidth(wide)
+        self.setGeometry(theme.GAP, window.height() - theme.GAP - high, wide, high)
+        self.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Resize and watched is self.parentWidget():
+            self.follow_text()
+        return super().eventFilter(watched, event)
+
+
 class Preflight(QWidget):
     """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
 
@@ -56,8 +88,7 @@ class Preflight(QWidget):
         self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.advice = wrapped_label("", "banner", theme.NORMAL)
-        self.advice.hide()
+        self.advice = Banner()
         self._row = row(spacing=4)
         self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
 
@@ -75,8 +106,7 @@ class Preflight(QWidget):
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
             wrong[-1] += " F3 shows the device page."
-        self.advice.setText(breakable("\n".join(wrong)))
-        self.advice.setVisible(bool(wrong))
+        self.advice.show_text(breakable("\n".join(wrong)))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
@@ -87,6 +117,8 @@ class Preflight(QWidget):
 
 def advice(snapshot: m.Snapshot) -> list[str]:
     """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
+    if snapshot.stage == m.FAILED:
+        return [snapshot.notice] if snapshot.notice else []
     lines = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)
