@@ -21,7 +21,7 @@ from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import OneLine, Panel, button, column, row, text_label
+from app.window.widgets.parts import OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import from_home, show_folder, size
@@ -122,8 +122,11 @@ class MainWindow(QWidget):
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
+        self.banner = wrapped_label("", "banner", theme.TITLE, bold=True)
+        self.banner.hide()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
         self._lay_out()
+        self.preflight.advice.lie_over(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.show_page(HOME)
@@ -134,9 +137,8 @@ class MainWindow(QWidget):
         head = row(*self.tabs.values(), spacing=0)
         head.addSpacing(8)
         head.addWidget(self.preflight, 1)
-        parts = (head, (self._stack, 1), self.footer)
+        parts = (head, self.banner, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
-        self.preflight.advice.lie_over(self)
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -319,6 +321,9 @@ class MainWindow(QWidget):
         )
 
     def _refresh(self) -> None:
+        failed = self.snapshot.stage == m.FAILED
+        self.banner.setText(breakable(self.snapshot.notice) if failed else "")
+        self.banner.setVisible(failed)
         self.preflight.show_session(self.opened, self.snapshot)
 
     # ------------------------------------------------------------------------------------------- the end

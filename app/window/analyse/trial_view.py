@@ -105,7 +105,6 @@ class TrialView(Panel):
         self._middle = column((self.workspace, 3), (self.traces, 4))
         for step in self.steps:
             step.setVisible(not self._whole)
-        self.clock.setMinimumWidth(100)
         self.setLayout(column(
             row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
             (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),

@@ -9,7 +9,7 @@ from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
 from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
-from app.window.canvas.plane import AT_DESK, RIGHT
+from app.window.canvas.plane import AT_DESK, SCALE_PX
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
@@ -22,9 +22,9 @@ FIELD, DIRECTIONS, REACHABLE = "field", "directions", "force"
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-FIELD_PX = 70.0  # from the top, where its first needles may stand
 #: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
+WIDEST_READOUT = "A slips 88.8 N m "
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -41,8 +41,8 @@ class LinkageView(ForceView):
 
     def __init__(self, worded: bool = True) -> None:
         """worded: with the line above, a grid, read-outs and the whole device in a corner; a small view has no room."""
-        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, AT_DESK, grid=worded)
+        half_ring = QMarginsF(15.0, 8.0, 15.0, 15.0)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
@@ -51,6 +51,14 @@ class LinkageView(ForceView):
         self.title, self.line = "", ""
         self._field: Field | None = None
         self.sense = 1.0  # of travel
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The plane keeps clear of its scale and of the lines above it."""
+        if self._worded_view:
+            top = READOUT_TOP_PX + 2.0 * READOUT_STEP_PX
+            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, 12.0)
+            self._fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
@@ -110,20 +118,23 @@ class LinkageView(ForceView):
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
-                self.to_plane(QPointF(60.0, self.height())),
-                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX)),
+                self.to_plane(self.field.bottomLeft()),
+                self.to_plane(self.field.topRight()),
             )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
-            painter.drawText(QRectF(0.0, 11.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+            foot = QRectF(self.field.left(), self.height() - text_px(20), self.width(), text_px(20))
+            painter.drawText(foot, LEFT, "parameters assumed")
         super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
             return
+        if self._worded_view:
+            painter.setClipRect(self.field)  # the names of the lines are not covered
         handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
         if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
             marks.paint_wedge(painter, handle, wedge)
@@ -133,18 +144,19 @@ class LinkageView(ForceView):
             marks.paint_directions(painter, handle, found, self._field, now.device.labels)
         marks.paint_joints(painter, rings, now.device.labels, self.doing, self.blind)
         self.paint_forces(painter, now)
+        painter.setClipping(False)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
             self._paint_readouts(painter, self.instant.device.labels)
-        x = 16.0
+        x, high = 16.0, text_px(26)
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, COLOURS.text),
             (self.line, theme.NORMAL, False, COLOURS.quiet),
         ):
             painter.setFont(font(size, bold))
             painter.setPen(shade(colour))
-            painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
+            painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
 
     def readouts(self, labels: Mapping[str, str]) -> tuple[list[Readout], list[Readout]]:
@@ -160,24 +172,26 @@ class LinkageView(ForceView):
     @property
     def readout_box(self) -> QRectF:
         """Two lines above the path, px."""
-        return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, 2.0 * READOUT_STEP_PX)
+        return QRectF(8.0, text_px(READOUT_TOP_PX), self.width() - 16.0, 2.0 * text_px(READOUT_STEP_PX))
 
     def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
         box = self.readout_box
-        painter.fillRect(box, shade(COLOURS.canvas, 0.6))  # to be read even where an arm is under it
         for down, line in enumerate(self.readouts(labels)):
             apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
+            size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
             for across, (name, text, colour) in enumerate(line):
-                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * READOUT_STEP_PX)
-                write_from(painter, at, name, theme.SMALL, True, colour)
-                gap = text_width(f"{name} ", theme.SMALL, bold=True)
-                write_from(painter, at + QPointF(gap, 0.0), text, theme.SMALL, False, colour)
+                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * text_px(READOUT_STEP_PX))
+                write_from(painter, at, name, size, True, colour)
+                gap = text_width(f"{name} ", size, bold=True)
+                write_from(painter, at + QPointF(gap, 0.0), text, size, False, colour)
 
     def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = now.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, marks.rings_of(at, now.device.labels)
+        rings, room = marks.rings_of(at, now.device.labels), QMarginsF(*4 * (marks.JOINT_PX,))
+        whole = self.field.marginsRemoved(room)  # the corner has the others
+        return at, {joint: middle for joint, middle in rings.items() if whole.contains(middle)}
 
 
 #: layer -> its key, what it shows

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen
+from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen, text_px
 from core.obstacles import ObstacleFile
 from core.path import PathFile, outline
 
@@ -36,6 +36,7 @@ LEAST_HANDLE_PX = 4.0  # radius
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
+SCALE_PX = 58.0  # wide, of the names of the lines, at a text size of 1
 AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
@@ -196,6 +197,13 @@ class Plane(QWidget):
         self.repaint_still()
 
     @property
+    def field(self) -> QRectF:
+        """The part (px) beside the names of the lines and under what stands at the top in words."""
+        return QRectF(self.rect()).adjusted(
+            text_px(SCALE_PX) if self._grid else 0.0, self._keep_free.top(), -14.0, -8.0
+        )
+
+    @property
     def scale(self) -> float:
         """Pixels per metre."""
         return self._scale
@@ -298,9 +306,9 @@ class Plane(QWidget):
             self._trail_end = self._paint_way(self.trail, COLOURS.trace)
 
     def _paint_grid(self, painter: QPainter) -> None:
-        """Lines every 10 cm; those across are named."""
-        left, right = 58.0, self.width() - 14.0
-        top, bottom = self._keep_free.top() + 5.0, self.height() - 8.0
+        """Lines every 10 cm; those across are named, as far as their names have room."""
+        field, half = self.field, 0.5 * text_px(20)
+        left, right, top, bottom = field.left(), field.right(), field.top() + 5.0, field.bottom()
         painter.setFont(font(theme.SMALL))
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))
@@ -308,10 +316,10 @@ class Plane(QWidget):
             painter.setPen(pen(COLOURS.line, 1.0, 0.55))
             if left < x < right:
                 painter.drawLine(QPointF(x, top), QPointF(x, bottom))
-            if i >= 0 and top < y < bottom:
+            if i >= 0 and top + half < y < bottom - half:
                 painter.drawLine(QPointF(left, y), QPointF(right, y))
                 painter.setPen(pen(COLOURS.quiet, 1.0, 0.75))
-                painter.drawText(QRectF(0.0, y - 10.0, left - 8.0, 20.0), RIGHT, f"{10 * i} cm")
+                painter.drawText(QRectF(0.0, y - half, left - 8.0, 2.0 * half), RIGHT, f"{10 * i} cm")
 
     def _paint_path(self, painter: QPainter) -> None:
         """The path, the start as a ring, the end as a ring with a point in it."""

@@ -12,7 +12,7 @@ class RecordingSign(QLabel):
     """It says what the newest proof says; its place stays when it is quiet."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="quiet")
+        super().__init__(objectName="sign")
         self.setFont(theme.font(theme.TITLE, bold=True))
         self._proof: m.Proof | None = None
         self._running = self._practice = False
@@ -40,12 +40,12 @@ class RecordingSign(QLabel):
     def _refresh(self) -> None:
         minutes, seconds = divmod(int(self._time_s), 60)
         if not self._running:
-            text, look = "Not recording", "quiet"
+            text, look = "Not recording", "sign"
         elif self._proof is None:
-            text, look = ("Practice, not recorded" if self._practice else "Not recorded yet"), "quiet"
+            text, look = ("Practice, not recorded" if self._practice else "Not recorded yet"), "sign"
         elif self._proof.age_s < STALE_S:
-            text, look = "● Recording", "recording"
+            text, look = "● Recording", "sign-on"
         else:
-            text, look = f"▲ Last write {self._proof.age_s:.0f} s ago", "caution"
+            text, look = f"▲ Last write {self._proof.age_s:.0f} s ago", "sign-late"
         theme.set_style(self, look)
         self.setText(f"{text}  {minutes}:{seconds:02d}" if self._running else text)

@@ -23,7 +23,7 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack, text_label
+from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse, place
@@ -54,7 +54,7 @@ class RunPage(Page):
         super().__init__(send)
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
-        self.large, self.small = text_label("", size=theme.LARGE, bold=True), Figures(theme.TITLE)
+        self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
@@ -84,7 +84,7 @@ class RunPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.speed.setVisible(self.height() > LOW_PX)
+        self.traces.speed.setVisible(self.height() > theme.text_px(LOW_PX))
 
     def _connect(self) -> None:
         for signal, do in (
@@ -315,7 +315,7 @@ class RunPage(Page):
             self._write(shown)
 
     def _write(self, shown: words.Shown) -> None:
-        self.large.setText(shown.large)
+        self.large.show_parts((shown.large, COLOURS.text))
         self.small.show_parts((shown.small, COLOURS.quiet))
 
     def show_time(self, now_s: float) -> None:

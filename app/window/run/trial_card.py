@@ -107,7 +107,7 @@ class TrialCard(Panel):
         self.row: TrialRow | None = None
         self._since_s = 0.0
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
-        self.outcome, self.what = text_label("", "quiet"), OneLine("")
+        self.what = OneLine("")
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
@@ -116,7 +116,7 @@ class TrialCard(Panel):
         self.keep = key_button("Keep", "start", "main")
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
         decide = column(self.keep, self.redo, self.exclude)
-        head = row(self.dot, self.title, 1, self.outcome)
+        head = row(self.dot, self.title, 1)
         self.setLayout(column(
             head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
             margins=(14, 10, 14, 12),
@@ -141,8 +141,8 @@ class TrialCard(Panel):
         self.dot.setStyleSheet(f"color: {colour}")
         self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
-        self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
-        self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
+        ended = {"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status)
+        self.what.setText(f"{ended} · {opened.protocol.controller_name(row.controller)} · path {row.segment}")
         shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
         shown.append((COLOURS.quiet, "others", len(here) > len(same)))
         self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))

@@ -16,7 +16,8 @@ from app.window.sandbox.pass_table import PassTable
 from app.window.sandbox.pass_view import LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.page import Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Figures, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.protocol import Protocol
@@ -46,7 +47,7 @@ class TryPage(Page):
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.SetSandbox(self.controls.settings)))
-        self.large, self.small = text_label("", size=30, bold=True), wrapped_label("", "quiet", theme.TITLE)
+        self.large, self.small = Figures(theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
         self.error, self.time = text_label("–", size=22, bold=True), text_label("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
@@ -217,7 +218,7 @@ class TryPage(Page):
         self.canvas.follow_pointer()
 
     def _show_status(self, shown: Shown) -> None:
-        self.large.setText(shown.large)
+        self.large.show_parts((shown.large, COLOURS.text))
         self.small.setText(shown.small)
 
     def _show_place(self, opened: m.Opened, s: m.SandboxSettings, tip: m.Point) -> None:

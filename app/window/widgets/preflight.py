@@ -117,8 +117,6 @@ class Preflight(QWidget):
 
 def advice(snapshot: m.Snapshot) -> list[str]:
     """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
-    if snapshot.stage == m.FAILED:
-        return [snapshot.notice] if snapshot.notice else []
     lines = []
     if snapshot.brakes_off:
         cause = sentence(snapshot.brakes_off)

@@ -21,7 +21,9 @@ QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
 QLabel#banner { background: $bad_ground; color: $bad_text; border: 1px solid $bad; border-radius: ${radius}px;
     padding: 8px 12px; }
-QLabel#recording { background: $bad; color: $on_bad; border-radius: ${radius}px; padding: 4px 12px; }
+QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 10px; color: $quiet; }
+QLabel#sign-on { background: $bad; color: $on_bad; }
+QLabel#sign-late { background: $caution; color: $on_bad; }
 QPushButton { background: $field; border: 1px solid $line; border-radius: 5px; padding: 6px 12px; }
 QPushButton:hover { border-color: $quiet; }
 QPushButton:focus { border-color: $accent; outline: none; }

@@ -21,6 +21,7 @@ STATUS = {
 }  # fmt: skip
 
 SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
+LEAST_PX = 12  # of a text that becomes smaller where it has no room
 TEXT_SIZES = (0.9, 1.0, 1.15, 1.3, 1.5)
 GAP, RADIUS = 12, 6  # px, between panels, of their corners
 
