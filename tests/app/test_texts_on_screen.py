@@ -1,5 +1,8 @@
 """No text is cut and none lies over another: on every page, in every state, at every size of window and of text."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,20 +11,22 @@ from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, 
 from PySide6.QtCore import Qt
 from screens import Screens, settle
 from sessions import session_of
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
+from app.ipc.messages import DeviceStatus
 from app.window.analyse import analyse_page
 from app.window.widgets import theme
-from app.window.widgets.page import ANALYSE, TRY
+from app.window.widgets.page import ANALYSE, HOME, TRY
 
 SIZES = ((1280, 720), (1366, 768), (1920, 1080))
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
     "/a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet: gone while the session was open (moved, deleted or "
-    "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on in another folder"
+    "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on elsewhere"
 )
 ALT = Qt.KeyboardModifier.AltModifier
 RUN_STATES = {
@@ -86,8 +91,21 @@ def page(name: str, *messages: object) -> Callable[[Screens], None]:
     return show
 
 
+def device(snapshot: m.Snapshot, state: DeviceStatus | None) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.hear(opened(**ON_BENCH), snapshot)
+        screens.press(Qt.Key.Key_F3)
+        screens.hear(told(state))
+
+    return show
+
+
 STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
+    "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
+    "home, in a session": page(HOME, opened(), ready(3)),
+    "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
+    "device, lost": device(ready(3, checks=LOST), None),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "try": try_page(), "try, real": try_page(by_start=True),
@@ -145,3 +163,23 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     qtbot.waitUntil(lambda: not analyse._concluding.busy, timeout=60_000)
     assert found_at_every_size(screens) == {}
     analyse.close_trial()
+
+
+def test_at_twice_the_pixels(request) -> None:
+    """3840 x 2160 at 200 %: Qt takes its scale when it starts."""
+    environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-n",
+        "0",
+        __file__,
+        "-k",
+        "running or passes",
+    ]
+    done = subprocess.run(command, env=environment, cwd=request.config.rootpath, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout

@@ -101,12 +101,8 @@ def _of_widgets(window: QWidget) -> Iterator[Ink]:
     for choice in window.findChildren(QComboBox):
         if choice.isVisible() and choice.currentText():
             wide = QFontMetricsF(choice.font()).horizontalAdvance(choice.currentText())
-            yield Ink(
-                choice.currentText(),
-                _in(choice, QRectF(9.0, 8.0, wide, 12.0), window),
-                choice,
-                wide + 31.0 > choice.width(),
-            )
+            box = _in(choice, QRectF(9.0, 8.0, wide, 12.0), window)
+            yield Ink(choice.currentText(), box, choice, wide + 31.0 > choice.width())
 
 
 def _label_ink(label: QLabel, window: QWidget) -> QRectF:
@@ -117,6 +113,13 @@ def _label_ink(label: QLabel, window: QWidget) -> QRectF:
     metrics = QFontMetricsF(label.font())
     ink = metrics.boundingRect(QRectF(label.contentsRect()), flags, label.text())
     return _in(label, ink.adjusted(0.0, 0.2 * metrics.ascent(), 0.0, -metrics.descent()), window)
+
+
+def _ink_of(metrics: QFontMetricsF, lies: QRectF, text: str) -> QRectF:
+    """The ink of a text that takes this room."""
+    tight = metrics.tightBoundingRect(text)
+    one_line = tight.translated(lies.left() - tight.left(), lies.top() + metrics.ascent())
+    return lies.adjusted(0.0, 0.2 * metrics.ascent(), 0.0, -metrics.descent()) if "\n" in text else one_line
 
 
 @contextmanager
@@ -137,8 +140,7 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
                 ink, room = tight.translated(given[0]), QRectF(owner.rect())
             else:
                 room = QRectF(given[0])
-                lies = metrics.boundingRect(room, int(given[1]), text)
-                ink = tight.translated(lies.left() - tight.left(), lies.top() + metrics.ascent())
+                ink = _ink_of(metrics, metrics.boundingRect(room, int(given[1]), text), text)
                 room &= QRectF(owner.rect())
             cut = not room.adjusted(-SLACK_PX, -SLACK_PX, SLACK_PX, SLACK_PX).contains(ink)
             dots = text.endswith("…") and not owner.toolTip() and not isinstance(owner, Plane)
@@ -155,9 +157,7 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
         if view.isVisible() and view.window() is window and axis.isVisible():
             for box, flags, text in texts:
                 metrics = QFontMetricsF(axis.style["tickFont"] or painter.font())
-                tight = metrics.tightBoundingRect(text)
-                lies = metrics.boundingRect(QRectF(box), int(flags) | int(Qt.TextFlag.TextDontClip), text)
-                ink = tight.translated(lies.left() - tight.left(), lies.top() + metrics.ascent())
+                ink = _ink_of(metrics, metrics.boundingRect(QRectF(box), int(flags), text), text)
                 ink = QRectF(view.mapFromScene(axis.mapRectToScene(ink)).boundingRect())
                 cut = not QRectF(view.viewport().rect()).adjusted(-2, -2, 2, 2).contains(ink)
                 found.append(Ink(text, _in(view, ink, window), view, cut))
@@ -172,16 +172,9 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
 
 def _covered(ink: Ink, window: QWidget) -> bool:
     """Whether a card or the banner lies over most of a text: it is hidden then, not cut."""
-    middle = ink.box.center().toPoint()
-    overs = [
-        over for over in window.findChildren(QWidget) if isinstance(over, OverlayCard | Banner) and over.isVisible()
-    ]
-    return any(
-        over is not ink.owner
-        and not over.isAncestorOf(ink.owner)
-        and _place(over, window).intersects(ink.box.toAlignedRect())
-        for over in overs
-    )
+    box, owner = ink.box.toAlignedRect(), ink.owner
+    over = (over for kind in (OverlayCard, Banner) for over in window.findChildren(kind) if over.isVisible())
+    return any(_place(one, window).intersects(box) for one in over if one is not owner and not one.isAncestorOf(owner))
 
 
 def _place(widget: QWidget, window: QWidget) -> QRect:

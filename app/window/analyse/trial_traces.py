@@ -82,7 +82,7 @@ class CurrentTrace(TrialTrace):
         self.currents = np.empty((len(JOINTS), 0))
 
     def follow_text(self) -> None:
-        self.graph.setMinimumHeight(theme.text_px(46))  # with the axis of time
+        self.graph.setMinimumHeight(theme.text_px(58))  # with the axis of time
 
     def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
         """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""

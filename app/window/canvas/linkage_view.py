@@ -189,9 +189,13 @@ class LinkageView(ForceView):
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = now.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        rings, room = marks.rings_of(at, now.device.labels), QMarginsF(*4 * (marks.JOINT_PX,))
-        whole = self.field.marginsRemoved(room)  # the corner has the others
-        return at, {joint: middle for joint, middle in rings.items() if whole.contains(middle)}
+        room = QMarginsF(*4 * (marks.JOINT_PX,))
+        whole, corner = self.field.marginsRemoved(room), QRectF(self.inset.geometry()).marginsAdded(room)
+        if self.inset.isHidden():
+            corner = QRectF()
+        rings = marks.rings_of(at, now.device.labels)
+        seen = {name: place for name, place in rings.items() if whole.contains(place) and not corner.contains(place)}
+        return at, seen if self._worded_view else rings  # the corner has the others
 
 
 #: layer -> its key, what it shows

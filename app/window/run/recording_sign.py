@@ -42,7 +42,7 @@ class RecordingSign(QLabel):
         if not self._running:
             text, look = "Not recording", "sign"
         elif self._proof is None:
-            text, look = ("Practice, not recorded" if self._practice else "Not recorded yet"), "sign"
+            text, look = ("Practice" if self._practice else "Not recording"), "sign"
         elif self._proof.age_s < STALE_S:
             text, look = "● Recording", "sign-on"
         else:

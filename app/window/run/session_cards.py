@@ -14,16 +14,16 @@ from experiments.session.files import finished_cells
 
 ABORT = Ask(
     "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
-    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
+    ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
 )  # fmt: skip
 REDO = Ask(
     "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
-    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
+    ("the participant was distracted", "the task was not understood", "something disturbed the trial"),
 )  # fmt: skip
 SKIP = Ask(
     "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
-    ("the participant asked", "short of time", "something is wrong with this condition"),
+    ("the participant asked", "short of time", "a fault in this condition"),
 )  # fmt: skip
 UNBLIND = Ask(
     "unblind", "Open the key?",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
@@ -24,6 +25,7 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
+LOW_PX = 440  # a lower card, at a text size of 1, has no curve
 
 
 class Measure(QWidget):
@@ -105,7 +107,7 @@ class TrialCard(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.row: TrialRow | None = None
-        self._since_s = 0.0
+        self._since_s, self._has_curve = 0.0, False
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
         self.what = OneLine("")
         self.legend = wrapped_label("", "quiet", theme.SMALL)
@@ -148,12 +150,21 @@ class TrialCard(Panel):
         self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
-        self.trace.setVisible(ticks is not None)
+        self._has_curve = ticks is not None
+        self._make_room()
         flags = trial_flags(row, ticks)
         if ticks is not None:
             self.trace.show_ticks(ticks)
         theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+
+    def _make_room(self) -> None:
+        """The curve is the first that a low window, or a large text, has no room for."""
+        self.trace.setVisible(self._has_curve and self.height() > theme.text_px(LOW_PX))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
 
     def offer(self, can: Actions, keep: str, has_space: bool) -> None:
         """What can be done with the trial now. keep: the words of its first button; has_space: Space presses it."""
