@@ -90,9 +90,9 @@ class Client:
         """Whether the pointer holds the handle."""
         return bool(self._ring.control.taken)
 
-    def aim(self, x: float, y: float) -> None:
-        """Report the place of the pointer, m."""
-        self._ring.aim(x, y)
+    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
+        """Report the place of the pointer, m. grip: the share of the hand's stiffness with which it holds."""
+        self._ring.aim(x, y, grip)
 
     def let_go(self) -> None:
         """The pointer has left its workspace: release the handle until the pointer touches it again."""

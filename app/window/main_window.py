@@ -173,7 +173,7 @@ class MainWindow(QWidget):
             module, cls = PAGES[name]
             page = getattr(import_module(f"app.window.{module}"), cls)(self.send)
             page.page_asked.connect(self.show_page)
-            page.pointer_moved.connect(lambda x, y: self.client.aim(x, y))
+            page.pointer_moved.connect(lambda *hand: self.client.aim(*hand))
             page.pointer_left.connect(lambda: self.client.let_go())
             page.setup_asked.connect(self.restart_asked)
             page.turn_asked.connect(self.turn_asked)

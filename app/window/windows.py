@@ -53,7 +53,7 @@ class Windows(QObject):
         main.participant_asked.connect(self.show_or_hide_participant)
         main.restart_asked.connect(self.restart)
         main.closed.connect(self.close)
-        shown.view.pointer_moved.connect(lambda x, y: self.client.aim(x, y))
+        shown.view.pointer_moved.connect(lambda *hand: self.client.aim(*hand))
         shown.view.pointer_left.connect(lambda: self.client.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
         shown.close_asked.connect(self._close_asked)

@@ -15,11 +15,11 @@ from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
-from screens import cut_texts, settle
+from screens import settle
 from sessions import closed_session
 
 from app.ipc import messages as m
-from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
+from app.window.analyse.analyse_page import FINDINGS, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
@@ -391,19 +391,6 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypat
     said = "Nothing was written" if end == "killed" else "cancelled"
     qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)
-
-
-@pytest.mark.parametrize("name", [POOLED, FINDINGS])
-def test_no_text_is_cut(qtbot, data: Path, name: str) -> None:
-    page = page_on(qtbot, data)
-    page.show_page(name)
-    if name == FINDINGS:
-        qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    for size in ((1000, 490), (1256, 610), (1896, 970)):
-        page.resize(*size)
-        settle(page)
-        assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
-        assert [text for text in cut_texts(page) if not text.startswith("<p>")] == []  # the verdicts scroll
 
 
 class Painted(QObject):

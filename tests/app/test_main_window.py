@@ -326,11 +326,11 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert screens.main.preflight.advice.text() == words.server_died(running(3))
+        assert screens.main.banner.text() == words.server_died(running(3))
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.main.preflight.advice.text() == "The disk is full."
-    assert screens.main.preflight.advice.isVisible()
+        assert screens.main.banner.text() == "The disk is full."
+    assert screens.main.banner.isVisible()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
@@ -342,7 +342,7 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.hear(opened(), running(3, notice=refused, notice_bad=True))
     screens.client.alive = False
     screens.hear()
-    said = screens.main.preflight.advice.text()
+    said = screens.main.banner.text()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
 
 
@@ -433,54 +433,6 @@ def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Scre
     analyse = console.page(ANALYSE)
     analyse.side.end, analyse.export_task.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
     assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
-
-
-GONE = (
-    "Run 10 is not complete: /home/somebody/a long place/data/sub-01/ses-01/trials is gone, with the 9 recordings in "
-    "it. All its 12 345 ticks are in memory. 3 lines of the journal are in memory. What is in memory is lost if this "
-    "program ends before it is written. It is tried again every 5 s. Bring it back (connect its disk, take it out of "
-    "the wastebasket): what is missing is then written by itself. Or go on in another folder"
-)
-STATES = {
-    "preparing": (m.Snapshot(m.PREPARING),),
-    "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
-    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, notice="no", notice_bad=True)),
-    "red": (opened(), ready(12, checks=RED)),
-    "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
-    "said": (opened(), ready(9, notice="Run 9: the participant was distracted by a long sentence that goes on.")),
-    "undone": (
-        opened(),
-        ready(
-            9,
-            not_written=GONE,
-            checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE)),
-            notice=f"{GONE}.",
-            notice_bad=True,
-        ),
-    ),
-    "paused": (opened(), ready(9, paused=True)),
-    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
-    "re-rig": (opened(), ready(30, stage=m.RERIG)),
-    "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
-    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
-    "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
-    "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
-}
-
-
-def test_no_text_is_cut_at_any_size_nor_one_of_a_question(screens: Screens) -> None:
-    for state, messages in STATES.items():
-        console = screens.hear(*messages)
-        for width, height in (SMALLEST, (1280, 720), (1920, 1080)):
-            console.resize(width, height)
-            settle(console)
-            assert (console.width(), console.height()) == (width, height), state  # nothing asks for more room
-            assert cut_texts(console) == [], state
-    console = screens.hear(opened(), ready(22))
-    for key in (KEY.Key_R, KEY.Key_S):
-        screens.press(key, modifier=ALT)
-        settle(console)
-        assert screens.run.cards.question is not None and cut_texts(console) == []
 
 
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:

@@ -18,6 +18,7 @@ from tried import INITIAL, ended, tried
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.window.analyse import analyse_page
+from app.window.main_window import SMALLEST
 from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, TRY
 
@@ -125,7 +126,7 @@ def text(request) -> Iterator[int]:
 
 def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
     found = {}
-    for size in SIZES:
+    for size in (SMALLEST, *SIZES)[bool(theme.text_px(100) > 100) :]:  # larger text needs a larger window
         screens.main.setMinimumSize(1, 1)  # as on a screen of that size
         screens.main.resize(*size)
         settle(screens.main)

@@ -173,8 +173,8 @@ class LocalClient:
     def ticks(self) -> np.ndarray:
         return self._ring.newest()
 
-    def aim(self, x: float, y: float) -> None:
-        self._ring.aim(x, y)
+    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
+        self._ring.aim(x, y, grip)
 
     def let_go(self) -> None:
         self._ring.let_go()

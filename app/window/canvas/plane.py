@@ -12,6 +12,7 @@ import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
+    QEventPoint,
     QInputDevice,
     QMouseEvent,
     QPainter,
@@ -20,6 +21,8 @@ from PySide6.QtGui import (
     QPointingDevice,
     QPolygonF,
     QResizeEvent,
+    QTabletEvent,
+    QTouchEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
@@ -56,10 +59,9 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
-def hovers(device: QPointingDevice) -> bool:
-    """Whether a pointing device reports its place without being pressed."""
-    kind = QInputDevice.DeviceType
-    return device.type() in (kind.Mouse, kind.TouchPad) or bool(device.capabilities() & QInputDevice.Capability.Hover)
+def grip_of(device: QPointingDevice, pressure: float) -> float:
+    """How firmly a pen or a finger that is down holds: its pressure (0 to 1), where its device measures it."""
+    return pressure if device.capabilities() & QInputDevice.Capability.Pressure else 1.0
 
 
 class Plane(QWidget):
@@ -69,7 +71,7 @@ class Plane(QWidget):
     follows_mouse: the pointer over this widget is the hand, and drawn.
     """
 
-    pointer_moved = Signal(float, float)  # m, inside what is drawn
+    pointer_moved = Signal(float, float, float)  # m, m, inside what is drawn; grip: a pen's pressure, of a mouse 1
     pointer_left = Signal()  # the hand lets go
     painted = Signal()
 
@@ -101,6 +103,7 @@ class Plane(QWidget):
         self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
@@ -224,24 +227,38 @@ class Plane(QWidget):
 
     # events
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if not self.rect().contains(event.position().toPoint()):  # dragged out, with a button held down
+    def point_at(self, at: QPointF, grip: float) -> None:
+        """The hand is here (px), and holds so firmly (0 to 1)."""
+        if not self.rect().contains(at.toPoint()):  # dragged out, with a button held down
             self._leave()
             return
-        place = self.to_plane(event.position())
+        place = self.to_plane(at)
         if self._follows_mouse:
             self.pointer, self._pointer_moved = place, True
-        self.pointer_moved.emit(*place)
+        self.pointer_moved.emit(*place, grip)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        self.point_at(event.position(), 1.0)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
 
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """A finger, or a pen that is not seen in the air, holds the handle while it is down."""
-        if not hovers(event.pointingDevice()):
+    def event(self, event: QEvent) -> bool:
+        """A pen or a finger is the hand while it is down, where the pointer is; lifted it lets go."""
+        if isinstance(event, QTabletEvent | QTouchEvent) and self.hasMouseTracking():
+            self._hold(event.points()[0], event.pointingDevice(), event.type() == QEvent.Type.TouchCancel)
+            event.accept()  # no mouse event is made of it
+            return True
+        return super().event(event)
+
+    def _hold(self, point: QEventPoint, device: QPointingDevice, cancelled: bool) -> None:
+        pen_is_up = device.type() == QInputDevice.DeviceType.Stylus and point.pressure() <= 0.0
+        if cancelled or pen_is_up or point.state() == QEventPoint.State.Released:
             self._leave()
-        super().mouseReleaseEvent(event)
+        else:
+            self.setFocus()
+            self.point_at(self.mapFromGlobal(point.globalPosition()), grip_of(device, point.pressure()))
 
     def leaveEvent(self, event: QEvent) -> None:
         self._leave()

@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QHideEvent, QMouseEvent, QPainter, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
@@ -78,9 +78,9 @@ class ParticipantView(Plane):
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
         super().resizeEvent(event)
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+    def point_at(self, at: QPointF, grip: float) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
-            super().mouseMoveEvent(event)
+            super().point_at(at, grip)
 
     def paint_under_path(self, painter: QPainter) -> None:
         height = float(self.height())
