@@ -222,7 +222,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed:
     view.beside.setCurrentIndex(index)
     view.beside.activated.emit(index)
     assert "is being simulated" in view.note.text()
-    qtbot.waitUntil(view.beside_measures.isVisible, timeout=120_000)
+    qtbot.waitUntil(lambda: view.beside_measures.text() != "", timeout=120_000)
     assert view.trial.controllers[other] in view.beside_measures.text()
     assert "would feel the difference" in view.note.text()
     assert view.beside_measures.text().split(" · ")[:3] != view.measures.text().split(" · ")[:3]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QPointF, QRect, QRectF, Qt
-from PySide6.QtGui import QFontMetricsF, QPainter
+from PySide6.QtGui import QFontMetricsF, QPainter, QStaticText
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractScrollArea,
@@ -127,9 +127,10 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
     """What is written with a painter meanwhile."""
     found: list[Ink] = []
     planes: list[Plane] = []  # whose background is being painted
+    static = QPainter.drawStaticText
     draw, background, axis_picture = QPainter.drawText, Plane._paint_background, pg.AxisItem.drawPicture
 
-    def draw_text(painter: QPainter, *given) -> object:
+    def note(painter: QPainter, *given) -> None:
         owner = planes[-1] if planes else painter.device()
         text = given[-1]
         seen = isinstance(owner, QWidget) and owner.isVisible() and owner.window() is window
@@ -145,7 +146,14 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
             cut = not room.adjusted(-SLACK_PX, -SLACK_PX, SLACK_PX, SLACK_PX).contains(ink)
             dots = text.endswith("…") and not owner.toolTip() and not isinstance(owner, Plane)
             found.append(Ink(text, _in(owner, ink, window), owner, cut or dots))
+
+    def draw_text(painter: QPainter, *given) -> object:
+        note(painter, *given)
         return draw(painter, *given)
+
+    def draw_static(painter: QPainter, at: QPointF, given: QStaticText) -> None:
+        note(painter, at + QPointF(0.0, QFontMetricsF(painter.font()).ascent()), given.text())
+        static(painter, at, given)
 
     def paint_background(plane: Plane, ratio: float) -> None:
         planes.append(plane)
@@ -165,6 +173,7 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(QPainter, "drawText", draw_text)
+        patch.setattr(QPainter, "drawStaticText", draw_static)
         patch.setattr(Plane, "_paint_background", paint_background)
         patch.setattr(pg.AxisItem, "drawPicture", draw_picture)
         yield found

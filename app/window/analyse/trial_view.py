@@ -22,7 +22,7 @@ from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
-from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.plots import start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
 from app.window.widgets.work import BackgroundTask, VerbProcess
@@ -69,7 +69,7 @@ class TrialView(Panel):
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
-        self.note = wrapped_label("", "quiet", theme.SMALL)
+        self.note = OneLine("", "quiet")
         self.exclude = button(
             "Exclude …", self.exclude_asked.emit, "small", "For a reason; the recording is kept (Alt+X)"
         )
@@ -111,8 +111,7 @@ class TrialView(Panel):
             (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
-        for absent in (self.beside_measures, self.note, self.exclude):
-            absent.hide()
+        self.exclude.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._share_room()
@@ -147,7 +146,7 @@ class TrialView(Panel):
         self.measures.setToolTip("\n".join(
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
         ))  # fmt: skip
-        self.beside_measures.hide()
+        self.beside_measures.setText("")
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._set_up_workspace(trial)
@@ -169,7 +168,6 @@ class TrialView(Panel):
         """Show a sentence under the trial."""
         theme.set_style(self.note, "caution" if bad else "quiet")
         self.note.setText(text)
-        self.note.setVisible(bool(text))
 
     def _set_up_workspace(self, trial: Playback) -> None:
         self.workspace.view.show_places((trial.device,), {1: trial.way})
@@ -278,7 +276,7 @@ class TrialView(Panel):
             self.note_that(str(other), bad=True)
             return
         self.traces.show_beside(other)
-        self.beside_measures.setVisible(other is not None)
+        self.beside_measures.setText("")
         tips = np.empty((0, 2))
         if other is not None:
             recorded = f" (recorded, as far: {measured(other.recorded)})" if other.recorded else ""
