@@ -26,6 +26,7 @@ SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 READY = Shown("Ready", "Space starts a pass")
+PREPARING = Shown("One moment", "Everything is being prepared")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
 
@@ -84,6 +85,9 @@ class TryPage(Page):
         left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
+        for pressed in (self.bring, self.clear, self.save):  # until the server has answered
+            pressed.setEnabled(False)
+        self._show_status(PREPARING)
 
     # ------------------------------------------------------------------------------------------- user actions
 
@@ -178,7 +182,7 @@ class TryPage(Page):
             self.controls.show_settings(settings, None)
             self.canvas.show_handle(None)
             self._place = None
-            wait = Shown("One moment", snapshot.trial_blocker or "Everything is being prepared")
+            wait = PREPARING._replace(small=snapshot.trial_blocker or PREPARING.small)
             self._show_status(IN_SESSION if self.opened.participant else wait)
         else:
             refused = snapshot.notice_bad and not before.notice_bad
@@ -234,3 +238,5 @@ class TryPage(Page):
             shown = [ended for ended in now.passes if ended.number > self._cleared]
             self.table.show_passes(shown, self.opened.protocol)
             self.clear.setEnabled(bool(shown))
+        else:
+            self.clear.setEnabled(False)
