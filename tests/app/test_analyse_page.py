@@ -10,6 +10,7 @@ import fake_client
 import held_export
 import numpy as np
 import pytest
+from page_driver import PageDriver
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QFontMetricsF
@@ -66,13 +67,14 @@ def data(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def page_on(qtbot, data: Path) -> AnalysePage:
-    page = AnalysePage(lambda command: None)
-    qtbot.addWidget(page)
-    page.resize(1280, 640)
-    page.show()
-    page.begin(data)
-    qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
+def page_on(qtbot, data: Path | None = None) -> AnalysePage:
+    """The page; of a data folder, once it has been read."""
+    driver = PageDriver(qtbot, AnalysePage, (1280, 640))
+    page = driver.page
+    page.driver = driver  # lives as long
+    if data is not None:
+        page.begin(data)
+        driver.until(lambda: page.results is not None)
     return page
 
 
@@ -97,9 +99,7 @@ def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
     rows = read_table(table_of(data, "02"))
     write_table(table_of(data, "02"), rows[:-1], replacing=True)
-    page = AnalysePage(lambda command: None)
-    qtbot.addWidget(page)
-    page.show()
+    page = page_on(qtbot)
     page.begin()
     assert "No data folder is open" in page.empty.text()
     page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
