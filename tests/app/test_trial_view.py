@@ -229,7 +229,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed:
     assert np.nanmax(view.traces.error.curves[1].getData()[1]) > 0.0
     view.beside.setCurrentIndex(0)
     view.beside.activated.emit(0)
-    assert not view.beside_measures.isVisible() and not len(view.traces.error.curves[1].getData()[1] or [])
+    assert not view.beside_measures.text() and not len(view.traces.error.curves[1].getData()[1] or [])
 
 
 def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name_and_nothing_to_play_is_one_sentence(
