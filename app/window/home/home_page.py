@@ -151,6 +151,11 @@ class HomePage(Page):
         self.columns = holder(row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP))
         self.stack = stack(self.columns, self.plan, self.editor, self.device)
         self.setLayout(column(self.stack))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The form is the first to need more room for a larger text."""
+        self.columns.layout().setStretch(1, 15 if theme.text_px(100) > 115 else 11)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 

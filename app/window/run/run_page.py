@@ -279,14 +279,14 @@ class RunPage(Page):
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.timing.show_timing(pulse.timing)
-        self.recording.show_proof(pulse.proof)
+        trial_s = float(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0.0
+        self.recording.show_proof(self.snapshot, pulse.proof, trial_s)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
         self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
         self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
-        self.recording.show_time(float(rows[-1, tick_log.T]))
         self._ticks.append(rows)
         self._waiting.append(rows)
         if len(self._waiting) >= PANELS_EVERY:
@@ -321,8 +321,8 @@ class RunPage(Page):
     def show_time(self, now_s: float) -> None:
         """What only the clock changes: the countdown of a break, the minutes that have passed."""
         self.cards.show_time(now_s)
-        if self.opened is not None and self.opened.participant:
-            self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far")
+        in_session = self.opened is not None and self.opened.participant
+        self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far" if in_session else "")
 
     def begin(self, what: object = None) -> None:
         self._refresh()
@@ -345,8 +345,8 @@ class RunPage(Page):
             button, waits = self._asked_by
             button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
-        self.recording.show_snapshot(snapshot)
         if snapshot.running is None:
+            self.recording.show_proof(snapshot, None, 0.0)
             self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
