@@ -151,7 +151,7 @@ class ForceView(Plane):
         """The linkage in its corner; away while the handle would lie under it."""
         corner = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.handle_px,)))
         under = self.tip is not None and corner.contains(self.to_screen(self.tip))
-        shown = self.whole_in_corner and self.instant is not None and not under
+        shown = self.whole_in_corner and self.instant is not None and self.tip is not None and not under
         if shown == self.inset.isHidden():
             self.inset.setVisible(shown)
             self.repaint_still()

@@ -195,7 +195,9 @@ class TryPage(Page):
             if snapshot.running is None:
                 off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
                 self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.trial_blocker)))
-                if off or now.by_start:  # else the next pass begins at once
+                if snapshot.stage == m.PREPARING:  # nobody knows yet where it is
+                    self.canvas.show_handle(None)
+                elif off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
                 self.canvas.begin()
