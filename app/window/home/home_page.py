@@ -148,14 +148,15 @@ class HomePage(Page):
         self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
         for part in (try_it, session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.columns = holder(row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP))
+        self._shares = row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP)
+        self.columns = holder(self._shares)
         self.stack = stack(self.columns, self.plan, self.editor, self.device)
         self.setLayout(column(self.stack))
         self.follow_text()
 
     def follow_text(self) -> None:
         """The form is the first to need more room for a larger text."""
-        self.columns.layout().setStretch(1, 15 if theme.text_px(100) > 115 else 11)
+        self._shares.setStretch(1, 15 if theme.text_px(100) > 115 else 11)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 

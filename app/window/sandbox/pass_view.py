@@ -32,10 +32,15 @@ class PassView(ForceView):
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
-        free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
-        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), free, sizes, follows_mouse=True)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The path keeps clear of the words above and below it."""
+        self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
+        self._fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.set_extent(extent_of_paths([path], MARGIN_M))
@@ -68,7 +73,7 @@ class PassView(ForceView):
 
     def paint_over_handle(self, painter: QPainter) -> None:
         """How large both forces are, at the foot."""
-        left = QPointF(20.0, self.height() - 0.5 * FOOT_PX)
+        left = QPointF(20.0, self.height() - 0.5 * text_px(FOOT_PX))
         for name, text in self.force_texts.items() if FORCES in self.shown and self.tip is not None else ():
             write_from(painter, left, f"{NAMES[name]} {text}", theme.TITLE, True, FORCE_COLOUR[name])
             left += QPointF(text_px(READOUT_PX), 0.0)

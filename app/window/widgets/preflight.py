@@ -51,8 +51,10 @@ class Banner(QLabel):
         super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self.setFont(theme.font(theme.NORMAL, bold=True))
         self.hide()
+        self._window: QWidget = self
 
     def lie_over(self, window: QWidget) -> None:
+        self._window = window
         self.setParent(window)
         window.installEventFilter(self)
 
@@ -64,14 +66,13 @@ class Banner(QLabel):
 
     def follow_text(self) -> None:
         """As wide as the window, as high as its text, from the foot up."""
-        window = self.parentWidget()
-        wide = window.width() - 2 * theme.GAP
+        wide = self._window.width() - 2 * theme.GAP
         high = self.heightForWidth(wide)
-        self.setGeometry(theme.GAP, window.height() - theme.GAP - high, wide, high)
+        self.setGeometry(theme.GAP, self._window.height() - theme.GAP - high, wide, high)
         self.raise_()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Resize and watched is self.parentWidget():
+        if event.type() == QEvent.Type.Resize and watched is self._window:
             self.follow_text()
         return super().eventFilter(watched, event)
 
