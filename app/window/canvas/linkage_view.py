@@ -24,6 +24,7 @@ NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 #: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
+FOOT_PX = 20.0  # high, of the line below, at a text size of 1
 WIDEST_READOUT = "A slips 88.8 N m "
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
@@ -54,10 +55,10 @@ class LinkageView(ForceView):
         self.follow_text()
 
     def follow_text(self) -> None:
-        """The plane keeps clear of its scale and of the lines above it."""
+        """The plane keeps clear of its scale and of the lines above and below it."""
         if self._worded_view:
             top = READOUT_TOP_PX + 2.0 * READOUT_STEP_PX
-            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, 12.0)
+            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, text_px(FOOT_PX))
             self._fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
@@ -126,8 +127,7 @@ class LinkageView(ForceView):
         if assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
-            foot = QRectF(self.field.left(), self.height() - text_px(20), self.width(), text_px(20))
-            painter.drawText(foot, LEFT, "parameters assumed")
+            painter.drawText(QRectF(self.field.bottomLeft(), self.rect().bottomRight()), LEFT, "parameters assumed")
         super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:

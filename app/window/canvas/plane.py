@@ -201,10 +201,9 @@ class Plane(QWidget):
 
     @property
     def field(self) -> QRectF:
-        """The part (px) beside the names of the lines and under what stands at the top in words."""
-        return QRectF(self.rect()).adjusted(
-            text_px(SCALE_PX) if self._grid else 0.0, self._keep_free.top(), -14.0, -8.0
-        )
+        """The part (px) beside the names of the lines, and between what stands at top and bottom in words."""
+        left, free = text_px(SCALE_PX) if self._grid else 0.0, self._keep_free
+        return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
 
     @property
     def scale(self) -> float:
