@@ -146,14 +146,6 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
     assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
 
 
-def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    assert screens.press(KEY.Key_P, modifier=ALT) == [m.Pause(True)]
-    screens.hear(ready(1, paused=True))
-    assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
-    assert screens.press(KEY.Key_P, modifier=ALT) == [m.Pause(False)]
-
-
 def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
     screens.hear(opened(), running(3))
     assert not screens.run.panel.leave.isVisible()
