@@ -97,6 +97,14 @@ class Questionnaire(Table, frozen=True):
     each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
 
 
+class Consent(Table, frozen=True):
+    """What each participant is asked before anything else: whether they agree to take part."""
+
+    text: Text
+    agree: Text = "I agree to take part"
+    decline: Text = "I do not take part"
+
+
 class Export(Table, frozen=True):
     """What a BIDS data set says of itself and only the experimenter knows: its dataset_description.json."""
 
@@ -148,6 +156,7 @@ class Settings(Table, frozen=True, kw_only=True):
     tones: bool = True  # at "go" and at the end of a trial
     instruction: tuple[Instruction, ...] = ()
     export: Export = Export()
+    consent: Consent | None = None  # asked of each participant before the form
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:

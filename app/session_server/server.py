@@ -141,6 +141,7 @@ def main() -> None:
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         left.callback(lambda: None if loop.ended else loop.kill())
         from app.session_server.lsl import Outlets
+        from experiments.session.files import InUse
 
         try:
             lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
@@ -148,7 +149,7 @@ def main() -> None:
             _log_into(setup.data_dir / LOG, early, left)
             server = SessionServer(setup, protocol, ring, loop, window, lsl)
         except (InputError, OSError) as error:
-            window.send(m.Refused(refusal_of(error, setup.data_dir)))
+            window.send(m.Refused(refusal_of(error, setup.data_dir), isinstance(error, OSError | InUse)))
             return
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))

@@ -106,6 +106,7 @@ class State:
             notice_bad=self._notice_bad and not self._waits_for,
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
+            step=self.device.doing,
             seconds_left=progress.seconds_left() if progress else None,
             newest=progress.newest if progress else None,
             not_written=self.storage.not_written,
@@ -136,6 +137,7 @@ class State:
         """Remove the notice of an earlier refusal: a new command is done."""
         if self._notice_bad:
             self.notify("")
+            self.show()  # the same refusal once more is another one
 
     def look_at_brakes(self) -> None:
         """Journal a change of the brakes-off."""

@@ -48,8 +48,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
     option("--participant", type=label, metavar="01", help=participant)
-    option("--data-dir", **DATA_DIR)
-    option("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
+    folder = "where sessions are kept (default: the folder of the settings, else data)"
+    option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
+    option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
     option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
 
 
@@ -60,6 +61,9 @@ def label(text: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int | None:
+    memory = import_window_module("widgets.memory")
+    memory.begin()
+    args.data_dir = args.data_dir or Path(memory.remembered(memory.DATA_FOLDER) or "data")
     port = port_of(args)
     if args.print_plan:
         print_plan(args)
@@ -86,7 +90,7 @@ def run(args: argparse.Namespace) -> int | None:
     client = Client(setup)
     try:  # all this takes its time, and so does the session server
         watch_compiling()
-        palette.choose(args.theme)
+        palette.choose(args.theme or memory.remembered(memory.DARK_OR_LIGHT))
         windows = import_window_module("windows")
         display.check()
         windows.make_ready()

@@ -39,6 +39,7 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.alive, self.stopped, self.taken = True, "", False
+        self.wants_other_folder = False
         self.sent: list = []
         self.inbox: list = []
         self.aimed: list[tuple[float, float]] = []

@@ -5,6 +5,7 @@ session starts, a board is connected or a data folder is chosen.
 """
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
 from app.window.canvas.plane import Sizes
 from app.window.canvas.small_view import SmallView
-from app.window.device_page import DevicePage
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
@@ -30,8 +30,10 @@ from app.window.home.start import (
     start_blockers,
     start_text,
 )
+from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
-from app.window.widgets.page import HOME, RUN, TRY, Page
+from app.window.widgets.cards import Cards, OverlayCard
+from app.window.widgets.page import DEVICE, RUN, TRY, Page
 from app.window.widgets.parts import (
     Choice,
     Part,
@@ -44,6 +46,7 @@ from app.window.widgets.parts import (
     printed,
     row,
     scrolled,
+    show_wait,
     stack,
     text_label,
     wrapped_label,
@@ -65,29 +68,30 @@ HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
 class HomePage(Page):
-    """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
+    """Three columns; in their place the plan of a protocol, its editor, or what a participant is asked first."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self._typed = False  # the participant was typed, and is not proposed anew
-        self._asked_from = HOME  # the page that led to the device page
+        self._opening = ""  # whose session, or the port of which board, was asked for and is not there yet
+        self._agreed: tuple[str, str] | None = None  # who agreed to take part, and when (ISO, UTC)
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
         self.data = DataPanel()
-        self.device, self.editor = DevicePage(send), ProtocolEditor()
+        self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
         self.data.folder_chosen.connect(self._take_folder)
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.consent.answered.connect(self.answer_consent)
         self.data.close_asked.connect(lambda: self.send(m.Leave()))
         self.data.page_asked.connect(self.page_asked)
-        self.data.looked.connect(self._refresh)
+        self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
-        for inner in (self.editor, self.device):
-            inner.closed.connect(self._show_columns)
+        self.editor.closed.connect(self._show_columns)
 
     def _make_choices(self) -> None:
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
@@ -101,7 +105,7 @@ class HomePage(Page):
         self.link.changed.connect(self._link_chosen)
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
-        self.ports.device_page_asked.connect(lambda: self.begin(HOME))
+        self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -150,7 +154,7 @@ class HomePage(Page):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._shares = row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP)
         self.columns = holder(self._shares)
-        self.stack = stack(self.columns, self.plan, self.editor, self.device)
+        self.stack = stack(self.columns, self.plan, self.editor, self.consent)
         self.setLayout(column(self.stack))
         self.follow_text()
 
@@ -167,12 +171,15 @@ class HomePage(Page):
             self._typed, self._named = False, setup.participant
             self.link.show_value(BOARD if setup.link else SIMULATED)
             self._take(setup)
-        self.ports.show_link(setup.link)
+        if self._opening == setup.link:
+            self._opening = ""
+        self._refresh()
 
     def show_opened(self, opened: m.Opened) -> None:
         ended = self.opened is not None and self.opened.participant and not opened.participant
         super().show_opened(opened)
         if opened.participant:
+            self._opening = ""
             self.participant.setText(opened.participant)
         if ended:  # another participant comes next
             self._typed, self._named = False, ""
@@ -181,30 +188,28 @@ class HomePage(Page):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         super().show_snapshot(snapshot)
-        self.device.show_session(self.opened, snapshot)
+        if snapshot.notice_bad or snapshot.stage == m.FAILED:
+            self._opening = ""
         if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
             self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
             self._choose()
         self._refresh()
 
-    def show_pulse(self, pulse: m.Pulse) -> None:
-        self.device.show_status(pulse.device)
-
     def begin(self, what: object = None) -> None:
-        """What: the page from which the device page was asked for, and to which it leads back."""
-        self._asked_from = str(what or HOME)
-        self.stack.setCurrentWidget(self.device if what else self.columns)
+        self._show_columns()
 
     def cancel(self) -> bool:
-        shown = self.stack.currentWidget()
-        if shown is not self.device or not self.device.cards.leave():
-            self._show_columns()
-        return shown is not self.columns
+        asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
+        self._show_columns()
+        return asked
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
 
     def _show_columns(self) -> None:
+        self.cards.leave()
+        self.consent_asked.emit(None)
         self.stack.setCurrentWidget(self.columns)
-        if self._asked_from != HOME:
-            self.page_asked.emit(self._asked_from, None)
 
     # --------------------------------------------------------------------------------------- the choices
 
@@ -242,6 +247,13 @@ class HomePage(Page):
             path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
             chosen = (path,) if path else self.chosen.devices
         self._choose(devices=chosen)
+
+    def _looked(self) -> None:
+        """Something in the data folder has changed: perhaps the participant who was proposed has declined."""
+        found = self.data.session_of(self.participant.text())
+        if found is not None and found.declined and not self._typed:
+            self._load()
+        self._refresh()
 
     def _participant_typed(self) -> None:
         self._typed = True
@@ -290,7 +302,9 @@ class HomePage(Page):
 
     def _connect(self, port: str) -> None:
         if not self._session_open:
+            self._opening = port
             self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
+            self._refresh()
 
     def _take_folder(self, folder: Path) -> None:
         self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
@@ -327,9 +341,11 @@ class HomePage(Page):
     def _wanted(self) -> Wanted:
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
-        problems = self.form.problems() if self._asks_a_person else []
+        asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
+        consent_due = asks and (self._agreed is None or self._agreed[0] != label)
+        problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems)
+        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due)
 
     def _refresh(self) -> None:
         """Show whether a session can start, and what the button then does."""
@@ -339,12 +355,17 @@ class HomePage(Page):
         self._show_start(wanted, blockers)
         self._show_choices(wanted)
         self.checks.show_checks(snapshot.checks)
-        self.data.show_session(is_open, session_blocker(is_open, snapshot, real_device), snapshot.can_leave)
+        why_not = session_blocker(is_open, snapshot, real_device)
+        self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
+        self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
 
     def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
         self.standing.setText(standing_of(wanted))
         self.start.setText(start_text(wanted, self._session_open))
         self.start.setEnabled(bool(self._session_open) or not blockers)
+        show_wait(
+            self.start, f"Opening the session of {wanted.participant} …", self._opening == wanted.participant != ""
+        )
         failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
         sentences = [self.snapshot.notice, *blockers] if failed and self.snapshot.notice else blockers
         self.why.setText(breakable("\n".join(sentences)))
@@ -357,7 +378,7 @@ class HomePage(Page):
         new = wanted.found is None and not self._session_open  # blind and form are settled when a session begins
         always_blind = isinstance(self.loaded, Loaded) and self.loaded.protocol.blind
         self.blind.setEnabled(new and not always_blind and is_person(self.hand.value()))
-        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields))
+        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields) and not wanted.consent_due)
         self.ports.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
@@ -366,16 +387,49 @@ class HomePage(Page):
         if self._session_open:
             self.page_asked.emit(RUN, None)
         elif self.start.isEnabled():
-            found = self.data.session_of(self.participant.text()) is not None
-            blind, form = (False, {}) if found else (self.blind.isChecked(), self.form.answers())
-            self._ask(m.Open(self.participant.text(), found, blind, form))
+            wanted = self._wanted()
+            if wanted.found is not None:
+                self._ask(m.Open(wanted.participant, resume=True))
+            elif wanted.consent_due:
+                self._ask_consent(wanted.participant)
+            else:
+                consent = (True, self._agreed[1]) if self._agreed else None
+                self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""
+        self._agreed = None
+        self._opening = command.participant
         if self._same_setup:
             self.send(command)
         else:
             self.setup_asked.emit(self.chosen, command)
+        self._refresh()
+
+    # --------------------------------------------------------------------------------------- consent
+
+    def _ask_consent(self, participant: str) -> None:
+        """Let the participant read what they agree to: on their own screen where there is one, else here."""
+        assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
+        if self.participant_answers:
+            self.consent_asked.emit(self.loaded.protocol.consent)
+            text = "The participant reads it and answers on the other screen."
+            self.cards.put(OverlayCard(f"Consent of {participant}", text, [("Cancel  Esc", self._show_columns)], self))
+        else:
+            self.consent.show_consent(self.loaded.protocol.consent)
+            self.stack.setCurrentWidget(self.consent)
+
+    def answer_consent(self, agrees: bool) -> None:
+        """The participant takes part, then the form comes; or does not, and that alone is recorded."""
+        participant, now = self.participant.text(), datetime.now(UTC).isoformat(timespec="milliseconds")
+        self._show_columns()
+        if agrees:
+            self._agreed = participant, now
+            self._refresh()
+        else:
+            self._typed = False  # another participant comes next
+            self._ask(m.Open(participant, consent=(False, now)))
+            self._opening = ""
 
     # --------------------------------------------------------------------------------------- plan and editor
 

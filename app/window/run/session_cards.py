@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets.cards import Ask, Cards, OverlayCard
-from app.window.widgets.page import ANALYSE, HOME, RUN, Page
+from app.window.widgets.page import ANALYSE, DEVICE, Page
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
 from experiments.session.files import finished_cells
@@ -87,7 +87,7 @@ class SessionCards(Cards):
                 self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
-                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(DEVICE, None)))
             return OverlayCard(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"

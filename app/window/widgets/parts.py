@@ -218,6 +218,13 @@ def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") 
     return made
 
 
+def show_wait(pressed: QPushButton, text: str, waits: bool) -> None:
+    """While what a button asked for is being done, it says so and cannot be pressed again."""
+    if waits:
+        pressed.setText(text)
+    pressed.setEnabled(not waits)
+
+
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
     """A chip that is lit while it is on; it never takes the keyboard."""
     made = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)

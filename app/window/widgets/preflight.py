@@ -9,9 +9,12 @@ from app.window.widgets import theme
 from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
 
-STATE_COLOUR = {m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.BAD: COLOURS.bad, m.WAITING: COLOURS.brake_off}
+STATE_COLOUR = {
+    m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.DUE: COLOURS.caution, m.BAD: COLOURS.bad,
+    m.WAITING: COLOURS.brake_off,
+}  # fmt: skip
 #: Said by shape too, not by colour alone.
-MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
+MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.DUE: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
 
 

@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen, QStaticText, QTransform
 from PySide6.QtWidgets import QApplication, QWidget
 
-from app.window.widgets import palette
+from app.window.widgets import memory, palette
 from app.window.widgets.sheet import SHEET
 
 COLOURS = palette.chosen
@@ -45,14 +45,25 @@ def font(size: int = NORMAL, bold: bool = False) -> QFont:
     return chosen
 
 
+def text_size() -> float:
+    """The one of TEXT_SIZES that is shown."""
+    return TEXT_SIZES[_text_size]
+
+
 def scale_text(step: int) -> None:
-    """The next larger (1) or smaller (-1) text size, in every window that is there.
+    """The next larger (1) or smaller (-1) text size."""
+    set_text_size(TEXT_SIZES[min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)])
+
+
+def set_text_size(size: float) -> None:
+    """Another of TEXT_SIZES, which is remembered, in every window that is there.
 
     A widget that has to do more for it has a method `follow_text`.
     """
     global _text_size
-    before = TEXT_SIZES[_text_size]
-    _text_size = min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)
+    before = text_size()
+    _text_size = TEXT_SIZES.index(size)
+    memory.remember(memory.TEXT_SIZE, str(size))
     for cached in (font, text_width, laid_out):
         cached.cache_clear()
     QApplication.setFont(font())
@@ -105,6 +116,8 @@ def apply_theme(application: QApplication) -> None:
     folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSansMono.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))
+    kept = memory.remembered(memory.TEXT_SIZE)
+    set_text_size(next((size for size in TEXT_SIZES if str(size) == kept), text_size()))
     application.setStyle("Fusion")
     application.setFont(font())
     application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))
