@@ -138,7 +138,7 @@ class Settings(Table, frozen=True, kw_only=True):
     practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
     participants: tuple[Label, ...] = ()  # none named: anybody
     blind: bool = False  # the experimenter sees codes in place of controllers
-    show_linkage: bool = False  # to the participant
+    show_linkage: bool = False  # to the participant, as far as it is in the picture of the paths
     feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     assumptions: Assumptions = Assumptions()

@@ -140,8 +140,8 @@ class MainWindow(QWidget):
         head = row(*self.tabs.values(), spacing=0)
         head.addSpacing(8)
         head.addWidget(self.preflight, 1)
-        self.settings = button("Settings", self.show_settings, "small")
-        self.help = QPushButton("Help", objectName="small")
+        self.settings = button("⚙", self.show_settings, "small", "Settings")
+        self.help = QPushButton("?", objectName="small", toolTip="Help")
         self.help.setMenu(menu := QMenu(self.help))
         for text, do in (
             ("Keys  F1", self.show_keys), ("What the controllers do", self.show_controllers),
@@ -149,7 +149,11 @@ class MainWindow(QWidget):
         ):  # fmt: skip
             menu.addAction(text, do)
         for made in (self.settings, self.help):
+            made.setAccessibleName(made.toolTip())
+            made.setFont(theme.font(theme.TITLE, bold=True))
+        for made in (self.settings, self.help, self.preflight.brakes):
             made.setFocusPolicy(NO_FOCUS)
+            head.addSpacing(6)
             head.addWidget(made)
         parts = (head, self.banner, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))

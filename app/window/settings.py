@@ -55,7 +55,7 @@ class SettingsCard(OverlayCard):
         self.sound.show_value(memory.remembered(memory.SOUND))
         kept = memory.remembered(memory.DATA_FOLDER)
         folder = OneLine(
-            from_home(Path(kept)) if kept else "data, in the folder where PHD is started", "", theme.NORMAL
+            from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL
         )
         grid = grid_of({
             "Theme": (self.theme, "From the next start on."),
@@ -94,7 +94,8 @@ def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
     grid.setColumnStretch(1, 1)
     for name, (part, hint) in lines.items():
         down = grid.rowCount()
-        grid.addWidget(text_label(name, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
+        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+        grid.addWidget(text_label(name, bold=True), down, 0, level)
         grid.addWidget(part, down, 1)
         if hint:
             grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
@@ -122,9 +123,7 @@ def selectable(text: str) -> QLabel:
 def controllers_help(protocol: Protocol) -> dict[str, str]:
     """Controller of the protocol -> what it does."""
     return {
-        f"{number}  {preset.name}": " ".join(
-            filter(None, (FELT.get(preset.kind, ""), GAP if preset.named.get("gap_m") else "", f"({preset.words})"))
-        )
+        f"{number}  {preset.name}": FELT.get(preset.kind, preset.words) + (f" {GAP}" if preset.named.get("gap_m") else "")
         for number, preset in protocol.controllers.items()
     }
 

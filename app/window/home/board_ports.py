@@ -82,10 +82,12 @@ class BoardPorts(QWidget):
             self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), words, own))
         for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
-            show_wait(connect, OPENING, found.port == self._opening)
+            if found.port == self._opening:
+                show_wait(connect, OPENING)
             self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), text_label(found.words, "quiet"), connect))
         typed = self._opening not in ("", *(board.port for board in self._found))
-        show_wait(self.connect_typed, OPENING if typed else "Connect", typed)
+        self.connect_typed.setText(OPENING if typed else "Connect")
+        self.connect_typed.setEnabled(not self._opening)
         if not self._found and not self._mine:
             self._rows.addWidget(wrapped_label("No board answers on USB. Plug one in, or type its port.", "quiet"))
 

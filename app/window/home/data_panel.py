@@ -179,7 +179,7 @@ class DataPanel(Panel):
             main.setEnabled(not self._why and not session.problem and not self._opening)
             main.setToolTip(self._why)
         if session.participant == self._opening:
-            show_wait(main, "Opening …", True)
+            show_wait(main, "Opening …")
         main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.set_style(bar, "done" if session.complete else "")

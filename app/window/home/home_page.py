@@ -342,10 +342,11 @@ class HomePage(Page):
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
         asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
-        consent_due = asks and (self._agreed is None or self._agreed[0] != label)
+        agreed = asks and self._agreed is not None and self._agreed[0] == label
+        consent_due = asks and not agreed
         problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due)
+        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due, agreed)
 
     def _refresh(self) -> None:
         """Show whether a session can start, and what the button then does."""
@@ -363,9 +364,8 @@ class HomePage(Page):
         self.standing.setText(standing_of(wanted))
         self.start.setText(start_text(wanted, self._session_open))
         self.start.setEnabled(bool(self._session_open) or not blockers)
-        show_wait(
-            self.start, f"Opening the session of {wanted.participant} …", self._opening == wanted.participant != ""
-        )
+        if self._opening and self._opening == wanted.participant:
+            show_wait(self.start, f"Opening the session of {wanted.participant} …")
         failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
         sentences = [self.snapshot.notice, *blockers] if failed and self.snapshot.notice else blockers
         self.why.setText(breakable("\n".join(sentences)))
@@ -393,7 +393,7 @@ class HomePage(Page):
             elif wanted.consent_due:
                 self._ask_consent(wanted.participant)
             else:
-                consent = (True, self._agreed[1]) if self._agreed else None
+                consent = (True, self._agreed[1]) if self._agreed and wanted.agreed else None
                 self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
 
     def _ask(self, command: m.Open) -> None:

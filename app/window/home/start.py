@@ -53,7 +53,8 @@ class Wanted(NamedTuple):
     loaded: Loaded | InputError | None  # the chosen protocol, or why it cannot be run; None: being read
     operators: int  # simulated operators whose study the data folder holds
     form_problems: list[str]  # what is still to be done in the form, a sentence each
-    consent_due: bool = False  # the participant is asked first whether they take part
+    consent_due: bool = False  # the participant is asked first whether they take part ..
+    agreed: bool = False  # .. and has said so
 
 
 def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
@@ -106,7 +107,7 @@ def standing_of(wanted: Wanted) -> str:
     if not wanted.participant:
         return ""
     if wanted.found is None:
-        return "new"
+        return "new, agreed to take part" if wanted.agreed else "new"
     if wanted.found.declined:
         return "does not take part"
     return f"{wanted.found.done} of {wanted.found.planned} done, {wanted.found.protocol} protocol"

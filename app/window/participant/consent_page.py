@@ -5,7 +5,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import button, column, row, scrolled, wrapped_label
+from app.window.widgets.parts import button, column, holder, row, scrolled, wrapped_label
 from experiments.protocol_file import Consent
 
 WIDE_PX = 900  # at most
@@ -27,9 +27,10 @@ class ConsentPage(QWidget):
             answer.setFont(theme.font(theme.TITLE, bold=True))
             answer.setMinimumHeight(48)
         self.area = scrolled(self.text)
-        self.area.setMaximumWidth(WIDE_PX)
         answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
-        self.setLayout(row(1, (column((self.area, 1), answers, spacing=24), 100), 1, margins=(40, 32, 40, 32)))
+        middle = holder(column((self.area, 1), answers, spacing=24))
+        middle.setMaximumWidth(WIDE_PX)
+        self.setLayout(row(1, (middle, 100), 1, margins=(40, 32, 40, 32)))
 
     def show_consent(self, consent: Consent) -> None:
         self.text.setText(consent.text.strip())

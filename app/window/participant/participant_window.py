@@ -32,6 +32,7 @@ LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metre
 TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
 EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
+ARM_SHARE = 0.7  # of the radius of the handle: how wide an arm is
 LEAST_SHARE = 0.45  # of the size of the marks, in a small window
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 
@@ -71,7 +72,7 @@ class ParticipantView(Plane):
     def show_linkage(self, device: Device | None) -> None:
         """Draw the arms of a device; None: no linkage."""
         self._device = device
-        self.update()
+        self.repaint_still()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
@@ -85,6 +86,10 @@ class ParticipantView(Plane):
             super().point_at(at, grip)
 
     def paint_under_path(self, painter: QPainter) -> None:
+        if self._device is None:
+            self._paint_text(painter)
+
+    def _paint_text(self, painter: QPainter) -> None:
         height = float(self.height())
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
         top = TEXT_TOP if len(self.outline) else TEXT_ALONE
@@ -104,7 +109,10 @@ class ParticipantView(Plane):
             self.paint_hold(painter, self.held)
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
-            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, 12.0, 3.0)
+            wide = ARM_SHARE * self.sizes.handle
+            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, wide, 0.25 * wide)
+        if self._device is not None:
+            self._paint_text(painter)  # above the arms
 
 
 def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, float]) -> QRectF:

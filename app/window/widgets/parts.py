@@ -218,11 +218,10 @@ def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") 
     return made
 
 
-def show_wait(pressed: QPushButton, text: str, waits: bool) -> None:
-    """While what a button asked for is being done, it says so and cannot be pressed again."""
-    if waits:
-        pressed.setText(text)
-    pressed.setEnabled(not waits)
+def show_wait(pressed: QPushButton, text: str) -> None:
+    """What the button asked for is being done: it says so, and cannot be pressed again."""
+    pressed.setText(text)
+    pressed.setEnabled(False)
 
 
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:

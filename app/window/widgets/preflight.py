@@ -33,7 +33,8 @@ class Pill(Panel):
     def __init__(self, check: m.Check) -> None:
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
         self.mark, name = mark_of(check, theme.SMALL), text_label(check.name, size=theme.SMALL, bold=True)
-        self.text = OneLine(check.text, "quiet", dots=END)
+        short = check.text.partition(",")[0] if check.state == m.GOOD else check.text
+        self.text = OneLine(short, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
         self.text.setToolTip("")
         self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(7, 0, 7, 0)))
@@ -81,7 +82,7 @@ class Banner(QLabel):
 
 
 class Preflight(QWidget):
-    """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
+    """Pills; `brakes` and `advice`, which says what is wrong, are placed by the window."""
 
     device_asked = Signal()
 
@@ -94,7 +95,7 @@ class Preflight(QWidget):
         self.brakes.setFixedHeight(34)
         self.advice = Banner()
         self._row = row(spacing=4)
-        self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
+        self.setLayout(row(1, self._row))
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """Show the checks, and what is wrong."""
