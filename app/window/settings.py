@@ -54,9 +54,7 @@ class SettingsCard(OverlayCard):
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
         kept = memory.remembered(memory.DATA_FOLDER)
-        folder = OneLine(
-            from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL
-        )
+        folder = OneLine(from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL)
         grid = grid_of({
             "Theme": (self.theme, "From the next start on."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
@@ -122,10 +120,11 @@ def selectable(text: str) -> QLabel:
 
 def controllers_help(protocol: Protocol) -> dict[str, str]:
     """Controller of the protocol -> what it does."""
-    return {
-        f"{number}  {preset.name}": FELT.get(preset.kind, preset.words) + (f" {GAP}" if preset.named.get("gap_m") else "")
-        for number, preset in protocol.controllers.items()
-    }
+    found = {}
+    for number, preset in protocol.controllers.items():
+        gap = f" {GAP}" if preset.named.get("gap_m") else ""
+        found[f"{number}  {preset.name}"] = FELT.get(preset.kind, preset.words) + gap
+    return found
 
 
 def files_help(data_folder: str) -> dict[str, str]:

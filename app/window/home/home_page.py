@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
@@ -33,6 +33,7 @@ from app.window.home.start import (
 from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
+from app.window.widgets.fields import Tick
 from app.window.widgets.page import DEVICE, RUN, TRY, Page
 from app.window.widgets.parts import (
     Choice,
@@ -113,7 +114,7 @@ class HomePage(Page):
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
-        self.blind = QCheckBox("Hide the names of the controllers")
+        self.blind = Tick("Hide the names of the controllers")
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
