@@ -26,14 +26,15 @@ from fake_client import (
 )
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog
 from screens import Screens, cut_texts, point, settle, visible_texts
 from sessions import session_of
 
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
-from app.window.widgets import words
-from app.window.widgets.page import ANALYSE, HOME, RUN
+from app.window.widgets import memory, words
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
 from core import tick_log
 
@@ -74,7 +75,9 @@ def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens
 
     screens.hear(opened(), ready(checks=GREEN))
     assert all(share >= 1.0 for share in shares())
-    screens.hear(ready(checks=(*GREEN, m.Check("Stream", m.GOOD, "every tick and its markers"))))
+    screens.hear(
+        ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none of which is lost")))
+    )
     assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and cut_texts(screens.main) == []
     screens.main.resize(*SMALLEST)
     settle(screens.main)
@@ -94,15 +97,46 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
-def test_escape_leads_from_the_device_page_back_to_where_it_was_asked_for(screens: Screens) -> None:
+def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:
+    main, kept = screens.main, {}
+    monkeypatch.setattr(memory, "remember", kept.__setitem__)
     screens.hear(opened(), ready(1))
-    for page in (RUN, HOME):
-        screens.main.show_page(page)
-        screens.press(KEY.Key_F3)
-        home = screens.main.pages[HOME]
-        assert screens.main.shown == HOME and home.stack.currentWidget() is home.device
-        screens.press(KEY.Key_Escape)
-        assert screens.main.shown == page and home.stack.currentWidget() is home.columns
+    screens.press(KEY.Key_F3)
+    assert main.shown == DEVICE and main.tabs[DEVICE].isChecked()
+    QTest.mouseClick(main.settings, Qt.MouseButton.LeftButton)
+    card = main.cards.question
+    for field, value in (
+        (card.theme, "light"),
+        (card.sound, memory.OFF),
+        (card.text_size, 1.15),
+        (card.text_size, 1.0),
+    ):
+        field.show_value(value)
+        field.changed.emit(value)
+    assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.TEXT_SIZE: "1.0"}
+    for entry, says in zip(
+        main.help.menu().actions(), ("start the next trial", "One brake at a time", "session.json", "Reed"), strict=True
+    ):
+        entry.trigger()
+        settle(main)
+        assert says in " ".join(visible_texts(main)) and cut_texts(main) == []
+    screens.press(KEY.Key_Escape)
+    assert main.cards.question is None and screens.client.off_causes == []
+
+
+def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(
+    screens: Screens, monkeypatch, tmp_path
+) -> None:
+    main, asked = screens.main, []
+    main.restart_asked.disconnect()
+    main.restart_asked.connect(lambda *setup: asked.append(setup))
+    screens.client.alive, screens.client.wants_other_folder = False, True
+    screens.hear(m.Snapshot(m.FAILED, notice="/data: another PHD window is using this folder", notice_bad=True))
+    settle(main)
+    assert "/data: another PHD window is using this folder." in " ".join(visible_texts(main)).replace("\u200b", "")
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
+    screens.press(KEY.Key_Return)
+    assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
 def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:

@@ -66,8 +66,8 @@ def test_the_button_says_what_it_does() -> None:
         (WANTED, "", "Start session   01 · 60 trials", "new"),
         (WANTED._replace(participant=""), "", "Start session", ""),
         (WANTED._replace(loaded=None), "", "Start session", "new"),
-        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done"),
-        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done"),
+        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done, paper protocol"),
+        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done, paper protocol"),
         (WANTED, "02", "Go to the session   02", "new"),
     ):
         assert (start_text(wanted, is_open), standing_of(wanted)) == (text, standing)

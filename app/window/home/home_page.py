@@ -25,6 +25,7 @@ from app.window.home.start import (
     Loaded,
     Wanted,
     load,
+    opening_board,
     session_blocker,
     standing_of,
     start_blockers,
@@ -101,6 +102,7 @@ class HomePage(Page):
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
         self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
+        self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.changed.connect(self._link_chosen)
@@ -166,7 +168,7 @@ class HomePage(Page):
     # --------------------------------------------------------------------------------------- what the window hands on
 
     def show_setup(self, setup: m.Setup) -> None:
-        self.setup = setup
+        self.setup, self.opened, self.snapshot = setup, None, m.Snapshot(m.PREPARING)
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
             self._typed, self._named = False, setup.participant
@@ -239,7 +241,6 @@ class HomePage(Page):
         """A protocol was chosen or saved: options that stood in place of another one's values are gone."""
         if name not in shipped_protocols():
             self._recent.add(name)
-        self._show_columns()
         self._choose(protocol=name, rules=None, low_gain=None, seed=None)
 
     def _devices_chosen(self) -> None:
@@ -327,7 +328,8 @@ class HomePage(Page):
         if self._same_setup and not self._no_board:
             return self.snapshot.checks
         others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
-        return (NO_BOARD, *others) if self._no_board else others
+        none = opening_board(self._opening) if self._opening else NO_BOARD
+        return (none, *others) if self._no_board else others
 
     @property
     def _asks_a_person(self) -> bool:

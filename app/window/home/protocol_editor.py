@@ -9,6 +9,7 @@ import itertools
 import re
 import tomllib
 from copy import deepcopy
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -430,18 +431,21 @@ class ProtocolEditor(Panel):
             return
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the protocol", str(proposed), TOML)
         path = Path(chosen).with_suffix(".toml")
-        if chosen:
-            self._save_as(path, replacing=str(path) == chosen)
+        if chosen and self._save_as(path, replacing=str(path) == chosen):
+            self.closed.emit()
 
-    def _save_as(self, path: Path, replacing: bool) -> None:
+    def _save_as(self, path: Path, replacing: bool) -> bool:
+        """Whether it was saved; what is changed next is then saved there, too."""
         try:
             save_protocol(path, self.content, replacing)
         except InputError as error:
             self._show_problem(str(error))
             self.save.setEnabled(True)  # elsewhere, or once the reason is gone
-        else:
-            self._as_read = self.content
-            self.saved.emit(str(path))
+            return False
+        self._name, self._file, self._folder, self._as_read = str(path), path, path.parent, deepcopy(self.content)
+        self.title.setText(f"{path.name}, saved {datetime.now():%H:%M}")
+        self.saved.emit(str(path))
+        return True
 
 
 def default_of(key: str) -> Any:

@@ -15,6 +15,11 @@ from experiments.session.overview import SessionOverview, scan_folder
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 
 
+def opening_board(port: str) -> m.Check:
+    """The check of a board whose port was chosen, while the session server before ends."""
+    return m.Check("Device", m.WAITING, f"opening {port} …")
+
+
 class Loaded(NamedTuple):
     """A protocol that can be run, and what Home says of it."""
 
