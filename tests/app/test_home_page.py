@@ -160,6 +160,7 @@ def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch)
     shown.resize(1000, 600)
     page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
     page.show_opened(opened("", **ON_BENCH))
+    page.show_snapshot(before(checks=WELL))
     shown.wait()
     settle(page)
     assert page.ports.again.isVisible() and "connected" in shown.texts()
@@ -355,6 +356,8 @@ def test_consent_comes_before_the_form_and_who_declines_is_asked_nothing_else(sh
     shown.until(lambda: page.start.text() == "Ask 01 for consent")
     assert page.form.isHidden() and page.start.isEnabled()
     page.show_setup(page.chosen)  # the session server that is there has this protocol
+    page.show_opened(opened(""))
+    page.show_snapshot(before())
     shown.click(page.start)
     assert "You may stop." in shown.texts() and page.consent.agree.text() == "Yes"
     shown.click(page.consent.decline)

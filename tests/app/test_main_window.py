@@ -75,9 +75,7 @@ def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens
 
     screens.hear(opened(), ready(checks=GREEN))
     assert all(share >= 1.0 for share in shares())
-    screens.hear(
-        ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none of which is lost")))
-    )
+    screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
     assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and cut_texts(screens.main) == []
     screens.main.resize(*SMALLEST)
     settle(screens.main)
@@ -135,7 +133,7 @@ def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(
     settle(main)
     assert "/data: another PHD window is using this folder." in " ".join(visible_texts(main)).replace("\u200b", "")
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
-    screens.press(KEY.Key_Return)
+    QTest.mouseClick(main.cards.question.buttons[0], Qt.MouseButton.LeftButton)
     assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
