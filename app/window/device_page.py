@@ -13,7 +13,18 @@ from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
-from app.window.widgets.parts import OneLine, button, column, holder, panel, row, text_label, wrapped_label
+from app.window.widgets.parts import (
+    PANEL_MARGINS,
+    OneLine,
+    Panel,
+    button,
+    column,
+    holder,
+    panel,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.preflight import Checklist
 from core.control.controllers import Preset
 from core.device import Device
@@ -197,8 +208,10 @@ class DevicePage(Page):
         self._refresh()
 
     def _lay_out(self) -> None:
-        steps = row(*self.steps.values(), self.reset, 1)
-        state = panel("Is it ready?", self.health, self.quantised, self.why, steps)
+        title = text_label("Is it ready?", size=theme.HEAD, bold=True)
+        head = row(title, 1, *self.steps.values(), self.reset)  # above what grows: no button moves
+        state = Panel()
+        state.setLayout(column(head, self.health, self.quantised, self.why, spacing=8, margins=PANEL_MARGINS))
         groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
         panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
         self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))

@@ -157,6 +157,9 @@ class Checklist(QWidget):
         for at, check in enumerate(checks):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
             self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
+            words = wrapped_label(breakable(text), "quiet")
             if check.name:
                 self._grid.addWidget(text_label(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
-            self._grid.addWidget(wrapped_label(breakable(text), "quiet"), at, 2)
+                self._grid.addWidget(words, at, 2)
+            else:
+                self._grid.addWidget(words, at, 1, 1, 2)
