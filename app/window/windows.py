@@ -330,6 +330,9 @@ def run(client: Client) -> int:
         def leave(number: int, _frame: object) -> None:
             nonlocal code
             code = 128 + number
+            QTimer.singleShot(0, end)  # not here: a wait for a message that this interrupts would never end
+
+        def end() -> None:
             windows.close("the program was interrupted")
             application.quit()
 
