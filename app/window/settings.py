@@ -45,11 +45,11 @@ class SettingsCard(OverlayCard):
         self.theme = Segments({"dark": "Dark", "light": "Light"})
         self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
         self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
-        self.screen = Choice()
+        self.participant_screen = Choice()
         screens = {screen.name(): screen_words(screen.name()) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
-        self.screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
+        self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
         self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
@@ -58,13 +58,13 @@ class SettingsCard(OverlayCard):
         grid = grid_of({
             "Theme": (self.theme, "From the next start on."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
-            "Participant's screen": (self.screen, ""),
+            "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
             "Data folder": (folder, "Where each start keeps its sessions, unless --data-dir names another."),
         })  # fmt: skip
         self.inside.addLayout(grid)
         self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
-        self.screen.activated.connect(lambda: self._choose(memory.SCREEN, self.screen.value()))
+        self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
         for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
             field.changed.connect(lambda value, key=key: self._choose(key, value))
         self.text_size.changed.connect(theme.set_text_size)

@@ -1,4 +1,4 @@
-"""Consent: who agrees goes on, of who declines nothing but the answer is kept, and resume, verify and export know it."""
+"""Consent: who agrees goes on; of who declines only the answer is kept; resume, verify and export know it."""
 
 import json
 from pathlib import Path
