@@ -292,7 +292,6 @@ def compile_kernels() -> None:
     bar.setCancelButton(None)
     bar.setWindowTitle("PHD")
     bar.setMinimumDuration(0)
-    bar.setValue(0)
     waiting = QEventLoop()
     compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
     in_terminal = ProgressBar("setting up for this computer: once")
@@ -301,6 +300,7 @@ def compile_kernels() -> None:
         bar.setValue(round(99 * share))
         in_terminal(share)
 
+    show(0.0)
     compiling.progressed.connect(show)
     compiling.begin(module="app.compile_kernels")
     waiting.exec()

@@ -80,7 +80,7 @@ def set_text_size(size: float) -> None:
 def mono() -> QFont:
     """The typeface of text in columns."""
     chosen = QFont(["DejaVu Sans Mono", "monospace"])
-    chosen.setPixelSize(NORMAL)
+    chosen.setPixelSize(text_px(NORMAL))
     return chosen
 
 
