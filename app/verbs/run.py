@@ -61,9 +61,6 @@ def label(text: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int | None:
-    memory = import_window_module("widgets.memory")
-    memory.begin()
-    args.data_dir = args.data_dir or Path(memory.remembered(memory.DATA_FOLDER) or "data")
     port = port_of(args)
     if args.print_plan:
         print_plan(args)
@@ -79,7 +76,7 @@ def run(args: argparse.Namespace) -> int | None:
 
     devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(
-        args.data_dir.absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
+        data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
@@ -90,6 +87,8 @@ def run(args: argparse.Namespace) -> int | None:
     client = Client(setup)
     try:  # all this takes its time, and so does the session server
         watch_compiling()
+        memory = import_window_module("widgets.memory")
+        memory.begin()
         palette.choose(args.theme or memory.remembered(memory.DARK_OR_LIGHT))
         windows = import_window_module("windows")
         display.check()
@@ -99,6 +98,15 @@ def run(args: argparse.Namespace) -> int | None:
         client.stop("no window was opened")
         raise
     return windows.run(client)
+
+
+def data_dir_of(args: argparse.Namespace) -> Path:
+    """That of the command line, else of the settings."""
+    if args.data_dir is not None:
+        return args.data_dir
+    memory = import_window_module("widgets.memory")
+    memory.begin()
+    return Path(memory.remembered(memory.DATA_FOLDER) or "data")
 
 
 def port_of(args: argparse.Namespace) -> str:
@@ -153,7 +161,7 @@ def print_plan(args: argparse.Namespace) -> None:
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)
-    participant = args.participant or free_participant(args.data_dir, protocol.participants)
+    participant = args.participant or free_participant(data_dir_of(args), protocol.participants)
     if is_person(args.input):
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")

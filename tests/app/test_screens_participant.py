@@ -11,6 +11,7 @@ from fake_client import (
     PRACTICE,
     PRESETS,
     SHORT_BREAK,
+    before,
     movement,
     opened,
     paper,
@@ -33,7 +34,7 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.language import ENGLISH_WORDS
 from experiments.protocol import load_protocol, shipped_protocols
-from experiments.protocol_file import Cues, Instruction
+from experiments.protocol_file import Consent, Cues, Instruction
 
 ALT = Qt.KeyboardModifier.AltModifier
 
@@ -378,3 +379,28 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
             is_full = np.any(np.ptp(reach, axis=0) + rings > (0.97 * width, 0.97 * text_top))
             assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
             assert not is_full or width > 1.7 * height or name not in ("paper", "curves")
+
+
+def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screens: Screens) -> None:
+    answers: list[bool] = []
+    screens.participant.consent.answered.disconnect()
+    screens.participant.consent.answered.connect(answers.append)
+    screens.participant.ask_consent(Consent("You may stop.\n" * 60, "Yes", "No"))
+    page = screens.participant.consent
+    settle(screens.participant)
+    assert page.isVisible() and page.area.verticalScrollBar().maximum() > 0
+    for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
+        screens.press(key, screens.participant)
+    assert answers == [] == screens.client.sent
+    QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
+    screens.participant.ask_consent(None)
+    assert answers == [True] and screens.participant.view.isVisible()
+
+
+def test_the_path_has_one_scale_with_the_linkage_shown_or_not_and_text_lies_above_the_arms(screens: Screens) -> None:
+    view = screens.participant.view
+    for size in ((1280, 720), (1920, 1080)):
+        for shown in (False, True):
+            screens.participant.resize(*size)
+            screens.hear(opened("", paper(show_linkage=shown)), before())
+            assert 0.2 * view.scale >= 0.5 * min(size) and view.rings_px[0] >= 9.0
