@@ -263,7 +263,7 @@ class MainWindow(QWidget):
             self._choose_folder()
 
     def _choose_folder(self) -> None:
-        """Ask for a data folder, and go on in it; it is remembered."""
+        """Ask for a data folder, and go on in it."""
         if self.opened is not None and self.opened.participant:
             self.cards.show_message("Another data folder", f"Close the session first. {LEAVE}")
             return
@@ -271,7 +271,6 @@ class MainWindow(QWidget):
         chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(setup.data_dir.parent))
         if chosen:
             self.cards.leave()
-            memory.remember(memory.DATA_FOLDER, chosen)
             self.restart_asked.emit(setup._replace(data_dir=data_folder_of(Path(chosen)), participant=""), None)
 
     def _show_help(self, title: str, text: str, lines: dict[str, str]) -> None:

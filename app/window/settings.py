@@ -60,7 +60,7 @@ class SettingsCard(OverlayCard):
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "Where each start keeps its sessions, unless --data-dir names another."),
+            "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
         })  # fmt: skip
         self.inside.addLayout(grid)
         self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))

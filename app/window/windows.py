@@ -101,6 +101,8 @@ class Windows(QObject):
         The window goes on meanwhile: the old one may have something to keep.
         """
         if self._ending is None:
+            if setup.data_dir != self.client.setup.data_dir:
+                memory.remember(memory.DATA_FOLDER, str(setup.data_dir))  # the next start begins there
             self._next = setup, then
             self._ending = threading.Thread(target=self.client.stop, args=("another setup was chosen",))
             self._ending.start()
