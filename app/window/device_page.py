@@ -259,7 +259,7 @@ class DevicePage(Page):
 
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
-        there = opened is not None and bool(self._port)
+        there = opened is not None and opened.real_device
         self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
         self.no_figures.setVisible(not there)
         self.bench.setVisible(there)

@@ -21,6 +21,7 @@ from app.window.analyse import analyse_page
 from app.window.main_window import SMALLEST
 from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, TRY
+from experiments.protocol_file import Consent
 
 SIZES = ((1280, 720), (1366, 768), (1920, 1080))
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
@@ -101,9 +102,33 @@ def device(snapshot: m.Snapshot, state: DeviceStatus | None) -> Callable[[Screen
     return show
 
 
+def card(name: str) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.hear(opened(), ready(3))
+        getattr(screens.main, f"show_{name}")()
+
+    return show
+
+
+def editor(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    home = screens.main.pages[HOME]
+    home.editor.open("curves")
+    home.stack.setCurrentWidget(home.editor)
+
+
+def consent(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    home = screens.main.pages[HOME]
+    home.consent.show_consent(Consent("You may stop at any time, without giving a reason."))
+    home.stack.setCurrentWidget(home.consent)
+
+
 STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
+    **{name: card(name) for name in ("settings", "controllers", "files", "about")},
+    "editor": editor, "consent": consent,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, lost": device(ready(3, checks=LOST), None),

@@ -116,7 +116,7 @@ class HomePage(Page):
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
-        self.blind = Tick("Hide the names of the controllers")
+        self.blind = Tick("Hide controller names")
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)

@@ -39,7 +39,7 @@ QPushButton#segment { padding: 6px 8px; }
 QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
 QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
 QPushButton#tab { background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
-    padding: 8px 9px; color: $quiet; }
+    padding: 8px 7px; color: $quiet; }
 QPushButton#tab:checked { color: $text; border-bottom-color: $accent; }
 QPushButton::menu-indicator { image: none; width: 0; }
 QProgressBar { background: $field; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }
