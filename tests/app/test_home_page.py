@@ -16,6 +16,7 @@ from status_messages import ON_BENCH, WELL
 from app.ipc import messages as m
 from app.window.home.data_panel import Recent
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
+from app.window.widgets import memory
 from app.window.widgets.page import ANALYSE, RUN, TRY
 from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
@@ -179,6 +180,9 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
             Recent("protocols").add(str(file))
         files[7].unlink()
         assert Recent("protocols").paths == [str(file) for file in files[6:1:-1]], "not the one that is gone"
+        memory.remember(memory.SOUND, memory.OFF)
+        assert "sound=off" in (memory.file().sync(), (tmp_path / "phd-test.ini").read_text())[1]
+        assert memory.remembered(memory.SOUND) == memory.OFF
     finally:
         QApplication.setOrganizationName("")
 

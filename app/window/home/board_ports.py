@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import OneLine, button, clear, column, row, show_wait, text_label, wrapped_label
+from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, text_label, wrapped_label
 from app.window.widgets.work import BackgroundTask
 from hardware.discovery import BoardFound, scan_ports
 
@@ -37,7 +37,7 @@ class BoardPorts(QWidget):
         self.again = button("Look again", self._look_anew)
         self._rows = column()
         self.connect_typed = button("Connect", self._connect_typed)
-        self.setLayout(column(self._rows, row((self.port, 1), self.connect_typed, self.again)))
+        self.setLayout(column(self._rows, Flow(self.port, self.connect_typed, self.again, gap=8)))
         self._fill()
 
     def show_link(self, port: str, checks: tuple[m.Check, ...] = (), opening: str = "") -> None:

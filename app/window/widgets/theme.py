@@ -50,6 +50,14 @@ def text_size() -> float:
     return TEXT_SIZES[_text_size]
 
 
+def begin_with_text_size() -> None:
+    """The one that the user chose last, before any window is there."""
+    global _text_size
+    kept = memory.remembered(memory.TEXT_SIZE)
+    _text_size = next((place for place, size in enumerate(TEXT_SIZES) if str(size) == kept), _text_size)
+    font.cache_clear()
+
+
 def scale_text(step: int) -> None:
     """The next larger (1) or smaller (-1) text size."""
     set_text_size(TEXT_SIZES[min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)])
@@ -116,8 +124,7 @@ def apply_theme(application: QApplication) -> None:
     folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSansMono.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))
-    kept = memory.remembered(memory.TEXT_SIZE)
-    set_text_size(next((size for size in TEXT_SIZES if str(size) == kept), text_size()))
+    begin_with_text_size()
     application.setStyle("Fusion")
     application.setFont(font())
     application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))
