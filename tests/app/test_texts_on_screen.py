@@ -121,7 +121,7 @@ def consent(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
     home.consent.show_consent(Consent("You may stop at any time, without giving a reason."))
-    home.stack.setCurrentWidget(home.consent)
+    home.stack.setCurrentWidget(home.asking)
 
 
 STATES: dict[str, Callable[[Screens], None]] = {

@@ -157,7 +157,8 @@ class HomePage(Page):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._shares = row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP)
         self.columns = holder(self._shares)
-        self.stack = stack(self.columns, self.plan, self.editor, self.consent)
+        self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
+        self.stack = stack(self.columns, self.plan, self.editor, self.asking)
         self.setLayout(column(self.stack))
         self.follow_text()
 
@@ -420,7 +421,7 @@ class HomePage(Page):
             self.cards.put(OverlayCard(f"Consent of {participant}", text, [("Cancel  Esc", self._show_columns)], self))
         else:
             self.consent.show_consent(self.loaded.protocol.consent)
-            self.stack.setCurrentWidget(self.consent)
+            self.stack.setCurrentWidget(self.asking)
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant takes part, then the form comes; or does not, and that alone is recorded."""
