@@ -251,6 +251,9 @@ def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(sho
     assert (
         page.start.text() == "Resume session   02 · 46 trials left" and "14 of 60 done, paper protocol" in shown.texts()
     )
+    shown.look(begun._replace(protocol="mine"))
+    assert page.summary.text() == "Participant 02 goes on by their own protocol, mine."
+    shown.look(begun, done)
     assert not page.blind.isEnabled(), "of a session that is there this was settled when it began"
     shown.type(page.participant, "01")
     assert page.start.text() == "Open session   01 · complete"

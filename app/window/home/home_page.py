@@ -270,10 +270,7 @@ class HomePage(Page):
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
         self.loaded = loaded
-        wrong = isinstance(loaded, InputError)
-        theme.set_style(self.summary, "bad" if wrong else "")
-        self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
-        self.show_plan.setEnabled(not wrong)
+        self.show_plan.setEnabled(isinstance(loaded, Loaded))
         if isinstance(loaded, Loaded):
             if not self._typed and loaded.participant != self.participant.text():
                 self.participant.setText(loaded.participant)
@@ -357,12 +354,26 @@ class HomePage(Page):
         wanted, is_open, real_device = self._wanted(), self._session_open, bool(self.setup.link)
         snapshot = self.snapshot._replace(checks=self._checks)
         blockers = start_blockers(wanted, is_open, snapshot, real_device)
+        self._show_summary(wanted)
         self._show_start(wanted, blockers)
         self._show_choices(wanted)
         self.checks.show_checks(snapshot.checks)
         why_not = session_blocker(is_open, snapshot, real_device)
         self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
+
+    def _show_summary(self, wanted: Wanted) -> None:
+        """What the chosen protocol is, or that a session goes on by another one, its own."""
+        own = wanted.found.protocol if wanted.found is not None else ""
+        if self.opened is not None and self._session_open:
+            own = self.opened.protocol.name
+        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
+        if isinstance(self.loaded, InputError):
+            self.summary.setText(breakable(str(self.loaded)))
+        elif self.loaded is not None:
+            other = own not in ("", self.loaded.protocol.name)
+            goes_on = f"Participant {wanted.participant} goes on by their own protocol, {own}."
+            self.summary.setText(goes_on if other else self.loaded.summary)
 
     def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
         self.standing.setText(standing_of(wanted))
