@@ -100,6 +100,14 @@ class Questionnaire(Table, frozen=True):
     each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
 
 
+class Consent(Table, frozen=True):
+    """What each participant is asked before anything else: whether they agree to take part."""
+
+    text: Text
+    agree: Text = "I agree to take part"
+    decline: Text = "I do not take part"
+
+
 class Export(Table, frozen=True):
     """What a BIDS data set says of itself and only the experimenter knows: its dataset_description.json."""
 
@@ -133,7 +141,7 @@ class Settings(Table, frozen=True, kw_only=True):
     practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
     participants: tuple[Label, ...] = ()  # none named: anybody
     blind: bool = False  # the experimenter sees codes in place of controllers
-    show_linkage: bool = False  # to the participant
+    show_linkage: bool = False  # to the participant, as far as it is in the picture of the paths
     feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial
     provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
     assumptions: Assumptions = Assumptions()
@@ -151,6 +159,7 @@ class Settings(Table, frozen=True, kw_only=True):
     tones: bool = True  # at "go" and at the end of a trial
     instruction: tuple[Instruction, ...] = ()
     export: Export = Export()
+    consent: Consent | None = None  # asked of each participant before the form
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
 
     def __post_init__(self) -> None:

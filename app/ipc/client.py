@@ -30,6 +30,7 @@ class Client:
         setup = setup._replace(data_dir=setup.data_dir.absolute())
         self.setup = setup
         self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
+        self.wants_other_folder = False  # it has refused to serve because of its data folder
         self._received: list = []  # by `refused`, for `receive`
         self._answered = False
         try:
@@ -77,7 +78,7 @@ class Client:
         self._answered |= bool(messages)
         for at, message in enumerate(messages):
             if isinstance(message, CannotServe):
-                self._refused = message.why
+                self._refused, self.wants_other_folder = message.why, message.folder
                 messages[at] = Snapshot(FAILED, notice=message.why, notice_bad=True)
         return messages
 

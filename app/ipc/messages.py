@@ -63,6 +63,7 @@ class Open(NamedTuple):
     resume: bool = False
     blind: bool = False  # the experimenter too
     form: dict[str, str | float] = {}  # noqa: RUF012  (never changed) what the protocol asks of a new participant
+    consent: tuple[bool, str] | None = None  # whether they take part, and when they said so (ISO, UTC); None: not asked
 
 
 class Start(NamedTuple):
@@ -219,16 +220,20 @@ NOT_NOW = {
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
 BRING_UP, GO_ON, BREAK_OFF = "bring up", "go on", "break off"
+#: step -> what is shown while it is being done, on the button that asked for it
+WAITS = {CONNECT: "Connecting …", HOME: "Homing …", ZERO: "Zeroing …", BRING_UP: "Bringing up …"}
 
+DISK_WAIT = "Waiting for the disk"  # how the notice begins while a command still waits for it
 BRAKES_OFF = "brakes off"  # what the check of the device finds while it is there and no current may flow
-GOOD, CAUTION, BAD, WAITING = "good", "caution", "bad", "waiting"
+#: of a check; DUE: a step of the session that is still to come puts it right
+GOOD, CAUTION, DUE, BAD, WAITING = "good", "caution", "due", "bad", "waiting"
 
 
 class Check(NamedTuple):
-    """One pre-flight check. No trial starts while any is `bad` or `waiting`."""
+    """One pre-flight check. No trial starts while any is DUE, BAD or WAITING."""
 
     name: str  # "Device", "Hand", "Loop", "Disk", "Recording"
-    state: str  # GOOD, CAUTION, BAD, WAITING
+    state: str  # GOOD, CAUTION, DUE, BAD, WAITING
     text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
     advice: str = ""  # what to do about it, one sentence
 
@@ -248,6 +253,7 @@ class CannotServe(NamedTuple):
     """The session server cannot start, and has written nothing."""
 
     why: str  # one sentence
+    folder: bool = False  # with another data folder it could
 
 
 class Opened(NamedTuple):
@@ -302,6 +308,7 @@ class Snapshot(NamedTuple):
     notice: str = ""  # to the experimenter: what just happened or what was refused
     notice_bad: bool = False
     card: StepCard | None = None  # what is to be done before the next trial
+    step: str = DONE  # that the device on the bench is doing: CONNECT, HOME, ZERO
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
@@ -322,10 +329,10 @@ class Snapshot(NamedTuple):
         if self.stage not in (READY, NO_SESSION):
             return self.stage_refusal
         if self.paused:
-            return "The session is paused: resume it first (Ctrl+P)."
+            return "The session is paused: resume it first (Alt+P)."
         if self.brakes_off:
             return f"Brakes are off: {self.brakes_off}"
-        for state in (BAD, WAITING):
+        for state in (BAD, DUE, WAITING):
             for check in self.checks:
                 if check.state == state:
                     return f"{check.name}: {check.text}" + (f". {check.advice}" if check.advice else "")
@@ -340,7 +347,7 @@ class Snapshot(NamedTuple):
     def place_known(self) -> bool:
         """Whether the handle's position is measured: the device is connected and homed."""
         device = next((check for check in self.checks if check.name == "Device"), None)
-        return device is None or device.state not in (BAD, WAITING) or device.text == BRAKES_OFF
+        return device is None or device.state not in (DUE, BAD, WAITING) or device.text == BRAKES_OFF
 
     def session_blocker(self, real_device: bool) -> str:
         """Why no session can be opened; "": one can. On the bench a session comes before homing and zeroing."""

@@ -15,6 +15,7 @@ from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
 from experiments.recording.atomic_files import reason_of
+from experiments.session.consent import ConsentAnswer
 from experiments.session.files import other_protocol, refuse_study
 from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
 from experiments.session.session import Participant, Session
@@ -61,8 +62,13 @@ def _open(state: ServerState, command: m.Open) -> None:
         operator = person_at(setup, state.protocol, name)
         blind = (command.blind or None) if operator is None else False
         population = load_population().operators if operator else None
-        who = Participant(name, hand, operator, population, command.form)
+        consent = ConsentAnswer(*command.consent) if command.consent else None
+        who = Participant(name, hand, operator, population, command.form, consent)
         session = Session(setup.data_dir, who, state.protocol, blind, setup.sync, on_event)
+        if consent and not consent.agreed:
+            session.close()
+            state.notify(f"Participant {name} does not take part. Nothing but this answer is recorded.")
+            return
     try:
         state.storage.set_session(SessionProgress(session))
     except BaseException:
@@ -75,6 +81,8 @@ def _open(state: ServerState, command: m.Open) -> None:
         notice = [f"Participant {name}: {counted(whole, 'trial')} to run."]
     else:
         notice = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
+    if command.resume:
+        notice.append(f"The session goes on by its own protocol, {session.protocol.name}.")
     notice.append(ignored_features(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
         notice.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.ipc import messages as m
-from app.ipc.messages import CONNECT, DONE, HOME, ZERO, Check, DeviceStatus, Setup, StepCard
+from app.ipc.messages import CONNECT, DONE, HOME, WAITS, ZERO, Check, DeviceStatus, Setup, StepCard
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
 from core.device import Device
@@ -43,7 +43,7 @@ FORCE_HANDS = {HID: HidHand}
 class SimulatedSetup:
     """A simulated device: the experimenter only confirms a re-rig."""
 
-    real, status = False, None
+    real, status, doing = False, None, DONE
 
     def __init__(self, ring: Ring, hand: str, pushing: Mapping[str, Callable[..., HidHand]] = FORCE_HANDS) -> None:
         """hand: what moves it, of `INPUTS`. InputError: it is a six-axis device, and none is attached."""
@@ -122,7 +122,7 @@ class RealSetup:
 
     def reconnect(self) -> None:
         """Connect a new loop to the device."""
-        self.status, self._busy = None, False  # busy: a step has been asked for and not been answered
+        self.status, self.doing = None, CONNECT  # the step that was asked for and not answered yet
         self._send(self._connect)
 
     def step(self, device: Device) -> str:
@@ -144,8 +144,8 @@ class RealSetup:
         if progress.coming is None or not (step := self.step(device := self._device(progress))):
             return None
         title = f"Make {device.name} ready"
-        if self._busy:
-            return StepCard(title, "A moment ...", "")
+        if self.doing:
+            return StepCard(title, WAITS[self.doing], "")
         x, y = home_of(device, progress.session.protocol.paths)
         text = {
             CONNECT: f"Put {device.name} on the bench (brakes at {' '.join(device.labels.values())}), connect its "
@@ -164,13 +164,13 @@ class RealSetup:
         if step in (m.GO_ON, m.BREAK_OFF):
             self._send(m.BringUpAnswer(step == m.GO_ON))
             return
-        if not step or self._busy:
+        if not step or self.doing:
             return
         device = self._device(progress)
         if step == CONNECT:
             self._connect = m.Connect((device,))
         place, self._data_dir = home_of(device, progress.session.protocol.paths), progress.session.data_dir
-        self._busy = True
+        self.doing = step
         jobs: dict[str, m.LoopJob] = {
             CONNECT: self._connect, HOME: m.HomeAt(place), ZERO: m.TakeZero(), m.BRING_UP: m.BringUp(place, by),
         }  # fmt: skip
@@ -186,7 +186,8 @@ class RealSetup:
         sentence.
         """
         for answer in answers:
-            self._busy &= isinstance(answer, DeviceStatus)
+            if not isinstance(answer, DeviceStatus):
+                self.doing = DONE
             match answer:
                 case DeviceStatus():
                     self.status = answer
@@ -201,7 +202,7 @@ class RealSetup:
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """Device and hand for the pre-flight row."""
-        return check_real(self.status, why_off), check_sensor(self.status)
+        return check_real(self.status, why_off, self.doing == CONNECT), check_sensor(self.status)
 
     def allow(self, presses: int) -> None:
         """Currents may flow again, if the brakes-off was not pressed again after those presses: the loop does it.
@@ -238,7 +239,7 @@ class RealSetup:
         return device
 
     def _refuse_while_busy(self) -> None:
-        if self._busy:
+        if self.doing:
             raise InputError("The device is busy with a step. Try again in a moment.")
 
     def close(self) -> None:

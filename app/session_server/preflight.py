@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
+from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
 from experiments.inputs import INPUTS, OPERATOR
@@ -41,17 +41,17 @@ def check_device(simulated: bool, why_off: str) -> Check:
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 
-def check_real(status: DeviceStatus | None, why_off: str) -> Check:
-    """Whether the device on the bench is ready and currents may flow."""
-    if status is None:
-        return Check("Device", WAITING, "connecting", "The board on the bench is being reached.")
+def check_real(status: DeviceStatus | None, why_off: str, connecting: bool = False) -> Check:
+    """Whether the device on the bench is ready and currents may flow. connecting: its board is being looked for."""
+    if status is None or (connecting and status.problem):
+        return Check("Device", WAITING, "connecting …", "The board on the bench is being reached.")
     if status.problem:
         problem = f"{status.problem[0].upper()}{status.problem[1:]}. {advice(status.problem)}"
         return Check("Device", BAD, "not connected", problem.strip())
     if why_off or status.fault:
         return check_device(False, why_off or after("the board: ", status.fault))
     if not status.homed:
-        return Check("Device", BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
+        return Check("Device", DUE, "not homed yet", "The session begins with homing the encoders.")
     return Check("Device", GOOD, f"{status.device}, board {status.board}")
 
 
@@ -63,7 +63,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
         advice = "Without it the controllers see motion alone, and a trapped hand is not released."
         return Check("Hand", CAUTION, "no force sensor", advice)
     if not status.zeroed:
-        return Check("Hand", BAD, "force not zeroed", "Zero the force sensor: the session guides you.")
+        return Check("Hand", DUE, "no zero yet", "The session zeroes the force sensor before its first trial.")
     return Check("Hand", GOOD, "force sensor")
 
 

@@ -90,6 +90,7 @@ class SessionServer:
                 self.end = command.reason or "the window was closed"
             else:
                 do(self._state, command)
+                self._shown.pop(m.Snapshot, None)  # so that every command is answered
         if self._window.closed and not self._alone and not self.end:
             self._alone = True
             self._state.window_lost()
@@ -140,6 +141,7 @@ def main() -> None:
         loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
         left.callback(lambda: None if loop.ended else loop.kill())
         from app.session_server.lsl import Outlets
+        from experiments.session.files import InUse
 
         try:
             lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
@@ -147,7 +149,7 @@ def main() -> None:
             _log_into(setup.data_dir / LOG, early, left)
             server = SessionServer(setup, protocol, ring, loop, window, lsl)
         except (InputError, OSError) as error:
-            window.send(m.CannotServe(refusal_of(error, setup.data_dir)))
+            window.send(m.CannotServe(refusal_of(error, setup.data_dir), isinstance(error, OSError | InUse)))
             return
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))

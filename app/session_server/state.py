@@ -106,6 +106,7 @@ class ServerState:
             notice_bad=self._notice_bad and not self._waits_for,
             sandbox=self.sandbox.state,
             card=due[1] if due and stage == due[0].name else None,
+            step=self.device.doing,
             seconds_left=progress.seconds_left() if progress else None,
             newest=progress.newest if progress else None,
             not_written=self.storage.not_written,
@@ -128,7 +129,7 @@ class ServerState:
     def announce_wait(self, reason: str) -> None:
         """Show the window that a slow disk is about to be waited for. reason: "the trial is opened"."""
         if self._disk.slow or self._slow_s > SLOW_SYNC_S:
-            self._waits_for = f"Waiting for the disk: {reason}."
+            self._waits_for = f"{m.DISK_WAIT}: {reason}."
             self.show()
             self._waits_for = ""
 
@@ -136,6 +137,7 @@ class ServerState:
         """Remove the notice of an earlier refusal: a new command is done."""
         if self._notice_bad:
             self.notify("")
+            self.show()  # the same refusal once more is another one
 
     def look_at_brakes(self) -> None:
         """Journal a change of the brakes-off."""

@@ -49,8 +49,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
     option("--participant", type=label, metavar="01", help=participant)
-    option("--data-dir", **DATA_DIR)
-    option("--theme", choices=("dark", "light"), default="dark", help="of the windows (default: dark)")
+    folder = "where sessions are kept (default: the folder of the settings, else data)"
+    option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
+    option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
     option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
 
 
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int | None:
 
     devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(
-        args.data_dir.absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
+        data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
@@ -87,7 +88,9 @@ def run(args: argparse.Namespace) -> int | None:
     client = Client(setup)
     try:  # all this takes its time, and so does the session server
         watch_compiling()
-        palette.choose(args.theme)
+        memory = import_window_module("widgets.memory")
+        memory.begin()
+        palette.choose(args.theme or memory.remembered(memory.DARK_OR_LIGHT))
         windows = import_window_module("windows")
         display.check()
         windows.make_ready()
@@ -96,6 +99,15 @@ def run(args: argparse.Namespace) -> int | None:
         client.stop("no window was opened")
         raise
     return windows.run(client)
+
+
+def data_dir_of(args: argparse.Namespace) -> Path:
+    """That of the command line, else of the settings."""
+    if args.data_dir is not None:
+        return args.data_dir
+    memory = import_window_module("widgets.memory")
+    memory.begin()
+    return Path(memory.remembered(memory.DATA_FOLDER) or "data")
 
 
 def port_of(args: argparse.Namespace) -> str:
@@ -159,7 +171,7 @@ def print_plan(args: argparse.Namespace) -> None:
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)
-    participant = args.participant or free_participant(args.data_dir, protocol.participants)
+    participant = args.participant or free_participant(data_dir_of(args), protocol.participants)
     if is_person(args.input):
         protocol.refuse_stranger(participant)
     print(print_plan(protocol, participant), end="")

@@ -6,15 +6,26 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import partial
 
-from PySide6.QtCore import Signal
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QGridLayout
 
 from app.ipc import messages as m
 from app.window.bring_up_panel import BringUpPanel
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
-from app.window.widgets.parts import OneLine, button, column, holder, panel, row, text_label, wrapped_label
+from app.window.widgets.page import Page
+from app.window.widgets.parts import (
+    PANEL_MARGINS,
+    OneLine,
+    Panel,
+    button,
+    column,
+    holder,
+    panel,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.preflight import Checklist
 from core.control.controllers import Preset
 from core.device import Device
@@ -28,8 +39,8 @@ SAMPLE_HZ, LEAST_HZ = 1000.0, 990.0  # samples a second; fewer than the second a
 RESIDUAL_S, DRIFT = 1e-3, 200e-6  # our choice: a quartz drifts by less, a quiet USB port is ten times as regular
 FELT_SHARE = 0.05  # of what the brakes can do, from where a noise may be felt. Our choice
 SIMULATED = (
-    "The device is simulated on this computer and is always ready. To use a real one, choose Board on the Home page "
-    "and connect to its port."
+    "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on the "
+    "Home page and connect to its port."
 )
 NOTHING = "–"
 BUSY = "Close other programs; phd doctor names what stands in the way."
@@ -182,20 +193,16 @@ def at(when: float) -> str:
     return f" at {datetime.fromtimestamp(when):%H:%M}" if when else ""
 
 
-class DevicePage(QWidget):
+class DevicePage(Page):
     """What is wrong; board, sensors and link in figures; the steps as buttons."""
 
-    closed = Signal()
-
     def __init__(self, send: Callable[[object], None]) -> None:
-        super().__init__()
-        self.send = send
-        self._opened: m.Opened | None = None
-        self._snapshot = m.Snapshot(m.PREPARING)
+        super().__init__(send)
+        self._port = ""  # of a device on the bench; "": the device is simulated
         self._status: m.DeviceStatus | None = None
         self._rates, self._recent = dict[str, float](), Rates()
         self.cards = Cards(self)
-        self.simulated, self.health = wrapped_label(SIMULATED, size=theme.TITLE), Checklist()
+        self.no_figures, self.health = wrapped_label("", size=theme.TITLE), Checklist()
         self.why, self.quantised = wrapped_label("", "quiet"), wrapped_label("", "quiet")
         self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, partial(self._ask, text)) for text in STEPS}
@@ -206,13 +213,15 @@ class DevicePage(QWidget):
         self._refresh()
 
     def _lay_out(self) -> None:
-        steps = row(*self.steps.values(), self.bring_up.ask_open, self.reset, 1)
-        state = panel("Is it ready?", self.health, self.quantised, self.why, steps)
+        title = text_label("Is it ready?", size=theme.HEAD, bold=True)
+        buttons = *self.steps.values(), self.bring_up.ask_open, self.reset
+        head = row(title, 1, *buttons)  # above what grows: no button moves
+        state = Panel()
+        state.setLayout(column(head, self.health, self.quantised, self.why, spacing=8, margins=PANEL_MARGINS))
         groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
         panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
         self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))
-        head = row(text_label("Device", size=theme.HEAD, bold=True), 1, button("Back  Esc", self.closed.emit))
-        self.setLayout(column(head, self.simulated, (self.bench, 1), (self.bring_up, 1), 1, spacing=theme.GAP))
+        self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), 1, spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
         grid = QGridLayout()
@@ -222,15 +231,27 @@ class DevicePage(QWidget):
             grid.addWidget(self.values[name], place, 1)
         return grid
 
-    def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
-        """Another session or stage: what may be done now."""
-        if snapshot.stage != self._snapshot.stage or opened != self._opened:
-            self.cards.leave()
-        self._opened, self._snapshot = opened, snapshot
+    def show_setup(self, setup: m.Setup) -> None:
+        self._port, self._status, self.opened = setup.link, None, None
         self._refresh()
 
-    def show_status(self, status: m.DeviceStatus | None) -> None:
-        """The device's newest report, about ten times a second."""
+    def show_opened(self, opened: m.Opened) -> None:
+        if opened != self.opened:
+            self.cards.leave()
+        super().show_opened(opened)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        if snapshot.stage != self.snapshot.stage:
+            self.cards.leave()
+        super().show_snapshot(snapshot)
+        self._refresh()
+
+    def cancel(self) -> bool:
+        return self.cards.leave()
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        status = pulse.device
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
@@ -243,13 +264,16 @@ class DevicePage(QWidget):
         self._refresh()
 
     def _refresh(self) -> None:
-        status, snapshot, opened = self._status, self._snapshot, self._opened
-        on_bench = opened is not None and opened.real_device
-        self.simulated.setVisible(not on_bench)
-        self.bench.setVisible(on_bench and not self.bring_up.is_open)
-        if opened is None or not on_bench or not self.isVisible():
+        status, snapshot, opened = self._status, self.snapshot, self.opened
+        there = opened is not None and opened.real_device
+        self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
+        self.no_figures.setVisible(not there)
+        self.bench.setVisible(there and not self.bring_up.is_open)
+        if opened is None or not there or not self.isVisible():
             return
         found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
+        for text, made in self.steps.items():
+            made.setText(m.WAITS[snapshot.step] if snapshot.step == STEPS[text][0] else text)
         found += worth_a_look(status, self._rates) if status and not status.problem else []
         self.health.show_checks(tuple(found) or (m.Check("", m.GOOD, "All is well."),))
         figures = figures_of(status, self._rates) if status else {}
@@ -259,6 +283,7 @@ class DevicePage(QWidget):
         why = why_no_step(opened, snapshot)
         self.why.setText(why)
         self.why.setVisible(bool(why))
+        why = why or snapshot.step  # one at a time
         usable = status if status is not None and not why and not status.problem and not status.fault else None
         home, zero, reconnect = self.steps.values()
         home.setEnabled(usable is not None and bool(usable.device))
@@ -270,7 +295,7 @@ class DevicePage(QWidget):
     def _ask(self, text: str) -> None:
         """Say what the step needs before it is taken."""
         step, needs = STEPS[text]
-        coming, opened = self._snapshot.coming, self._opened
+        coming, opened = self.snapshot.coming, self.opened
         if coming is None or opened is None:
             return
         if step == m.HOME:

@@ -12,19 +12,20 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QLineEdit, QPushButton, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
-from app.window.widgets import theme
+from app.window.settings import HelpCard, SettingsCard, about_help, controllers_help, files_help
+from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
-from app.window.widgets.page import ANALYSE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
+from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import from_home, show_folder, size
+from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
 from experiments.plan import grouped
 
 #: page -> its module and class; a page is made when it is first shown
@@ -33,6 +34,7 @@ PAGES = {
     TRY: ("sandbox.try_page", "TryPage"),
     RUN: ("run.run_page", "RunPage"),
     ANALYSE: ("analyse.analyse_page", "AnalysePage"),
+    DEVICE: ("device_page", "DevicePage"),
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording
@@ -62,9 +64,8 @@ class Footer(Panel):
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)
-        self.keys = QPushButton("Keys  F1", objectName="small")
         self._path = Path()
-        parts = (self.folder, self.open, self.lamp, self.recording, self.origin, self.keys)
+        parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
         self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
         self._light(COLOURS.brake_off)
 
@@ -107,7 +108,9 @@ class MainWindow(QWidget):
 
     participant_asked = Signal()  # show or hide the participant's window
     turn_asked = Signal()  # as `Page.turn_asked`
+    consent_asked = Signal(object)  # as `Page.consent_asked`
     restart_asked = Signal(object, object)  # as `Page.setup_asked`
+    setting_changed = Signal(str)  # a key of `memory`, whose new value is remembered
     closed = Signal()
 
     def __init__(self, client: Client) -> None:
@@ -126,6 +129,7 @@ class MainWindow(QWidget):
         self.banner.hide()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
         self._lay_out()
+        self.preflight.advice.lie_over(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.show_page(HOME)
@@ -136,7 +140,22 @@ class MainWindow(QWidget):
         head = row(*self.tabs.values(), spacing=0)
         head.addSpacing(8)
         head.addWidget(self.preflight, 1)
-        parts = (head, self.banner, self.preflight.advice, (self._stack, 1), self.footer)
+        self.settings = button("⚙", self.show_settings, "small", "Settings")
+        self.help = QPushButton("?", objectName="small", toolTip="Help")
+        self.help.setMenu(menu := QMenu(self.help))
+        for text, do in (
+            ("Keys  F1", self.show_keys), ("What the controllers do", self.show_controllers),
+            ("Where files are", self.show_files), ("About PHD", self.show_about),
+        ):  # fmt: skip
+            menu.addAction(text, do)
+        for made in (self.settings, self.help):
+            made.setAccessibleName(made.toolTip())
+            made.setFont(theme.font(theme.TITLE, bold=True))
+        for made in (self.settings, self.help, self.preflight.brakes):
+            made.setFocusPolicy(NO_FOCUS)
+            head.addSpacing(6)
+            head.addWidget(made)
+        parts = (head, self.banner, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
         self.follow_text()
 
@@ -150,8 +169,7 @@ class MainWindow(QWidget):
         for name, tab in self.tabs.items():
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
         self.preflight.brakes.clicked.connect(self._press_brakes)
-        self.preflight.device_asked.connect(lambda: self.do("device"))
-        self.footer.keys.clicked.connect(self.show_keys)
+        self.preflight.device_asked.connect(lambda: self.show_page(DEVICE))
         own: dict[str, Callable[[], object]] = {
             "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,
@@ -159,7 +177,6 @@ class MainWindow(QWidget):
             "keys": self.show_keys,
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
-            "device": lambda: self.show_page(HOME, self.shown),
             **{name.lower(): partial(self.show_page, name) for name in PAGES if name.lower() in KEYS},
         }
         bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})
@@ -172,10 +189,11 @@ class MainWindow(QWidget):
             module, cls = PAGES[name]
             page = getattr(import_module(f"app.window.{module}"), cls)(self.send)
             page.page_asked.connect(self.show_page)
-            page.pointer_moved.connect(lambda x, y: self.client.ring.aim(x, y))
+            page.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
             page.pointer_left.connect(lambda: self.client.ring.let_go())
             page.setup_asked.connect(self.restart_asked)
             page.turn_asked.connect(self.turn_asked)
+            page.consent_asked.connect(self.consent_asked)
             self.pages[name] = page
             self._stack.addWidget(page)
             page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
@@ -203,6 +221,10 @@ class MainWindow(QWidget):
             page.participant_answers = seen
             page.show_snapshot(self.snapshot)
 
+    def answer_consent(self, agrees: bool) -> None:
+        """The participant has answered on their own screen."""
+        self.pages[HOME].answer_consent(agrees)
+
     def show_reading(self, reads: bool) -> None:
         """Whether the participant has instructions before them: a start then turns their page."""
         self._participant_reads = reads
@@ -228,6 +250,45 @@ class MainWindow(QWidget):
         }
         own = self.pages[self.shown].own_keys()
         self.cards.show_keys(groups | ({f"On {self.shown}": own} if own else {}))
+
+    # ------------------------------------------------------------------------------------------- settings and help
+
+    def show_settings(self) -> None:
+        self.cards.put(SettingsCard(self._stack, self.cards.leave, self._setting_changed))
+
+    def _setting_changed(self, key: str) -> None:
+        if key != memory.DATA_FOLDER:
+            self.setting_changed.emit(key)
+        else:
+            self._choose_folder()
+
+    def _choose_folder(self) -> None:
+        """Ask for a data folder, and go on in it."""
+        if self.opened is not None and self.opened.participant:
+            self.cards.show_message("Another data folder", f"Close the session first. {LEAVE}")
+            return
+        setup = self.client.setup
+        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(setup.data_dir.parent))
+        if chosen:
+            self.cards.leave()
+            self.restart_asked.emit(setup._replace(data_dir=data_folder_of(Path(chosen)), participant=""), None)
+
+    def _show_help(self, title: str, text: str, lines: dict[str, str]) -> None:
+        self.cards.put(HelpCard(title, text, lines, self._stack, self.cards.leave))
+
+    def show_controllers(self) -> None:
+        if self.opened is not None:
+            named = f"Of the {self.opened.protocol.name} protocol. Try lets you feel each."
+            hidden = self.opened.participant and self.snapshot.blind
+            lines = {} if hidden else controllers_help(self.opened.protocol)
+            self._show_help("What the controllers do", "This session is blind." if hidden else named, lines)
+
+    def show_files(self) -> None:
+        self._show_help("Where files are", "", files_help(str(self.client.setup.data_dir)))
+
+    def show_about(self) -> None:
+        text = "A passive haptic display guides a hand with brakes. PHD simulates one and runs the experiment."
+        self._show_help("About PHD", text, about_help())
 
     # ------------------------------------------------------------------------------------------- brakes
 
@@ -311,8 +372,11 @@ class MainWindow(QWidget):
             self.pages[name].show_ticks(rows, taken)
 
     def show_dead(self, sentence: str) -> None:
-        """The session server has ended."""
+        """The session server has ended, or refuses to serve this data folder."""
         self.dead = True
+        if self.client.wants_other_folder:
+            buttons = [("Choose another folder …  Enter", self._choose_folder), ("Close  Esc", self.cards.leave)]
+            self.cards.put(OverlayCard("The data folder cannot be used", as_sentence(sentence), buttons, self._stack))
         last = self.snapshot
         self.footer.show_dead()
         self.show_snapshot(

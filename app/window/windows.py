@@ -18,9 +18,10 @@ from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgress
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
+from app.progress import ProgressBar
 from app.window.main_window import MainWindow
 from app.window.participant.participant_window import ParticipantWindow
-from app.window.widgets import theme, words
+from app.window.widgets import memory, theme, words
 from app.window.widgets.keys import bind
 from app.window.widgets.theme import show_fitted
 from app.window.widgets.work import VerbProcess
@@ -52,12 +53,15 @@ class Windows(QObject):
         main, shown = self.main, self.participant
         main.participant_asked.connect(self.show_or_hide_participant)
         main.restart_asked.connect(self.restart)
+        main.setting_changed.connect(self._follow_setting)
         main.closed.connect(self.close)
-        shown.view.pointer_moved.connect(lambda x, y: self.client.ring.aim(x, y))
+        shown.view.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
         shown.view.pointer_left.connect(lambda: self.client.ring.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
         shown.close_asked.connect(self._close_asked)
         shown.reading.connect(main.show_reading)
+        main.consent_asked.connect(shown.ask_consent)
+        shown.consent.answered.connect(main.answer_consent)
         main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
         self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
@@ -97,6 +101,8 @@ class Windows(QObject):
         The window goes on meanwhile: the old one may have something to keep.
         """
         if self._ending is None:
+            if setup.data_dir != self.client.setup.data_dir:
+                memory.remember(memory.DATA_FOLDER, str(setup.data_dir))  # the next start begins there
             self._next = setup, then
             self._ending = threading.Thread(target=self.client.stop, args=("another setup was chosen",))
             self._ending.start()
@@ -117,8 +123,20 @@ class Windows(QObject):
         return self._other_screen() is None
 
     def _other_screen(self) -> QScreen | None:
-        mine = self.main.screen()
-        return next((screen for screen in QGuiApplication.screens() if screen != mine), None)
+        """The participant's, by the settings; None: they have none."""
+        chosen, mine = memory.remembered(memory.SCREEN), self.main.screen()
+        others = [screen for screen in QGuiApplication.screens() if screen != mine]
+        if chosen == memory.NO_SCREEN or not others:
+            return None
+        return next((screen for screen in others if screen.name() == chosen), others[0])
+
+    def _follow_setting(self, key: str) -> None:
+        """Another screen was chosen for the participant."""
+        if key == memory.SCREEN:
+            self.participant.hide()
+            if not self.one_screen:
+                self._show_participant()
+            self.main.ask_participant(self.participant.isVisible())
 
     def show(self) -> None:
         """The main window; the participant's window at once where there is a second screen."""
@@ -261,14 +279,14 @@ def make_ready() -> QApplication:
     """What need not wait for the server: the application."""
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
-    application.setOrganizationName("phd")  # where the user's settings are
+    memory.begin()
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     return application
 
 
 def compile_kernels() -> None:
-    """On the first start on a computer: a bar until the kernels are compiled."""
+    """On the first start on a computer: a bar in a window and one in the terminal, until the kernels are compiled."""
     if is_compiled("run_ticks"):
         return
     bar = QProgressDialog("Setting up for this computer: once, about half a minute.", "", 0, 100)
@@ -276,12 +294,19 @@ def compile_kernels() -> None:
     bar.setCancelButton(None)
     bar.setWindowTitle("PHD")
     bar.setMinimumDuration(0)
-    bar.setValue(0)
     waiting = QEventLoop()
     compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
-    compiling.progressed.connect(lambda share: bar.setValue(round(99 * share)))
+    in_terminal = ProgressBar("setting up for this computer: once")
+
+    def show(share: float) -> None:
+        bar.setValue(round(99 * share))
+        in_terminal(share)
+
+    show(0.0)
+    compiling.progressed.connect(show)
     compiling.begin(module="app.compile_kernels")
     waiting.exec()
+    in_terminal.close()
     bar.close()
 
 
@@ -307,6 +332,9 @@ def run(client: Client) -> int:
         def leave(number: int, _frame: object) -> None:
             nonlocal code
             code = 128 + number
+            QTimer.singleShot(0, end)  # not here: a wait for a message that this interrupts would never end
+
+        def end() -> None:
             windows.close("the program was interrupted")
             application.quit()
 
@@ -315,7 +343,9 @@ def run(client: Client) -> int:
         show_fitted(windows.main, *LARGEST)
         windows.show()
         refused = client.refused(meanwhile=application.processEvents)
-        if refused and not windows.over:
+        # another folder can be chosen in the window, where there is someone to do so
+        asks = client.wants_other_folder and QGuiApplication.platformName() != "offscreen"
+        if refused and not windows.over and not asks:
             windows.close()
             show_refusal(refused)
             raise InputError(refused)
@@ -325,4 +355,6 @@ def run(client: Client) -> int:
         client.stop("the window failed")
         raise
     windows.close()
+    if refused and windows.client is client:
+        raise InputError(refused)
     return code

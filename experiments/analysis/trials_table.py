@@ -50,6 +50,7 @@ FINISHED = ("done", "timeout", "aborted", "skipped", "excluded")
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)
 CLIPPED = 0.999  # of the largest force of the hand's spring
+LEAST_CLIPPED_S = 0.05  # a shorter time at it is not worth a word
 
 Measure = float | None
 Name = str | None
@@ -364,6 +365,6 @@ def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
         often = "once" if left == 1 else f"{left} times"
         flags.append(f"The pointer left the picture {often}, and the hand let the handle go")
     clipped = 1e-3 * np.count_nonzero((most > 0.0) & np.isfinite(most) & (force >= CLIPPED * most))
-    if clipped:
+    if clipped >= LEAST_CLIPPED_S:
         flags.append(f"The hand force was at its limit for {clipped:.2f} s")
     return flags

@@ -45,6 +45,7 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
 from experiments.session.checksums import read_sealed
+from experiments.session.consent import agreed
 from experiments.session.files import STORED, TABLE, recordings_in, relative_to, rows_of
 from experiments.session.journal import BEGUN, read_events
 
@@ -76,6 +77,8 @@ def export(
     for home in homes:
         try:
             sessions[home] = _session_of(home)
+            if sessions[home].agreed is False:
+                left_out.append(f"{home.relative_to(folder).as_posix()} (the participant declined to take part)")
         except InputError as error:  # without its table a session cannot say what its trials are
             left_out.append(relative_to(folder, str(error)))
     homes, found = list(sessions), set(paths)
@@ -104,9 +107,10 @@ def export(
         if not trials:
             raise InputError(f"{folder}: none of its recordings can be exported: {'; '.join(left_out)}")
         blind = [home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind]
+        asked = [session.agreed for session in sessions.values() if session.agreed is not None]
         unrecorded = [row for session in sessions.values() for row in session.unrecorded]
         for form in forms:
-            form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, homes))
+            form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, homes, asked))
     summary = {"recordings": len(paths), "trials": trials, "left_out": left_out, "blind": blind}
     return {form: str(out) for form, out in outs.items()} | summary
 
@@ -120,13 +124,15 @@ class _Session(NamedTuple):
     blind: bool
     begun: dict[int, str]  # run number -> time of day
     software: str  # what it was recorded with
+    agreed: bool | None  # the participant, to take part; None: not asked
 
 
 def _session_of(folder: Path) -> _Session:
     rows = rows_of(folder)
-    version = "n/a"
+    version, answer = "n/a", None
     with contextlib.suppress(InputError), reading_stored(folder / STORED):  # `phd verify` names what is wrong
-        version = str(read_sealed(folder / STORED)["versions"]["phd"])
+        about = read_sealed(folder / STORED)
+        version, answer = str(about["versions"]["phd"]), agreed(about)
     return _Session(
         (folder / TABLE).exists(),
         {Path(row.recording).stem: row for row in rows if row.recording},
@@ -134,6 +140,7 @@ def _session_of(folder: Path) -> _Session:
         any(isinstance(row.controller, str) for row in rows),
         {entry.about["run"]: entry.time for entry in read_events(folder) if entry.event is BEGUN},
         version,
+        answer,
     )
 
 

@@ -137,6 +137,7 @@ class Exported(NamedTuple):
     blind: list[str]  # sessions not opened yet
     unrecorded: list[TrialRow]  # rows of trials that left no recording
     sessions: list[Path]  # their folders
+    consent: list[bool]  # answers of the participants who were asked whether they take part
 
     def readme(self, form: str) -> bytes:
         """README.md of this form ("bids", "csv"): with the name in it, and what is missing."""
@@ -148,6 +149,9 @@ class Exported(NamedTuple):
                 "here (currents, torques, decisions). Export again once the sessions have been opened.",
                 "",
             ]
+        if self.consent:
+            said = f"{self.consent.count(True)} agreed to take part, {self.consent.count(False)} declined"
+            lines += [f"Consent was asked of each participant before anything else: {said}.", ""]
         if self.left_out:
             lines += ["Left out:", "", *(f"- {entry}" for entry in self.left_out)]
         return ("\n".join(lines).rstrip() + "\n").encode()

@@ -133,16 +133,20 @@ class _HeldLock(filelock.FileLock):
         return self
 
 
+class InUse(InputError):
+    """Another process holds the lock of a folder."""
+
+
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
     """Take the folder's lock, until it is released, `with` it ends, or the process ends.
 
-    InputError if a live process still holds it after `wait_s`.
+    InUse if a live process still holds it after `wait_s`.
     """
     lock = _HeldLock(folder / LOCK)
     try:
         lock.acquire(timeout=wait_s)
     except filelock.Timeout:
-        raise InputError(f"{folder}: another PHD window or study is using this folder; choose another one") from None
+        raise InUse(f"{folder}: another PHD window or study is using this folder; choose another one") from None
     return lock
 
 

@@ -51,6 +51,7 @@ _TRIAL = {
 }  # fmt: skip
 
 CREATED = Event("created", {"plan": str})  # hash of the plan
+CONSENT = Event("consent", {"agreed": bool})  # its time: of the answer
 RESUMED = Event("resumed", {"open": _Count})  # trials still to come
 PRACTICE_BEGUN = Event("practice begun", _TRIAL)
 PRACTICE_ENDED = Event("practice ended", {"run": _Run, "status": _Status, "reason": str, "configuration": str})
@@ -214,6 +215,7 @@ class JournalSummary:
     practised: Counter[str] = field(default_factory=Counter)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
     plan_sha256: str = ""  # of the plan with which the session was created
+    agreed: bool | None = None  # the participant, to take part; None: not asked
     faults: list[str] = field(default_factory=list)  # why lines are not in it, as in `Journal`
     notes: list[str] = field(default_factory=list)  # as in `Journal`
 
@@ -244,6 +246,8 @@ def journal_summary(session: Path) -> JournalSummary:
             found.practice_begun.add(about["run"])
         elif event is CREATED:
             found.plan_sha256 = about["plan"]
+        elif event is CONSENT:
+            found.agreed = about["agreed"]
         elif event is SKIPPED and about["block"]:
             found.skipped[about["run"]] = about
         elif event is REDONE or event is EXCLUDED:

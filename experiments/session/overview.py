@@ -8,6 +8,7 @@ from typing import NamedTuple
 from core.files import InputError
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.checksums import read_sealed
+from experiments.session.consent import agreed
 from experiments.session.files import STORED, STUDY, TABLE, finished_cells, rows_of, sessions_in
 
 
@@ -22,6 +23,7 @@ class SessionOverview(NamedTuple):
     changed_s: float  # s since 1970, of the newest trial
     lacking: int = 0  # of these, without a result: aborted, skipped, excluded
     problem: str = ""  # why it cannot be read, one sentence
+    declined: bool = False  # the participant does not take part
 
     @property
     def complete(self) -> bool:
@@ -82,6 +84,8 @@ def _session(folder: Path, stored: int, table: int) -> SessionOverview | None:
         about = read_sealed(folder / STORED)
         with reading_stored(folder / STORED):
             planned, protocol = len(about["plan"]), str(about["protocol"]["name"])
+            if agreed(about) is False:
+                return SessionOverview(folder, str(about["participant"]), protocol, 0, 0, changed_s, declined=True)
             done, lacking = map(len, finished_cells(rows_of(folder)))
             return SessionOverview(folder, str(about["participant"]), protocol, done, planned, changed_s, lacking)
     except InputError as error:

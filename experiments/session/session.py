@@ -41,6 +41,8 @@ from experiments.session import files
 from experiments.session import journal as events
 from experiments.session.blind import KEY, new_key, read_key, write_key
 from experiments.session.checksums import END, sealed
+from experiments.session.consent import KEY as CONSENT
+from experiments.session.consent import ConsentAnswer, refuse_consent, refuse_without_consent
 from experiments.session.in_memory import InMemory, discard, refuse_place
 from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
@@ -61,6 +63,7 @@ class Participant(NamedTuple):
     operator: Person | None = None  # simulated; None: a person
     population: Operators | None = None  # of which the simulated operator is one
     form: Mapping[str, str | float] = {}  # answers to what the protocol asks
+    consent: ConsentAnswer | None = None  # None: not asked
 
 
 class Session:
@@ -81,6 +84,7 @@ class Session:
         """
         if who.operator is None:
             protocol.refuse_stranger(who.label)
+            refuse_consent(protocol, who.label, who.consent)
         else:
             who = who._replace(hand=OPERATOR)
         protocol.refuse_unknown_low_gain()
@@ -107,8 +111,11 @@ class Session:
                 self._key = new_key(protocol.controllers)
             about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(who.form)} if who.form else {}
+            about |= {CONSENT: who.consent._asdict()} if who.consent else {}
             write_new_file(self.folder / files.STORED, sealed(about), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
+            if who.consent:
+                self.journal(events.CONSENT, **who.consent._asdict())
             self._known = InMemory(self.folder, self.rows)
         except BaseException:
             for name in (files.STORED, KEY, events.NAME, END, files.LOCK):
@@ -131,6 +138,7 @@ class Session:
         stored = files.read_stored(folder)
         session = cls.__new__(cls)
         operator = files.person_of(folder, stored)
+        refuse_without_consent(folder, stored.protocol, stored.about)
         with reading_stored(folder / files.STORED):
             who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))
             session._init_common(data_dir, who, stored.protocol, sync, on_event)

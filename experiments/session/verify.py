@@ -30,6 +30,7 @@ from experiments.recording.schema import Recording
 from experiments.session import files
 from experiments.session.blind import KEY, read_key
 from experiments.session.checksums import NO_CHECKSUM
+from experiments.session.consent import agreed
 from experiments.session.files import cell
 from experiments.session.journal import NAME, JournalSummary, journal_summary, rows_without_recording
 
@@ -149,6 +150,7 @@ class _SessionCheck:
                 self._fault(file, f"is of participant {stored.participant}, the folder is {folder}")
             if self.journal.plan_sha256 not in ("", stored.about["plan_sha256"]):
                 self._fault(NAME, f"is the journal of another plan than that of {file}")
+            self._check_consent(stored)
             if stored.about["blind"] and (self.journal.key is None or (self.session / KEY).exists()):
                 file = KEY
                 key = read_key(self.session, stored.about["key_sha256"])
@@ -156,6 +158,20 @@ class _SessionCheck:
             self._fault(file, error)
         if key is not None and self.journal.key not in (None, key):
             self._fault(NAME, f"says that the session was opened with another key than {KEY}")
+
+    def _check_consent(self, stored: files.StoredSession) -> None:
+        """Whether a participant who was to be asked has agreed, and nothing is kept of one who declined."""
+        answer = agreed(stored.about)
+        if self.journal.agreed not in (None, answer):
+            self._fault(NAME, f"contradicts {files.STORED}: whether the participant agreed to take part")
+        if stored.protocol.consent is None or stored.about["person"] is not None:
+            return
+        if answer is None:
+            self._fault(files.STORED, "the participant was not asked for the consent that the protocol wants")
+        elif not answer:
+            self.notes.append((files.STORED, "the participant declined to take part: nothing else is recorded"))
+            if any(files.runs_used(self.session, folder) for folder in (files.TRIALS, files.PRACTICE)):
+                self._fault(files.TRIALS, "there are recordings of a participant who declined to take part")
 
     def _check_files(self, of_run: dict[str, Path]) -> Recording | None:
         """Check the files of one trial; the recording that its row must match, None: none can be trusted."""

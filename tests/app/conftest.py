@@ -11,10 +11,11 @@ from app.window.widgets import theme
 
 @pytest.fixture(scope="session", autouse=True)
 def dressed(application: QApplication) -> Iterator[None]:
-    """The typeface and the colours, once; and no window loads what later pages need beside the tests."""
+    """The typeface and the colours, once; and no window loads what later pages need, or keeps settings."""
     theme.apply_theme(application)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.window.windows.load_statistics", lambda: None)
+        patch.setattr("app.window.widgets.memory.begin", lambda: None)  # the user's own settings are left alone
         yield
 
 

@@ -10,20 +10,22 @@ import fake_client
 import held_export
 import numpy as np
 import pytest
+from page_driver import PageDriver
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
-from screens import cut_texts, settle
+from screens import settle
 from sessions import closed_session
 
 from app.ipc import messages as m
-from app.window.analyse.analyse_page import FINDINGS, PAGES, AnalysePage
+from app.window.analyse.analyse_page import FINDINGS, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
 from app.window.widgets import theme
+from app.window.widgets.cards import EXCLUDE
+from app.window.widgets.parts import KeyButton
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import REASONS
 from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
 from experiments.analysis.findings import FAILS
 from experiments.analysis.report import SIMULATED
@@ -65,13 +67,14 @@ def data(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def page_on(qtbot, data: Path) -> AnalysePage:
-    page = AnalysePage(lambda command: None)
-    qtbot.addWidget(page)
-    page.resize(1280, 640)
-    page.show()
-    page.begin(data)
-    qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
+def page_on(qtbot, data: Path | None = None) -> AnalysePage:
+    """The page; of a data folder, once it has been read."""
+    driver = PageDriver(qtbot, AnalysePage, (1280, 640))
+    page = driver.page
+    page.driver = driver  # lives as long
+    if data is not None:
+        page.begin(data)
+        driver.until(lambda: page.results is not None)
     return page
 
 
@@ -96,9 +99,7 @@ def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
     rows = read_table(table_of(data, "02"))
     write_table(table_of(data, "02"), rows[:-1], replacing=True)
-    page = AnalysePage(lambda command: None)
-    qtbot.addWidget(page)
-    page.show()
+    page = page_on(qtbot)
     page.begin()
     assert "No data folder is open" in page.empty.text()
     page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
@@ -285,12 +286,18 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
     assert not page.side.playing  # another page is at the front
 
 
+def exclude(page: AnalysePage, reason: int) -> None:
+    """Press the button, and of what it asks the reason in this place."""
+    page.side.exclude.click()
+    page.cards.question.findChildren(KeyButton)[reason].click()
+
+
 def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
     qtbot, recorded: AnalysePage
 ) -> None:
-    page, reason = recorded, REASONS[1]
+    page, reason = recorded, EXCLUDE.reasons[1]
     assert page.side.exclude.isVisible()
-    page.side.exclude.menu().actions()[1].trigger()
+    exclude(page, 1)
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
     assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
     assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
@@ -306,8 +313,8 @@ def test_a_trial_of_the_open_session_is_excluded_by_the_session_server(qtbot, re
     page.send = sent.append
     session = page.results.folder / "sub-01" / "ses-01"
     page.show_opened(fake_client.opened("01", folder=str(session)))
-    page.side.exclude.menu().actions()[0].trigger()
-    assert sent == [m.Exclude(2, REASONS[0])]
+    exclude(page, 0)
+    assert sent == [m.Exclude(2, EXCLUDE.reasons[0])]
     page.show_snapshot(fake_client.ready(2, notice="A trial is running.", notice_bad=True))
     assert page.side.note.text() == "A trial is running."
 
@@ -316,7 +323,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     page = recorded
     other = Session.resume(page.results.folder, "01")
     try:
-        page.side.exclude.menu().actions()[0].trigger()
+        exclude(page, 0)
         qtbot.waitUntil(lambda: "is using this folder" in page.side.note.text(), timeout=60_000)
     finally:
         other.close()
@@ -384,19 +391,6 @@ def test_an_export_that_does_not_end_leaves_nothing(qtbot, data: Path, monkeypat
     said = "Nothing was written" if end == "killed" else "cancelled"
     qtbot.waitUntil(lambda: said in page.message.text(), timeout=60_000)
     assert sorted(data.iterdir()) == before and not page.cancel_button.isVisibleTo(page)
-
-
-@pytest.mark.parametrize("name", [POOLED, FINDINGS])
-def test_no_text_is_cut(qtbot, data: Path, name: str) -> None:
-    page = page_on(qtbot, data)
-    page.show_page(name)
-    if name == FINDINGS:
-        qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    for size in ((1000, 490), (1256, 610), (1896, 970)):
-        page.resize(*size)
-        settle(page)
-        assert (page.width(), page.height()) == size and set(page.tabs) == set(PAGES)
-        assert [text for text in cut_texts(page) if not text.startswith("<p>")] == []  # the verdicts scroll
 
 
 class Painted(QObject):

@@ -90,7 +90,7 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     middle = [0.5 * (a + b) for a, b in zip(PATH.start_m, PATH.end_m, strict=True)]
     assert on_bench.status.tip == pytest.approx(middle, abs=1e-3), "the encoders stand where the jig holds the handle"
     on_bench.send(m.Confirm())
-    assert window.client.state.snapshot().card == m.StepCard(f"Make {DEVICE.name} ready", "A moment ...", "")
+    assert window.client.state.snapshot().card == m.StepCard(f"Make {DEVICE.name} ready", "Zeroing …", "")
     on_bench.until(lambda: on_bench.status.zeroed)
     first = on_bench.status.zeroed_at
     on_bench.send(m.PrepareDevice(m.ZERO))

@@ -2,13 +2,14 @@
 
 import math
 from itertools import product
+from pathlib import Path
 
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import LEFT, PageDriver, texts
 from PySide6.QtTest import QTest
 from screens import cut_texts, settle
-from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
@@ -21,8 +22,15 @@ class Bench(PageDriver):
 
     def __init__(self, qtbot) -> None:
         super().__init__(qtbot, DevicePage)
-        self.page.show_session(opened(**ON_BENCH), ready(3, checks=WELL))
-        self.page.show_status(status())
+        self.page.show_setup(m.Setup(Path("data"), link="/dev/ttyACM0"))
+        show(self.page, opened(**ON_BENCH), ready(3, checks=WELL))
+        self.page.show_pulse(told(status()))
+
+
+def show(page: DevicePage, session: m.Opened, snapshot: m.Snapshot) -> None:
+    """The session server says this."""
+    page.show_opened(session)
+    page.show_snapshot(snapshot)
 
 
 @pytest.fixture
@@ -35,9 +43,22 @@ def page(bench: Bench) -> DevicePage:
     return bench.page
 
 
-def test_of_a_simulated_device_one_sentence_is_shown(page: DevicePage) -> None:
-    page.show_session(opened(), ready(3))
+def test_of_a_simulated_device_one_sentence_is_shown_and_of_a_board_that_it_is_being_opened(page: DevicePage) -> None:
+    page.show_setup(m.Setup(Path("data"), link="/dev/ttyACM1"))
+    assert "Opening /dev/ttyACM1 …" in texts(page) and not page.bench.isVisible(), "nothing of the board before"
+    page.show_setup(m.Setup(Path("data")))
+    show(page, opened(), ready(3))
     assert SIMULATED in texts(page) and not page.bench.isVisible()
+
+
+def test_a_step_that_is_being_done_is_said_on_its_button_and_none_is_offered_meanwhile(page: DevicePage) -> None:
+    for button, step, says in zip(
+        page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), ("Homing …", "Zeroing …", "Connecting …"), strict=True
+    ):
+        page.show_snapshot(ready(3, checks=WELL, step=step))
+        assert button.text() == says and not any(other.isEnabled() for other in page.steps.values())
+        page.show_snapshot(ready(3, checks=WELL))
+        assert button.text() != says and button.isEnabled()
 
 
 def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: DevicePage) -> None:
@@ -51,17 +72,17 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
 
 
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:
-    page.show_status(status(problem="no sample for 200 ms", homed=False, counts=(), theta=()))
+    page.show_pulse(told(status(problem="no sample for 200 ms", homed=False, counts=(), theta=())))
     sensors = [label.text() for name, label in page.values.items() if name.startswith("Joint") or name == "Handle"]
     assert set(sensors) == {"–"} and page.values["State"].text() == "not connected"
-    page.show_status(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan)))
+    page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
     assert page.values["Hand force"].text() == page.values["Handle"].text() == "–"
     assert page.values["Joint A"].text() == "34\u202f512 counts"
 
 
 def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:
     bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
-    page.show_session(opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
+    show(page, opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
     assert "not homed. Home the encoders: until then" in texts(page) and "All is well." not in texts(page)
 
 
@@ -103,14 +124,14 @@ def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str])
 
 def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
     for second in range(1, 4):
-        page.show_status(status({"samples": 812_345 + 1000 * second}, reported_s=float(second)))
+        page.show_pulse(told(status({"samples": 812_345 + 1000 * second}), float(second)))
     assert page.values["Samples"].text() == "1000 a second"
 
 
 def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: DevicePage) -> None:
     def hear(second: int, not_closed: int, homed: bool) -> str:
         report = {"samples": 1000 * second, "not_closed": not_closed}
-        page.show_status(status(report, homed=homed, reported_s=float(second)))
+        page.show_pulse(told(status(report, homed=homed), float(second)))
         return texts(page)
 
     hear(0, 0, False)
@@ -135,7 +156,7 @@ def test_a_step_is_taken_after_a_question_that_says_what_it_needs(bench: Bench, 
 
 def test_faults_are_reset_as_the_brakes_are_allowed(bench: Bench, page: DevicePage) -> None:
     assert not page.reset.isEnabled()
-    page.show_session(opened(**ON_BENCH), ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
+    show(page, opened(**ON_BENCH), ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
     QTest.mouseClick(page.reset, LEFT)
     assert bench.sent == [m.AllowBrakes()]
 
@@ -145,12 +166,12 @@ def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage
         ("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
         ("01", running(3), "between two trials"), ("01", ready(60), "All trials"),
     ):  # fmt: skip
-        page.show_session(opened(session, **ON_BENCH), snapshot)
+        show(page, opened(session, **ON_BENCH), snapshot)
         assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
 
 
 def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
-    page.show_status(status(fault="no command for 50 ms"))
+    page.show_pulse(told(status(fault="no command for 50 ms")))
     home, zero, reconnect = page.steps.values()
     assert not home.isEnabled() and not zero.isEnabled() and reconnect.isEnabled()
 
@@ -163,7 +184,7 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     assert force == pytest.approx(gain * noise) and quantisation(DEVICE, status(homed=False), PRESETS) is None
     assert "can be felt" in texts(page)
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
-    page.show_session(opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
+    show(page, opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
     assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
 
 
@@ -172,6 +193,6 @@ def test_no_text_is_cut(bench: Bench, page: DevicePage) -> None:
         bench.resize(*size)
         if bad:
             off = "the board: an encoder's signal is bad"
-            page.show_session(opened(**ON_BENCH), ready(3, checks=LOST, brakes_off=off))
+            show(page, opened(**ON_BENCH), ready(3, checks=LOST, brakes_off=off))
         settle(page)
         assert cut_texts(page) == [], (bad, size)

@@ -354,15 +354,6 @@ def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) ->
     assert workspace.view.line == "0.49 s · error 10.0 mm · 0.05 m/s"
 
 
-def test_the_buttons_are_whole_in_a_small_window(qtbot) -> None:
-    workspace = shown(qtbot, workspace_of(THREE, FOUR), 560, 480)
-    right = 0
-    for button in workspace.buttons.values():
-        assert button.width() >= button.sizeHint().width() and button.x() >= right
-        right = button.geometry().right()
-    assert right <= workspace.width() and workspace.width() == 560
-
-
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace = shown(qtbot, workspace_of(FOUR))
     workspace.buttons[DIRECTIONS].setChecked(True)

@@ -16,6 +16,7 @@ from status_messages import ON_BENCH, WELL
 from app.ipc import messages as m
 from app.window.home.data_panel import Recent
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
+from app.window.widgets import memory
 from app.window.widgets.page import ANALYSE, RUN, TRY
 from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
@@ -107,8 +108,9 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     shown.click(page.start)
     chosen = shown.setup._replace(protocol="curves", hand=OPERATOR, devices=("four-brake",))
     assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
+    assert page.start.text() == "Opening the session of 01 …" and not page.start.isEnabled()
     page.show_setup(chosen)
-    page.show_snapshot(before())
+    page.show_snapshot(before(notice="not now", notice_bad=True))
     shown.wait()
     shown.click(page.start)
     assert shown.sent == [m.Open("01")], "the session server is the chosen one now"
@@ -159,6 +161,7 @@ def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch)
     shown.resize(1000, 600)
     page.show_setup(shown.setup._replace(link="/dev/serial/by-id/usb-Somebody_Board_7-if00"))
     page.show_opened(opened("", **ON_BENCH))
+    page.show_snapshot(before(checks=WELL))
     shown.wait()
     settle(page)
     assert page.ports.again.isVisible() and "connected" in shown.texts()
@@ -177,6 +180,9 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
             Recent("protocols").add(str(file))
         files[7].unlink()
         assert Recent("protocols").paths == [str(file) for file in files[6:1:-1]], "not the one that is gone"
+        memory.remember(memory.SOUND, memory.OFF)
+        assert "sound=off" in (memory.file().sync(), (tmp_path / "phd-test.ini").read_text())[1]
+        assert memory.remembered(memory.SOUND) == memory.OFF
     finally:
         QApplication.setOrganizationName("")
 
@@ -207,10 +213,12 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     QTest.keyClick(page.ports.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
     assert shown.setups == [(chosen, None)]
+    assert page.ports.connect_typed.text() == "Opening …" and not page.ports.connect_typed.isEnabled()
     page.show_setup(chosen)
-    page.show_opened(opened("", **ON_BENCH))
-    page.show_snapshot(before(checks=(m.Check("Device", m.BAD, "not homed"), *WELL[1:])))
     shown.wait()
+    assert "Opening …" in shown.texts() and "connected" not in shown.texts(), "the server has not said so"
+    page.show_opened(opened("", **ON_BENCH))
+    page.show_snapshot(before(checks=(m.Check("Device", m.DUE, "not homed yet"), *WELL[1:])))
     assert "connected" in shown.texts() and page.start.isEnabled(), "the first steps of the session home the encoders"
     shown.click(button_of(page.link, SIMULATED))
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
@@ -236,8 +244,16 @@ def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(sho
     shown.click(resume)
     shown.click(results)
     assert shown.sent == [m.Open("02", resume=True)] and shown.pages == [(ANALYSE, done.folder)]
+    assert "Opening …" in shown.texts()
+    page.show_snapshot(before(notice="refused", notice_bad=True))
+    page.show_snapshot(before())
     shown.type(page.participant, "02")
-    assert page.start.text() == "Resume session   02 · 46 trials left" and page.standing.text() == "14 of 60 done"
+    assert (
+        page.start.text() == "Resume session   02 · 46 trials left" and "14 of 60 done, paper protocol" in shown.texts()
+    )
+    shown.look(begun._replace(protocol="mine"))
+    assert page.summary.text() == "Participant 02 goes on by their own protocol, mine."
+    shown.look(begun, done)
     assert not page.blind.isEnabled(), "of a session that is there this was settled when it began"
     shown.type(page.participant, "01")
     assert page.start.text() == "Open session   01 · complete"
@@ -338,3 +354,48 @@ def test_no_text_is_cut(shown: Shown) -> None:
             assert area.widget().minimumSizeHint().width() <= area.viewport().width()
         low = {text for text in visible_texts(shown.page.area)} if size[1] < 700 else set()  # the form scrolls
         assert [text for text in cut_texts(shown.page) if text not in low] == [], size
+
+
+def test_consent_comes_before_the_form_and_who_declines_is_asked_nothing_else(shown: Shown, tmp_path: Path) -> None:
+    page, file = shown.page, tmp_path / "mine.toml"
+    file.write_text(f'{load_protocol(PAPER).text}{FORM}[consent]\ntext = "You may stop."\nagree = "Yes"\n')
+    page.take_protocol(str(file))
+    shown.until(lambda: page.start.text() == "Ask 01 for consent")
+    assert page.form.isHidden() and page.start.isEnabled()
+    page.show_setup(page.chosen)  # the session server that is there has this protocol
+    page.show_opened(opened(""))
+    page.show_snapshot(before())
+    shown.click(page.start)
+    assert "You may stop." in shown.texts() and page.consent.agree.text() == "Yes"
+    shown.click(page.consent.decline)
+    (declined,) = shown.sent
+    assert declined.participant == "01" and not declined.consent[0] and declined.form == {} and not declined.blind
+    shown.look(SessionOverview(tmp_path, "01", "mine", 0, 0, 1.7e9, declined=True))
+    assert not page.start.isEnabled() and "01 does not take part" in page.why.text()
+    shown.wait()
+    shown.type(page.participant, "02")
+    shown.click(page.start)
+    shown.click(page.consent.agree)
+    assert page.form.isVisible() and "Fill in age." in page.why.text()
+    page.form.fields["handedness"].show_value("right")
+    page.form.fields["age"].show_value("30")
+    page.form.changed.emit()
+    shown.click(page.start)
+    agreed = shown.sent[-1]
+    assert agreed.consent[0] and agreed.form == {"handedness": "right", "age": 30.0}
+
+
+def test_consent_is_asked_on_the_participants_own_screen_where_there_is_one(shown: Shown, tmp_path: Path) -> None:
+    page, asked = shown.page, []
+    page.consent_asked.connect(asked.append)
+    page.participant_answers = True
+    (tmp_path / "mine.toml").write_text(f'{load_protocol(PAPER).text}[consent]\ntext = "You may stop."\n')
+    page.take_protocol(str(tmp_path / "mine.toml"))
+    shown.until(lambda: page.start.text() == "Ask 01 for consent")
+    asked.clear()
+    shown.click(page.start)
+    assert asked[0].text == "You may stop." and "on the other screen" in shown.texts()
+    assert page.cancel() and asked[-1] is None
+    shown.click(page.start)
+    page.answer_consent(True)
+    assert page.start.text() == "Start session   01 · 60 trials" and "agreed" in page.standing.text()

@@ -77,8 +77,8 @@ def test_a_whole_session_of_an_experimenter(qtbot, setup: Setup, tmp_path: Path)
     assert len(main.opened.plan) == 4 and run.large.text() == "Willkommen"
     run_trial(windows)
     first = main.snapshot.rows[-1]
-    run.card.reason.setCurrentIndex(1)
-    QTest.mouseClick(run.card.out, LEFT)
+    QTest.mouseClick(run.card.exclude, LEFT)
+    QTest.keyClick(run.cards.question.own, Qt.Key.Key_1, Qt.KeyboardModifier.AltModifier)
     wait_until(lambda: main.snapshot.rows[-1].status == "excluded" and not run.card_shown)
     run_trial(windows)
     second = main.snapshot.rows[-1]

@@ -26,14 +26,15 @@ from fake_client import (
 )
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog
 from screens import Screens, cut_texts, point, settle, visible_texts
 from sessions import session_of
 
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
-from app.window.widgets import words
-from app.window.widgets.page import ANALYSE, HOME, RUN
+from app.window.widgets import memory, words
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
 from core import tick_log
 
@@ -74,7 +75,7 @@ def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens
 
     screens.hear(opened(), ready(checks=GREEN))
     assert all(share >= 1.0 for share in shares())
-    screens.hear(ready(checks=(*GREEN, m.Check("Stream", m.GOOD, "every tick and its markers"))))
+    screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
     assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and cut_texts(screens.main) == []
     screens.main.resize(*SMALLEST)
     settle(screens.main)
@@ -94,24 +95,55 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
-def test_escape_leads_from_the_device_page_back_to_where_it_was_asked_for(screens: Screens) -> None:
+def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:
+    main, kept = screens.main, {}
+    monkeypatch.setattr(memory, "remember", kept.__setitem__)
     screens.hear(opened(), ready(1))
-    for page in (RUN, HOME):
-        screens.main.show_page(page)
-        screens.press(KEY.Key_F3)
-        home = screens.main.pages[HOME]
-        assert screens.main.shown == HOME and home.stack.currentWidget() is home.device
-        screens.press(KEY.Key_Escape)
-        assert screens.main.shown == page and home.stack.currentWidget() is home.columns
+    screens.press(KEY.Key_F3)
+    assert main.shown == DEVICE and main.tabs[DEVICE].isChecked()
+    QTest.mouseClick(main.settings, Qt.MouseButton.LeftButton)
+    card = main.cards.question
+    for field, value in (
+        (card.theme, "light"),
+        (card.sound, memory.OFF),
+        (card.text_size, 1.15),
+        (card.text_size, 1.0),
+    ):
+        field.show_value(value)
+        field.changed.emit(value)
+    assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.TEXT_SIZE: "1.0"}
+    for entry, says in zip(
+        main.help.menu().actions(), ("start the next trial", "One brake at a time", "session.json", "Reed"), strict=True
+    ):
+        entry.trigger()
+        settle(main)
+        assert says in " ".join(visible_texts(main)) and cut_texts(main) == []
+    screens.press(KEY.Key_Escape)
+    assert main.cards.question is None and screens.client.off_causes == []
+
+
+def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(
+    screens: Screens, monkeypatch, tmp_path
+) -> None:
+    main, asked = screens.main, []
+    main.restart_asked.disconnect()
+    main.restart_asked.connect(lambda *setup: asked.append(setup))
+    screens.client.alive, screens.client.wants_other_folder = False, True
+    screens.hear(m.Snapshot(m.FAILED, notice="/data: another PHD window is using this folder", notice_bad=True))
+    settle(main)
+    assert "/data: another PHD window is using this folder." in " ".join(visible_texts(main)).replace("\u200b", "")
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
+    QTest.mouseClick(main.cards.question.buttons[0], Qt.MouseButton.LeftButton)
+    assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
 def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
     screens.hear(opened(), running())
-    screens.press(KEY.Key_A, modifier=CTRL)
+    screens.press(KEY.Key_A, modifier=ALT)
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
     assert screens.client.off_causes == [] and screens.run.cards.question is None
     screens.hear(ready(3))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     screens.press(KEY.Key_Escape, screens.run.panel.note)
     assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()
     screens.press(KEY.Key_Escape)
@@ -120,18 +152,18 @@ def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_b
 
 def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
-    assert screens.press(KEY.Key_R, modifier=CTRL) == [] and "trial 5" in screens.run.cards.question.title.text()
+    assert screens.press(KEY.Key_R, modifier=ALT) == [] and "trial 5" in screens.run.cards.question.title.text()
     assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO.reasons[1])]
     assert screens.run.cards.question is None
     rows = (result(PLAN[0]), result(PLAN[1], "redone"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
-    screens.press(KEY.Key_R, modifier=CTRL)
+    screens.press(KEY.Key_R, modifier=ALT)
     assert screens.press(KEY.Key_1, screens.run.cards.question.own, ALT)[0].run == 1
 
 
 def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
     screens.hear(opened(), ready(5))
-    screens.press(KEY.Key_S, modifier=CTRL)
+    screens.press(KEY.Key_S, modifier=ALT)
     question = screens.run.cards.question
     assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
     QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
@@ -143,15 +175,7 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
     QTest.mouseClick(screens.run.panel.abort, Qt.MouseButton.LeftButton)
     assert screens.run.cards.question is not None
     screens.hear(ready(1))
-    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=CTRL) == []
-
-
-def test_pause_is_asked_for_and_taken_back(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(True)]
-    screens.hear(ready(1, paused=True))
-    assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
-    assert screens.press(KEY.Key_P, modifier=CTRL) == [m.Pause(False)]
+    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
 
 
 def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
@@ -206,7 +230,7 @@ def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_
 
 def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     QTest.keyClicks(screens.run.panel.note, "prs nab t")
     assert screens.client.sent == []
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("prs nab t")]
@@ -279,7 +303,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
         assert not any(name in text for name in names for text in told)
         assert screens.run.traces.currents.hidden and not screens.run.energy.isVisible()
         seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
-        screens.press(KEY.Key_R, modifier=CTRL)
+        screens.press(KEY.Key_R, modifier=ALT)
     assert all(seen)
     screens.hear(running(9))
     assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
@@ -334,7 +358,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
-    assert all(screens.press(key, modifier=CTRL) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
+    assert all(screens.press(key, modifier=ALT) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
 def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
@@ -435,54 +459,6 @@ def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Scre
     assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
 
 
-GONE = (
-    "Run 10 is not complete: /home/somebody/a long place/data/sub-01/ses-01/trials is gone, with the 9 recordings in "
-    "it. All its 12 345 ticks are in memory. 3 lines of the journal are in memory. What is in memory is lost if this "
-    "program ends before it is written. It is tried again every 5 s. Bring it back (connect its disk, take it out of "
-    "the wastebasket): what is missing is then written by itself. Or go on in another folder"
-)
-STATES = {
-    "preparing": (m.Snapshot(m.PREPARING),),
-    "start": (opened(""), m.Snapshot(m.NO_SESSION, checks=GREEN)),
-    "resume": (opened(""), m.Snapshot(m.NO_SESSION, checks=RED, notice="no", notice_bad=True)),
-    "red": (opened(), ready(12, checks=RED)),
-    "running": (opened(), running(37, notes=("13:02 slower", "13:05 a longer note about what happened")), pulse()),
-    "said": (opened(), ready(9, notice="Run 9: the participant was distracted by a long sentence that goes on.")),
-    "undone": (
-        opened(),
-        ready(
-            9,
-            not_written=GONE,
-            checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE)),
-            notice=f"{GONE}.",
-            notice_bad=True,
-        ),
-    ),
-    "paused": (opened(), ready(9, paused=True)),
-    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
-    "re-rig": (opened(), ready(30, stage=m.RERIG)),
-    "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
-    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
-    "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
-    "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
-}
-
-
-def test_no_text_is_cut_at_any_size_nor_one_of_a_question(screens: Screens) -> None:
-    for state, messages in STATES.items():
-        console = screens.hear(*messages)
-        for width, height in (SMALLEST, (1280, 720), (1920, 1080)):
-            console.resize(width, height)
-            settle(console)
-            assert (console.width(), console.height()) == (width, height), state  # nothing asks for more room
-            assert cut_texts(console) == [], state
-    console = screens.hear(opened(), ready(22))
-    for key in (KEY.Key_R, KEY.Key_S):
-        screens.press(key, modifier=CTRL)
-        settle(console)
-        assert screens.run.cards.question is not None and cut_texts(console) == []
-
-
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     """With some versions of Qt's binding a live plot loses references to None until the process dies."""
     console = screens.hear(opened(), running())
@@ -511,9 +487,12 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     screens.run.panel.grid.clicked.emit(rows[0])
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
-    screens.run.card.reason.setCurrentIndex(2)
-    screens.run.card.exclude()
-    assert screens.client.sent[-1] == m.Exclude(rows[0].run, screens.run.card.reason.currentText())
+    assert (
+        screens.press(KEY.Key_X, modifier=ALT) == []
+    )  # it asks why first, in the order of its buttons or in own words
+    QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
+    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
+    screens.hear(ready(2, rows=rows))
     screens.run.panel.grid.clicked.emit(rows[1])
     qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
     qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)

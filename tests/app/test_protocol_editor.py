@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 from page_driver import LEFT, PageDriver
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QWidget
+from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QPushButton, QWidget
 from screens import settle
 
 from app.window.home.protocol_editor import ProtocolEditor, form_of, form_text
@@ -101,7 +102,8 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
         ("Blocks", "0", "blocks", "blocks must be at least 1"), ("Blocks", "two", "blocks", "must be a whole number"),
         ("Name", "", "name", "name"), ("Controller 2", "None", "controller", "two controllers have the same name"),
         ("gain of controller 4", "", "controller", "gain_N_s_m is required"),
-        ("Path 1", "-100 400, 900 400", "path", "cannot follow path 1"), ("Path 1", "-100 400, x", "path", "in mm"),
+        ("x of point 2 of path 1", "900", "path", "cannot follow path 1"),
+        ("x of point 2 of path 1", "x", "path", "in mm"), ("Longest move (s)", "0", "trial", "time_out_s"),
         ("Break after trials", "0", "breaks", "breaks"), ("Break after trials", "5", "breaks", "least_s is missing"),
     ):  # fmt: skip
         editing.open("paper")
@@ -127,10 +129,18 @@ def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Edi
     editing.mouse(QTest.mousePress, 0.0, 0.3)
     editing.mouse(QTest.mouseMove, 0.0205, 0.3095)
     editing.mouse(QTest.mouseRelease, 0.0205, 0.3095)
+    assert [editing.field(f"{axis} of point 1 of path 5").text() for axis in "xy"] == ["20", "310"]
+    QTest.mouseClick(next(b for b in editor.findChildren(QPushButton) if b.text() == "+"), LEFT)
+    editing.type("x of point 4 of path 3", "120")
     editing.read("5 paths")
     editing.save_as(monkeypatch, tmp_path / "drawn.toml")
     paths = load_protocol(tmp_path / "drawn.toml").paths
-    assert isinstance(paths[3], Polyline) and paths[3].points_m == ((-0.1, 0.35), (0.0, 0.45), (0.1, 0.35))
+    assert isinstance(paths[3], Polyline) and paths[3].points_m == (
+        (-0.1, 0.35),
+        (0.0, 0.45),
+        (0.1, 0.35),
+        (0.12, 0.25),
+    )
     assert isinstance(paths[4], Arc) and paths[4].from_deg > paths[4].to_deg, "over the top: clockwise"
     assert paths[5] == Segment((0.02, 0.31), (0.0, 0.45))
 
@@ -144,6 +154,10 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
     editing.editor.form.setFocus()
     QTest.keyClicks(editing.editor.form, "handedness: right, left; age: number")
     editing.editor.instructions.setPlainText("Follow the line.\n---\nRest when you like.")
+    editing.editor.consent.setPlainText("You may stop at any time.")
+    editing.type("Seed", "7")
+    editing.type("Participants", "P1, P2")
+    editing.type("Longest move (s)", "12,5")
     editing.read("60 trials")
     editing.save_as(monkeypatch, tmp_path / "pilot.toml")
     saved = load_protocol(tmp_path / "pilot.toml")
@@ -152,7 +166,14 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
     assert saved.breaks is not None and (saved.breaks.after_trials, saved.breaks.least_s) == (10, 30)
     assert not saved.tones and saved.form == {"handedness": ("right", "left"), "age": "number"}
     assert [page.text for page in saved.pages] == ["Follow the line.", "Rest when you like."]
-    assert saved.trial == load_protocol().trial, "what the editor does not show stays as it was"
+    assert saved.consent is not None and saved.consent.text == "You may stop at any time."
+    assert (saved.seed, saved.participants, saved.trial.time_out_s) == (7, ("P1", "P2"), 12.5)
+    assert replace(saved.trial, time_out_s=30.0) == load_protocol().trial, "what the editor does not show stays"
+    editing.editor.open(str(tmp_path / "pilot.toml"))
+    editing.type("Seed", "8")
+    editing.read("60 trials")
+    editing.editor.save_now()  # Ctrl+S: into the file that was opened, without a dialog
+    assert len(editing.asked) == 1 and load_protocol(tmp_path / "pilot.toml").seed == 8
 
 
 def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_client import PLAN, movement, opened, pulse, ready, running, ticks
+from fake_client import PLAN, movement, opened, ready, running, ticks
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
@@ -18,7 +18,6 @@ from app.ipc import messages as m
 from app.window.canvas.layers import joints_at
 from app.window.run.energy_panel import Ledger
 from app.window.run.run_page import PANELS_EVERY
-from app.window.widgets.plots import Plot
 from app.window.windows import FRAME_S
 from core import tick_log
 from core.device import load_device
@@ -147,13 +146,3 @@ def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot) -> Non
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()  # the menus that plots come with
     assert set(QApplication.topLevelWidgets()) <= before and gc.get_freeze_count() <= frozen
-
-
-@pytest.mark.parametrize(("width", "height"), ((1280, 720), (1600, 900), (1920, 1080)))
-def test_every_panel_has_room_for_what_it_shows(screens: Screens, width: int, height: int) -> None:
-    main = screens.hear(opened(), running(), pulse())
-    main.resize(width, height)
-    settle(main)
-    assert (main.width(), main.height()) == (width, height)
-    for panel in screens.run.traces.findChildren(Plot):
-        assert panel.graph.height() >= 30 and panel.graph.width() > 200

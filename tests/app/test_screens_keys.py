@@ -27,7 +27,7 @@ def focus(screens: Screens) -> QWidget | None:
 
 def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
     screens.hear(opened(), running())
-    screens.press(KEY.Key_A, modifier=CTRL)
+    screens.press(KEY.Key_A, modifier=ALT)
     QTest.keyClicks(screens.run.cards.question.own, "3 s too late, as p. 2 says")
     assert screens.client.sent == [] and screens.run.cards.question is not None
     sent = screens.press(KEY.Key_Return, screens.run.cards.question.own)
@@ -37,7 +37,7 @@ def test_a_reason_may_begin_with_any_digit(screens: Screens) -> None:
 @pytest.mark.parametrize("number", range(1, len(ABORT.reasons) + 1))
 def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(screens: Screens, number: int) -> None:
     console = screens.hear(opened(), running())
-    screens.press(KEY.Key_A, modifier=CTRL)
+    screens.press(KEY.Key_A, modifier=ALT)
     question = screens.run.cards.question
     settle(console)
     assert cut_texts(console) == []
@@ -72,7 +72,7 @@ def test_closing_during_a_trial_has_a_key(screens: Screens) -> None:
 
 def test_enter_confirms_what_a_card_asks_after_a_note_was_written_and_after_a_click_beside_it(screens: Screens) -> None:
     screens.hear(opened(), ready(30, stage=m.RERIG))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     QTest.keyClicks(screens.run.panel.note, "bolts")
     assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("bolts")]  # and nothing is confirmed
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
@@ -102,7 +102,7 @@ def test_f1_lists_every_key_of_the_window_and_of_its_page_each_with_what_it_does
 
 def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_answer(screens: Screens) -> None:
     screens.hear(opened(), ready(29))
-    screens.press(KEY.Key_N, modifier=CTRL)
+    screens.press(KEY.Key_N, modifier=ALT)
     QTest.keyClicks(screens.run.panel.note, "a long")
     screens.hear(ready(30, stage=m.RERIG))
     for letter in " note":

@@ -11,6 +11,7 @@ from fake_client import (
     PRACTICE,
     PRESETS,
     SHORT_BREAK,
+    before,
     movement,
     opened,
     paper,
@@ -33,9 +34,9 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.language import ENGLISH_WORDS
 from experiments.protocol import load_protocol, shipped_protocols
-from experiments.protocol_file import Cues, Instruction
+from experiments.protocol_file import Consent, Cues, Instruction
 
-CTRL = Qt.KeyboardModifier.ControlModifier
+ALT = Qt.KeyboardModifier.AltModifier
 
 
 @pytest.fixture
@@ -156,7 +157,7 @@ def test_a_place_on_the_screen_is_a_place_in_the_workspace_at_any_size(screens: 
             assert view.rect().contains(view.to_screen(end).toPoint())
 
 
-def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves_the_picture_or_a_finger_is_lifted(
+def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves_the_picture_(
     screens: Screens,
 ) -> None:
     screens.hear(opened(), running())
@@ -172,14 +173,9 @@ def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves_the_pictu
     point(view, view.to_screen((0.03, 0.35)))
     QApplication.sendEvent(view, QEvent(QEvent.Type.Leave))
     assert np.isnan(aimed[-1]).all() and view.pointer is None
-    finger, at = QTest.createTouchDevice(), view.to_screen((0.02, 0.39)).toPoint()
-    QTest.touchEvent(view, finger).press(1, at, view)
-    assert aimed[-1] == pytest.approx((0.02, 0.39), abs=1e-3)
-    QTest.touchEvent(view, finger).release(1, at, view)
-    assert np.isnan(aimed[-1]).all()
-    point(view, view.to_screen((0.03, 0.35)))
+    at = view.to_screen((0.02, 0.39)).toPoint()
     QTest.mouseClick(view, Qt.MouseButton.LeftButton, pos=at)  # a mouse is seen without its button
-    assert not np.isnan(aimed[-1]).any()
+    assert not np.isnan(aimed[-1]).any() and screens.client.grips[-1] == 1.0
 
 
 def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
@@ -198,7 +194,8 @@ def test_the_handle_and_its_way_follow_the_ticks(screens: Screens) -> None:
 def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     assert screens.press(Qt.Key.Key_Space, screens.participant) == [m.Start()]
-    assert screens.press(Qt.Key.Key_P, screens.participant, CTRL) == [m.Pause(True)]
+    screens.hear(ready(3))
+    assert screens.press(Qt.Key.Key_P, screens.participant, ALT) == [m.Pause(True)]
 
 
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
@@ -382,3 +379,28 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
             is_full = np.any(np.ptp(reach, axis=0) + rings > (0.97 * width, 0.97 * text_top))
             assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
             assert not is_full or width > 1.7 * height or name not in ("paper", "curves")
+
+
+def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screens: Screens) -> None:
+    answers: list[bool] = []
+    screens.participant.consent.answered.disconnect()
+    screens.participant.consent.answered.connect(answers.append)
+    screens.participant.ask_consent(Consent("You may stop.\n" * 60, "Yes", "No"))
+    page = screens.participant.consent
+    settle(screens.participant)
+    assert page.isVisible() and page.area.verticalScrollBar().maximum() > 0
+    for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
+        screens.press(key, screens.participant)
+    assert answers == [] == screens.client.sent
+    QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
+    screens.participant.ask_consent(None)
+    assert answers == [True] and screens.participant.view.isVisible()
+
+
+def test_the_path_has_one_scale_with_the_linkage_shown_or_not_and_text_lies_above_the_arms(screens: Screens) -> None:
+    view = screens.participant.view
+    for size in ((1280, 720), (1920, 1080)):
+        for shown in (False, True):
+            screens.participant.resize(*size)
+            screens.hear(opened("", paper(show_linkage=shown)), before())
+            assert 0.2 * view.scale >= 0.5 * min(size) and view.rings_px[0] >= 9.0

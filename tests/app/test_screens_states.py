@@ -20,7 +20,6 @@ from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED
 from app.window.widgets import theme, words
-from app.window.widgets.parts import Figures, wide
 from app.window.widgets.plots import NOTHING
 from app.window.widgets.theme import COLOURS
 from core import tick_log
@@ -63,20 +62,6 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert cut_texts(console) == []
 
 
-def test_every_number_of_a_running_trial_is_whole_at_1024_x_700(screens: Screens) -> None:
-    timing = m.Timing(14.0, 1031.0, 13_402.0, 1234, "default, short slice")
-    console = screens.hear(opened(), running(33))
-    screens.tick(movement(PLAN[33].segment, "AEBC", 3.0))
-    screens.hear(pulse()._replace(timing=timing))
-    console.resize(1024, 700)
-    settle(console)
-    lines = [one for one in console.findChildren(Figures) if one.isVisible()]
-    assert len(lines) == 8 and any("C 0.00" in one.text() for one in lines)
-    for one in lines:
-        numbers = one.text().removesuffix(f" · {timing.scheduling}")
-        assert wide([numbers], theme.SMALL) <= one.width(), numbers
-
-
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
     """With the brakes that are stuck it would tell the controllers apart."""
     screens.hear(opened(), running(blind=True))
@@ -114,15 +99,6 @@ def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
     assert "min left" in screens.run.panel.left.text()
     screens.hear(ready(60, stage=m.FINISHED))
     assert "min left" not in screens.run.panel.left.text()
-
-
-def test_the_line_over_the_workspace_is_whole_at_1280_x_720(screens: Screens) -> None:
-    for state in ("blocked", "failed"):
-        console = screens.hear(opened(), ready(12, checks=RED) if state == "blocked" else ready(12, stage=m.FAILED))
-        settle(console)
-        small = screens.run.small
-        assert small.fontMetrics().horizontalAdvance(small.text()) <= small.width()
-        assert small.text() in visible_texts(console)
 
 
 @pytest.mark.parametrize("moment", [False, True])
@@ -234,16 +210,6 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
     rows += [result(PLAN[7]._replace(run=61), "done")]  # it was done after all
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
     assert f"1 of {len(PLAN)} trials have no result" in " ".join(visible_texts(console))
-
-
-@pytest.mark.parametrize(
-    ("status", "offered"), [("done", True), ("aborted", True), ("stopped", False), ("recovered", False)]
-)
-def test_only_a_trial_that_does_not_come_again_by_itself_is_offered_to_be_redone(
-    screens: Screens, status: str, offered: bool
-) -> None:
-    screens.hear(opened(), ready(1, rows=(result(PLAN[0], status),)))
-    assert screens.run.panel.redo.isEnabled() == offered
 
 
 CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import pytest
 from fake_client import GREEN, RED, before, paper
+from status_messages import status
 
 from app.ipc import messages as m
+from app.session_server.preflight import check_real, check_sensor
 from app.window.home.start import NO_BOARD, Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
+from app.window.widgets.preflight import advice
 from core.files import InputError
 from experiments.session.overview import SessionOverview
 
@@ -66,8 +69,19 @@ def test_the_button_says_what_it_does() -> None:
         (WANTED, "", "Start session   01 · 60 trials", "new"),
         (WANTED._replace(participant=""), "", "Start session", ""),
         (WANTED._replace(loaded=None), "", "Start session", "new"),
-        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done"),
-        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done"),
+        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done, paper protocol"),
+        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done, paper protocol"),
         (WANTED, "02", "Go to the session   02", "new"),
     ):
         assert (start_text(wanted, is_open), standing_of(wanted)) == (text, standing)
+
+
+def test_what_a_step_of_the_session_puts_right_keeps_trials_from_starting_and_is_no_fault() -> None:
+    checks = check_real(status(homed=False), ""), check_sensor(status(zeroed=False))
+    snapshot = before(checks=(*checks, *GREEN[2:]))
+    assert [check.state for check in checks] == [m.DUE, m.DUE] and advice(snapshot) == [], "amber, in no red banner"
+    assert snapshot.trial_blocker.startswith("Device: not homed yet. The session begins with homing")
+    assert snapshot.session_blocker(real_device=True) == "" and not snapshot.place_known
+    looked_for = check_real(status(problem="no answer"), "", connecting=True)
+    assert (looked_for.state, looked_for.text) == (m.WAITING, "connecting …")
+    assert check_real(status(problem="no answer"), "").state == m.BAD

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from fake_client import GREEN, PATHS, PRACTICE, before, movement, opened, paper, ready
+from fake_client import PATHS, before, movement, opened, paper, ready
 from page_driver import PageDriver
 from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import cut_texts, point, settle
+from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
 from app.ipc.ring import GRASP_RADIUS_M
@@ -19,25 +20,6 @@ from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
 from experiments.protocol import load_protocol
-
-INITIAL = m.SandboxSettings(
-    "three-brake", 1, 2, {"gap_m": 0.0, "gain_N_s_m": 10_000.0}, "settled", 0.05, 2000.0, 1.0, 0.75, IDEAL
-)  # fmt: skip
-GAINS_FELT = 11.5  # N s/m and more
-
-
-def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> m.Snapshot:
-    """A pass is running with these settings."""
-    state = m.SandboxState(settings, INITIAL, (), False, GAINS_FELT, passes)._replace(**changes)
-    planned = PRACTICE._replace(segment=settings.path, controller=settings.controller, repetition=len(passes) + 1)
-    return m.Snapshot(m.RUNNING, checks=GREEN, running=planned, practice=True, tip=(0.1, 0.4), sandbox=state)
-
-
-def ended(number: int, controller: int = 2, error: float | None = 0.002, changed: bool = False, **what) -> m.Pass:
-    status = what.pop("status", "done")
-    settings = INITIAL._replace(controller=controller, **what)
-    measures = {"path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_weighted_rms_m_s2": 40.0}
-    return m.Pass(number, settings, changed, status, measures | {"duration_s": 2.5})
 
 
 class Held(PageDriver):

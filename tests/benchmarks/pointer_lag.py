@@ -94,7 +94,7 @@ class Moves(QObject):
         middle = QPointF(0.35 * view.width(), 0.35 * view.height())
         return middle + QPointF(np.cos(angle), np.sin(angle)) * reach
 
-    def _aim(self, x: float, y: float) -> None:
+    def _aim(self, x: float, y: float, _grip: float) -> None:
         if self._moved_s is not None and self._aimed is None:
             self._aimed, self._aimed_at_s = (x, y), time.perf_counter()
 

@@ -105,7 +105,7 @@ class SyntheticBench:
         new, self._fed = self._rows[self._fed : upto], max(upto, self._fed)
         return new
 
-    def aim(self, x: float, y: float) -> None:
+    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
         """Nothing follows the pointer."""
 
     def send(self, intent: object) -> None:

@@ -39,10 +39,11 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.alive, self.stopped, self.taken = True, "", False
-        self.ring = self
+        self.ring, self.wants_other_folder = self, False
         self.sent: list = []
         self.inbox: list = []
         self.aimed: list[tuple[float, float]] = []
+        self.grips: list[float] = []  # with which the handle is held there
         self.off_causes: list[str] = []
         self.rows = np.empty((0, tick_log.WIDTH))
         self.setup = m.Setup(Path("data"))
@@ -58,8 +59,9 @@ class FakeClient:
         rows, self.rows = self.rows, np.empty((0, tick_log.WIDTH))
         return rows
 
-    def aim(self, x: float, y: float) -> None:
+    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
         self.aimed.append((x, y))
+        self.grips.append(grip)
 
     def let_go(self) -> None:
         self.aimed.append((math.nan, math.nan))

@@ -16,6 +16,7 @@ from app.window.analyse.chips import Chips
 from app.window.analyse.trial_view import TrialView
 from app.window.analyse.verdicts import Verdicts
 from app.window.widgets import theme
+from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
     END,
@@ -100,7 +101,7 @@ class AnalysePage(Page):
         self.stack = stack(self.charts, self.verdicts, self.empty)
         self.side = TrialView()
         self._concluding = BackgroundTask(self.verdicts.show_conclusions)
-        self.side.excluded.connect(self.exclude)
+        self.side.exclude_asked.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
@@ -115,6 +116,7 @@ class AnalysePage(Page):
         self.export_task, self._cancelled = VerbProcess(self._exported), False
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._lay_out()
+        self.cards = Cards(self)
         self._show_busy()
         for absent in (self.side, self._foot):
             absent.hide()
@@ -166,14 +168,17 @@ class AnalysePage(Page):
         self.side.end()
 
     def cancel(self) -> bool:
-        """Esc closes the trial beside the charts."""
+        """Esc closes what is asked, else the trial beside the charts."""
+        if self.cards.leave():
+            return True
         if not self.side.isVisible():
             return False
         self.close_trial()
         return True
 
     def keys(self) -> dict[str, Callable[[], object]]:
-        return {"export": self.export, **({"start": self.side.play_or_pause} if self.side.isVisible() else {})}
+        of_trial = {"start": self.side.play_or_pause, "exclude": self.exclude} if self.side.isVisible() else {}
+        return {"export": self.export, **of_trial}
 
     def own_keys(self) -> dict[str, str]:
         """Those of the player, which has them from a click on it on."""
@@ -307,8 +312,8 @@ class AnalysePage(Page):
 
     def _make_room(self) -> None:
         """The trial beside the charts, or in their place where there is no room for both."""
-        narrow = self.width() < ROOM_PX
-        least, most = SIDE_PX
+        narrow = self.width() < theme.text_px(ROOM_PX)
+        least, most = map(theme.text_px, SIDE_PX)
         width = self.width() if narrow else int(min(max(SIDE_SHARE * self.width(), least), most))
         self.side.setMinimumWidth(min(width, least))
         self.side.setMaximumWidth(width)
@@ -357,11 +362,17 @@ class AnalysePage(Page):
         if rows:
             self.open_trial(rows[(at + by) % len(rows)])
 
-    def exclude(self, reason: str) -> None:
-        """The trial that is shown, out of every result: by the session server if it has the session, else here."""
+    def exclude(self) -> None:
+        """Ask why, then take the trial that is shown out of every result."""
         trial = self.side.trial
-        if trial is None or trial.row is None:
-            return
+        if trial is not None and trial.row is not None and self.side.exclude.isVisible():
+            self.cards.ask(
+                EXCLUDE._replace(title=f"Exclude {trial.title}?"), lambda reason: self._exclude(trial, reason)
+            )
+
+    def _exclude(self, trial: Playback, reason: str) -> None:
+        """By the session server if it has the session, else here."""
+        assert trial.row is not None
         session = trial.path.resolve().parent.parent
         if self.opened is not None and self.opened.participant and Path(self.opened.folder).resolve() == session:
             self.send(m.Exclude(trial.row.run, reason))

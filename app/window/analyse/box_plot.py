@@ -83,13 +83,14 @@ class ChartPlot(Plot):
         self._name_ticks()
 
     def _name_ticks(self, *_: object) -> None:
-        """The names along the axis, each line of them as far as it does not lie on another."""
+        """The names along the axis, as far as they do not lie on another or reach over the edge."""
         ends: dict[int, float] = {}  # of each line of the names so far, px
         (begin, end), named = self.item.viewRange()[0], []
+        edge = self.item.vb.width() + 0.5 * theme.text_px(theme.SMALL)
         for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
             middle = (x - begin) / (end - begin) * self.item.vb.width()
             reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
-            if all(middle - half > ends.get(at, -math.inf) for at, half in reach.items()):
+            if all(ends.get(at, -math.inf) < middle - half and middle + half <= edge for at, half in reach.items()):
                 ends |= {at: middle + half + APART_PX for at, half in reach.items()}
                 named.append((x, text))
         self.item.getAxis("bottom").setTicks([named] if named else None)

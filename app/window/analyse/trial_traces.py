@@ -35,7 +35,6 @@ class TrialTrace(TimePlot):
         self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
         self.item.addItem(self.marker, ignoreBounds=True)
         self.graph.scene().sigMouseClicked.connect(self._clicked)
-        self.graph.setMinimumHeight(26)
 
     def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
         """Times (n,) s and values (n,) in the unit, NaN where there is none."""
@@ -74,13 +73,16 @@ class CurrentTrace(TrialTrace):
     def __init__(self) -> None:
         super().__init__("Currents", "A", COLOURS.quiet, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
-        self.graph.setMinimumHeight(46)  # with the axis of time
         self.hidden, self.labels = False, dict[str, str]()
+        self.follow_text()
         self.bands = [self.add_curve(pg.mkPen(theme.shade(theme.JOINT[joint], BAND), width=1)) for joint in JOINTS]
         self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
         for mean in self.means:
             mean.setDownsampling(method="mean")  # now that it is added: a plot gives what is added its own method
         self.currents = np.empty((len(JOINTS), 0))
+
+    def follow_text(self) -> None:
+        self.graph.setMinimumHeight(theme.text_px(58))  # with the axis of time
 
     def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
         """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""

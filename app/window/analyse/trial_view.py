@@ -15,17 +15,16 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QWidget
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
-from app.window.canvas.force_view import RefreshClock
+from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
-from app.window.canvas.linkage_view import FIELD, LINKAGE, REACHABLE, Workspace
+from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
-from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.plots import start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
-from app.window.widgets.words import REASONS
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
@@ -38,6 +37,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
+LOW_PX = 480  # a lower side of the page, at a text size of 1, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
@@ -55,7 +55,7 @@ class TrialView(Panel):
 
     closed = Signal()
     stepped = Signal(int)  # -1, 1: the trial before, the next one
-    excluded = Signal(str)  # reason
+    exclude_asked = Signal()
 
     def __init__(self, whole: bool = False) -> None:
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
@@ -69,11 +69,10 @@ class TrialView(Panel):
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
         self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
         self.beside_measures.setStyleSheet(f"color: {BESIDE}")
-        self.note = wrapped_label("", "quiet", theme.SMALL)
-        self.exclude = button("Exclude …", lambda: None, "small", "For one of these reasons; the recording is kept")
-        self.exclude.setMenu(reasons := QMenu(self.exclude))
-        for reason in REASONS:
-            reasons.addAction(reason[0].upper() + reason[1:], lambda reason=reason: self.excluded.emit(reason))
+        self.note = OneLine("", "quiet")
+        self.exclude = button(
+            "Exclude …", self.exclude_asked.emit, "small", "For a reason; the recording is kept (Alt+X)"
+        )
         self.workspace = Workspace(whole)
         self.workspace.hide()  # until there is a trial
         if not whole:
@@ -107,21 +106,22 @@ class TrialView(Panel):
         self._middle = column((self.workspace, 3), (self.traces, 4))
         for step in self.steps:
             step.setVisible(not self._whole)
-        self.clock.setMinimumWidth(100)
         self.setLayout(column(
             row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
             (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
-        for absent in (self.beside_measures, self.note, self.exclude):
-            absent.hide()
+        self.exclude.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._share_room()
         super().resizeEvent(event)
 
     def _share_room(self) -> None:
-        """Workspace and curves beside each other, or one above the other."""
+        """Workspace and curves beside each other, one above the other, or the curves alone."""
+        roomy = self._whole or self.height() > theme.text_px(LOW_PX)
+        self.workspace.setVisible(self.trial is not None and roomy)
+        self.decision.setVisible(roomy)
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
         for part, share in enumerate((5, 4) if wide else (3, 8)):
@@ -148,7 +148,7 @@ class TrialView(Panel):
         self.measures.setToolTip("\n".join(
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
         ))  # fmt: skip
-        self.beside_measures.hide()
+        self.beside_measures.setText("")
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._set_up_workspace(trial)
@@ -170,7 +170,6 @@ class TrialView(Panel):
         """Show a sentence under the trial."""
         theme.set_style(self.note, "caution" if bad else "quiet")
         self.note.setText(text)
-        self.note.setVisible(bool(text))
 
     def _set_up_workspace(self, trial: Playback) -> None:
         self.workspace.view.show_places((trial.device,), {1: trial.way})
@@ -178,7 +177,7 @@ class TrialView(Panel):
         self.workspace.view.show_obstacles(trial.obstacles)
         if not self._whole:
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
-        self.workspace.show()
+        self._share_room()
 
     # which moment
 
@@ -279,7 +278,7 @@ class TrialView(Panel):
             self.note_that(str(other), bad=True)
             return
         self.traces.show_beside(other)
-        self.beside_measures.setVisible(other is not None)
+        self.beside_measures.setText("")
         tips = np.empty((0, 2))
         if other is not None:
             recorded = f" (recorded, as far: {measured(other.recorded)})" if other.recorded else ""

@@ -6,22 +6,24 @@ from collections.abc import Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF
-from PySide6.QtGui import QKeySequence, QPainter, QShortcut
+from PySide6.QtGui import QKeySequence, QPainter, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
 from app.window.canvas.marks import arrow_of, paint_arrow
 from app.window.canvas.plane import Plane, Sizes
+from app.window.canvas.small_view import SmallView
 from app.window.widgets import theme
 from app.window.widgets.parts import Flow, Panel, column, row, toggle
-from app.window.widgets.theme import COLOURS
+from app.window.widgets.theme import COLOURS, pen
 from core import tick_log
 from core.device import Device
 from core.path import PathFile
 
-TRAIL, FORCES = "trail", "forces"
+TRAIL, FORCES, LINKAGE = "trail", "forces", "linkage"
 HAND, BRAKES = "hand", "brakes"  # whose force
 FORCE_COLOUR = {HAND: COLOURS.good, BRAKES: COLOURS.brake_slipping}
+INSET_PX, INSET_SIZES = 180, Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)  # wide, at most
 WORDS_EVERY_S = 0.1  # numbers that change faster cannot be read
 
 
@@ -45,7 +47,10 @@ def way_of(rows: np.ndarray) -> np.ndarray:
 
 
 class ForceView(Plane):
-    """One device on one path. A subclass adds what else it shows of `instant`, and where its read-outs stand."""
+    """One device on one path, and in a corner the whole linkage with all of its brakes. A subclass adds what else it
+    shows of `instant`, and where its read-outs stand."""
+
+    inset_at_top = False
 
     def __init__(
         self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, grid: bool = False, follows_mouse: bool = False
@@ -60,12 +65,15 @@ class ForceView(Plane):
         self._ticks: np.ndarray | None = None  # since the text was made (n, WIDTH), n > 0; none between trials
         self._text_current = False  # the text is of these
         self._went = False  # the movement of the running trial has begun
+        self.inset = SmallView(INSET_SIZES)
+        self.inset.setParent(self)
 
     # what to show
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         """Another device or path: the handle at rest at `tip`, brakes off."""
         self.show_path(path)
+        self.inset.show_trial(device, path, tip)
         self._rest(device, tip)
 
     def rest(self, tip: Point) -> None:
@@ -128,6 +136,34 @@ class ForceView(Plane):
         """Lay something over the view, or take it away."""
         (self.shown.add if shown else self.shown.discard)(layer)
         self.show_trail(TRAIL in self.shown)
+        self._show_inset()
+
+    @property
+    def whole_in_corner(self) -> bool:
+        """Whether the whole linkage is to be seen in a corner."""
+        return LINKAGE in self.shown
+
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
+        super().show_handle(tip, taken, force_N)
+        self._show_inset()
+
+    def _show_inset(self) -> None:
+        """The linkage in its corner; away while the handle would lie under it."""
+        corner = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.handle_px,)))
+        under = self.tip is not None and corner.contains(self.to_screen(self.tip))
+        shown = self.whole_in_corner and self.instant is not None and self.tip is not None and not under
+        if shown == self.inset.isHidden():
+            self.inset.setVisible(shown)
+            self.repaint_still()
+        if shown and self.instant is not None:
+            self.inset.show_instant(self.instant, self.doing)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
+        high = int(0.9 * wide)
+        y = 10 if self.inset_at_top else self.height() - high - 10
+        self.inset.setGeometry(self.width() - wide - 10, y, wide, high)
+        super().resizeEvent(event)
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
@@ -150,6 +186,11 @@ class ForceView(Plane):
         self.update()
 
     # painting
+
+    def paint_under_path(self, painter: QPainter) -> None:
+        if not self.inset.isHidden():
+            painter.setPen(pen(COLOURS.line, 2.0))
+            painter.drawRect(self.inset.geometry())
 
     def paint_forces(self, painter: QPainter, now: Instant) -> None:
         """Both arrows; while the pointer holds the handle the spring between them is the hand's."""

@@ -8,8 +8,9 @@ from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
-from app.window.canvas.force_view import FORCE_COLOUR, FORCES, TRAIL, ForceView, Layered
-from app.window.canvas.plane import AT_DESK, RIGHT, Sizes
+from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
+from app.window.canvas.plane import AT_DESK, SCALE_PX
+from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
 from core import tick_log
@@ -17,14 +18,14 @@ from core.control.velocity_field import Field
 from core.device import Device
 from core.path import Path, PathFile, build_path
 
-FIELD, DIRECTIONS, REACHABLE, LINKAGE = "field", "directions", "force", "linkage"
+FIELD, DIRECTIONS, REACHABLE = "field", "directions", "force"
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-FIELD_PX = 70.0  # from the top, where its first needles may stand
-ARM_PX = 7.0  # width of an arm
 #: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
+FOOT_PX = 20.0  # high, of the line below, at a text size of 1
+WIDEST_READOUT = "A slips 88.8 N m "
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -39,10 +40,10 @@ class Readout(NamedTuple):
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
-    def __init__(self, worded: bool = True, sizes: Sizes = AT_DESK) -> None:
-        """worded: with the line above, a grid, and read-outs; a small view has no room for them."""
-        free = QMarginsF(64.0, 66.0, 44.0, 12.0) if worded else QMarginsF(15.0, 8.0, 15.0, 15.0)  # half a ring
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), free, sizes, grid=worded)
+    def __init__(self, worded: bool = True) -> None:
+        """worded: with the line above, a grid, read-outs and the whole device in a corner; a small view has no room."""
+        half_ring = QMarginsF(15.0, 8.0, 15.0, 15.0)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
@@ -51,6 +52,14 @@ class LinkageView(ForceView):
         self.title, self.line = "", ""
         self._field: Field | None = None
         self.sense = 1.0  # of travel
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The plane keeps clear of its scale and of the lines above and below it."""
+        if self._worded_view:
+            top = READOUT_TOP_PX + 2.0 * READOUT_STEP_PX
+            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, text_px(FOOT_PX))
+            self._fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
@@ -99,6 +108,10 @@ class LinkageView(ForceView):
         self.title, self.line = title, line
         self.update()
 
+    @property
+    def whole_in_corner(self) -> bool:
+        return self._worded_view and LINKAGE in self.shown and WHOLE not in self.shown
+
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
@@ -106,19 +119,22 @@ class LinkageView(ForceView):
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
-                self.to_plane(QPointF(60.0, self.height())),
-                self.to_plane(QPointF(self.width() - 12.0, FIELD_PX)),
+                self.to_plane(self.field.bottomLeft()),
+                self.to_plane(self.field.topRight()),
             )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
         if assumed:
             painter.setFont(font(theme.SMALL))
             painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
-            painter.drawText(QRectF(0.0, 11.0, self.width() - 16.0, 20.0), RIGHT, "parameters assumed")
+            painter.drawText(QRectF(self.field.bottomLeft(), self.rect().bottomRight()), LEFT, "parameters assumed")
+        super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
             return
+        if self._worded_view:
+            painter.setClipRect(self.field)  # the names of the lines are not covered
         handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
         if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
             marks.paint_wedge(painter, handle, wedge)
@@ -128,18 +144,19 @@ class LinkageView(ForceView):
             marks.paint_directions(painter, handle, found, self._field, now.device.labels)
         marks.paint_joints(painter, rings, now.device.labels, self.doing, self.blind)
         self.paint_forces(painter, now)
+        painter.setClipping(False)
 
     def paint_over_handle(self, painter: QPainter) -> None:
         if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
             self._paint_readouts(painter, self.instant.device.labels)
-        x = 16.0
+        x, high = 16.0, text_px(26)
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, COLOURS.text),
             (self.line, theme.NORMAL, False, COLOURS.quiet),
         ):
             painter.setFont(font(size, bold))
             painter.setPen(shade(colour))
-            painter.drawText(QRectF(x, 8.0, self.width(), 26.0), LEFT, text)
+            painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
 
     def readouts(self, labels: Mapping[str, str]) -> tuple[list[Readout], list[Readout]]:
@@ -155,41 +172,30 @@ class LinkageView(ForceView):
     @property
     def readout_box(self) -> QRectF:
         """Two lines above the path, px."""
-        return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, 2.0 * READOUT_STEP_PX)
+        return QRectF(8.0, text_px(READOUT_TOP_PX), self.width() - 16.0, 2.0 * text_px(READOUT_STEP_PX))
 
     def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
         box = self.readout_box
-        painter.fillRect(box, shade(COLOURS.canvas, 0.6))  # to be read even where an arm is under it
         for down, line in enumerate(self.readouts(labels)):
             apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
+            size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
             for across, (name, text, colour) in enumerate(line):
-                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * READOUT_STEP_PX)
-                write_from(painter, at, name, theme.SMALL, True, colour)
-                gap = text_width(f"{name} ", theme.SMALL, bold=True)
-                write_from(painter, at + QPointF(gap, 0.0), text, theme.SMALL, False, colour)
+                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * text_px(READOUT_STEP_PX))
+                write_from(painter, at, name, size, True, colour)
+                gap = text_width(f"{name} ", size, bold=True)
+                write_from(painter, at + QPointF(gap, 0.0), text, size, False, colour)
 
     def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
         """Where the joints and their rings are, px; none where the linkage is hidden."""
         shown = now.joints if LINKAGE in self.shown else {}
         at = {joint: self.to_screen(place) for joint, place in shown.items()}
-        return at, marks.rings_of(at, now.device.labels)
-
-
-class SmallView(LinkageView):
-    """The linkage alone on its path: a picture that hears neither pointer nor keys."""
-
-    def __init__(self, sizes: Sizes) -> None:
-        super().__init__(False, sizes)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setMinimumSize(0, 0)
-        self.shown = {LINKAGE}
-        self.show_trail(False)
-        self.hide()  # until there is something to show
-
-    def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
-        self.set_extent(layers.extent_of_linkages([device], [path]))
-        super().show_trial(device, path, tip)
+        room = QMarginsF(*4 * (marks.JOINT_PX,))
+        whole, corner = self.field.marginsRemoved(room), QRectF(self.inset.geometry()).marginsAdded(room)
+        if self.inset.isHidden():
+            corner = QRectF()
+        rings = marks.rings_of(at, now.device.labels)
+        seen = {name: place for name, place in rings.items() if whole.contains(place) and not corner.contains(place)}
+        return at, seen if self._worded_view else rings  # the corner has the others
 
 
 #: layer -> its key, what it shows

@@ -69,7 +69,7 @@ def paint_joints(
 ) -> None:
     """A ring for each brake, in the colour of what it does, its label in that of its current's curve, unless blind;
     a bare ring for a joint without a brake."""
-    for joint in JOINTS if rings else "":
+    for joint in (joint for joint in JOINTS if joint in rings):
         if joint not in labels:
             paint_ring(painter, rings[joint], BARE_PX, 2.0, COLOURS.brake_off)
             continue

@@ -59,7 +59,8 @@ class PathDrawing(Plane):
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(QPolygonF([self.to_screen(place) for place in self._free]))
         painter.setFont(theme.font(theme.NORMAL, bold=True))
-        for number, points, way in [*self._paths, ("", self._points, np.array(self._points))]:
+        drawn = [*self._paths, ("", self._points, np.array(self._points))]
+        for at, (number, points, way) in enumerate(drawn):
             painter.setPen(theme.pen(COLOURS.handle, 3.0))
             painter.drawPolyline(QPolygonF([self.to_screen(place) for place in way.tolist()]))
             painter.setBrush(theme.shade(COLOURS.canvas))
@@ -69,9 +70,10 @@ class PathDrawing(Plane):
                 )
                 painter.setPen(theme.pen(ring, 3.0))
                 painter.drawEllipse(self.to_screen(point), 7.0, 7.0)
-            if points:
+            if len(way):
                 painter.setPen(theme.pen(COLOURS.text, 1.0))
-                painter.drawText(self.to_screen(points[0]) + QPointF(12.0, -12.0), number)
+                along = len(way) * (at + 1) // (len(drawn) + 1)  # each number at another place: paths may cross
+                painter.drawText(self.to_screen(way[along]) + QPointF(8.0, -10.0), number)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._kind:

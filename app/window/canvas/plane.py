@@ -12,6 +12,7 @@ import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
+    QEventPoint,
     QInputDevice,
     QMouseEvent,
     QPainter,
@@ -20,13 +21,15 @@ from PySide6.QtGui import (
     QPointingDevice,
     QPolygonF,
     QResizeEvent,
+    QTabletEvent,
+    QTouchEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen
+from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen, text_px
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
 
@@ -36,6 +39,7 @@ LEAST_HANDLE_PX = 4.0  # radius
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
+SCALE_PX = 58.0  # wide, of the names of the lines, at a text size of 1
 AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
 HEADS_PX = 130.0  # between the arrowheads along a path
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
@@ -56,10 +60,9 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
-def hovers(device: QPointingDevice) -> bool:
-    """Whether a pointing device reports its place without being pressed."""
-    kind = QInputDevice.DeviceType
-    return device.type() in (kind.Mouse, kind.TouchPad) or bool(device.capabilities() & QInputDevice.Capability.Hover)
+def grip_of(device: QPointingDevice, pressure: float) -> float:
+    """How firmly a pen or a finger that is down holds: its pressure (0 to 1), where its device measures it."""
+    return pressure if device.capabilities() & QInputDevice.Capability.Pressure else 1.0
 
 
 class Plane(QWidget):
@@ -69,7 +72,7 @@ class Plane(QWidget):
     follows_mouse: the pointer over this widget is the hand, and drawn.
     """
 
-    pointer_moved = Signal(float, float)  # m, inside what is drawn
+    pointer_moved = Signal(float, float, float)  # m, m, inside what is drawn; grip: a pen's pressure, of a mouse 1
     pointer_left = Signal()  # the hand lets go
     painted = Signal()
 
@@ -101,6 +104,7 @@ class Plane(QWidget):
         self._follows_mouse, self._pointer_moved = follows_mouse, False
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
@@ -197,6 +201,12 @@ class Plane(QWidget):
         self.repaint_still()
 
     @property
+    def field(self) -> QRectF:
+        """The part (px) beside the names of the lines, and between what stands at top and bottom in words."""
+        left, free = text_px(SCALE_PX) if self._grid else 0.0, self._keep_free
+        return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
+
+    @property
     def scale(self) -> float:
         """Pixels per metre."""
         return self._scale
@@ -217,24 +227,38 @@ class Plane(QWidget):
 
     # events
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if not self.rect().contains(event.position().toPoint()):  # dragged out, with a button held down
+    def point_at(self, at: QPointF, grip: float) -> None:
+        """The hand is here (px), and holds so firmly (0 to 1)."""
+        if not self.rect().contains(at.toPoint()):  # dragged out, with a button held down
             self._leave()
             return
-        place = self.to_plane(event.position())
+        place = self.to_plane(at)
         if self._follows_mouse:
             self.pointer, self._pointer_moved = place, True
-        self.pointer_moved.emit(*place)
+        self.pointer_moved.emit(*place, grip)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        self.point_at(event.position(), 1.0)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
 
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """A finger, or a pen that is not seen in the air, holds the handle while it is down."""
-        if not hovers(event.pointingDevice()):
+    def event(self, event: QEvent) -> bool:
+        """A pen or a finger is the hand while it is down, where the pointer is; lifted it lets go."""
+        if isinstance(event, QTabletEvent | QTouchEvent) and self.hasMouseTracking():
+            self._hold(event.points()[0], event.pointingDevice(), event.type() == QEvent.Type.TouchCancel)
+            event.accept()  # no mouse event is made of it
+            return True
+        return super().event(event)
+
+    def _hold(self, point: QEventPoint, device: QPointingDevice, cancelled: bool) -> None:
+        pen_is_up = device.type() == QInputDevice.DeviceType.Stylus and point.pressure() <= 0.0
+        if cancelled or pen_is_up or point.state() == QEventPoint.State.Released:
             self._leave()
-        super().mouseReleaseEvent(event)
+        else:
+            self.setFocus()
+            self.point_at(self.mapFromGlobal(point.globalPosition()), grip_of(device, point.pressure()))
 
     def leaveEvent(self, event: QEvent) -> None:
         self._leave()
@@ -299,9 +323,9 @@ class Plane(QWidget):
             self._trail_end = self._paint_way(self.trail, COLOURS.trace)
 
     def _paint_grid(self, painter: QPainter) -> None:
-        """Lines every 10 cm; those across are named."""
-        left, right = 58.0, self.width() - 14.0
-        top, bottom = self._keep_free.top() + 5.0, self.height() - 8.0
+        """Lines every 10 cm; those across are named, as far as their names have room."""
+        field, half = self.field, 0.5 * text_px(20)
+        left, right, top, bottom = field.left(), field.right(), field.top() + 5.0, field.bottom()
         painter.setFont(font(theme.SMALL))
         for i in range(-20, 21):
             at = self.to_screen((0.1 * i, 0.1 * i))
@@ -309,10 +333,10 @@ class Plane(QWidget):
             painter.setPen(pen(COLOURS.line, 1.0, 0.55))
             if left < x < right:
                 painter.drawLine(QPointF(x, top), QPointF(x, bottom))
-            if i >= 0 and top < y < bottom:
+            if i >= 0 and top + half < y < bottom - half:
                 painter.drawLine(QPointF(left, y), QPointF(right, y))
                 painter.setPen(pen(COLOURS.quiet, 1.0, 0.75))
-                painter.drawText(QRectF(0.0, y - 10.0, left - 8.0, 20.0), RIGHT, f"{10 * i} cm")
+                painter.drawText(QRectF(0.0, y - half, left - 8.0, 2.0 * half), RIGHT, f"{10 * i} cm")
 
     def _paint_path(self, painter: QPainter) -> None:
         """The path, the start as a ring, the end as a ring with a point in it."""

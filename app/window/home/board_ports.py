@@ -6,12 +6,14 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
+from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, text_label, wrapped_label
+from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, text_label, wrapped_label
 from app.window.widgets.work import BackgroundTask
 from hardware.discovery import BoardFound, scan_ports
 
 LOOK_MS = 2000  # between two looks at the ports
+OPENING = "Opening …"
 
 
 class BoardPorts(QWidget):
@@ -24,7 +26,9 @@ class BoardPorts(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self._found: tuple[BoardFound, ...] = ()
-        self._mine = ""  # the port that is connected
+        self._mine = ""  # the port that was chosen ..
+        self._state = m.Check("Device", m.WAITING, OPENING)  # .. and how its board is
+        self._opening = ""  # the port that comes next
         self._looking = BackgroundTask(self._show_found)
         self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self._look)
@@ -32,13 +36,18 @@ class BoardPorts(QWidget):
         self.port.returnPressed.connect(self._connect_typed)
         self.again = button("Look again", self._look_anew)
         self._rows = column()
-        self.setLayout(column(self._rows, Flow(self.port, button("Connect", self._connect_typed), self.again, gap=8)))
+        self.connect_typed = button("Connect", self._connect_typed)
+        self.setLayout(column(self._rows, Flow(self.port, self.connect_typed, self.again, gap=8)))
         self._fill()
 
-    def show_link(self, port: str) -> None:
-        """The port that is connected; "": none."""
-        if port != self._mine:
-            self._mine = port
+    def show_link(self, port: str, checks: tuple[m.Check, ...] = (), opening: str = "") -> None:
+        """The port that was chosen ("": none), and what the session server finds there; (): it is being opened.
+
+        opening: the port that comes next, while the session server before it ends.
+        """
+        device = next((check for check in checks if check.name == "Device"), m.Check("Device", m.WAITING, OPENING))
+        if (port, device, opening) != (self._mine, self._state, self._opening):
+            self._mine, self._state, self._opening = port, device, opening
             self._fill()
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -68,10 +77,17 @@ class BoardPorts(QWidget):
         clear(self._rows)
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
-            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), text_label("connected", "good"), own))
+            there = self._state.state not in (m.BAD, m.WAITING)
+            words = text_label("connected" if there else self._state.text, "good" if there else "caution")
+            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), words, own))
         for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
+            if found.port == self._opening:
+                show_wait(connect, OPENING)
             self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), text_label(found.words, "quiet"), connect))
+        typed = self._opening not in ("", *(board.port for board in self._found))
+        self.connect_typed.setText(OPENING if typed else "Connect")
+        self.connect_typed.setEnabled(not self._opening)
         if not self._found and not self._mine:
             self._rows.addWidget(wrapped_label("No board answers on USB. Plug one in, or type its port.", "quiet"))
 

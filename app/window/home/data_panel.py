@@ -5,11 +5,11 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
+from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
 
-from app.window.widgets import theme
+from app.window.widgets import memory, theme
 from app.window.widgets.page import ANALYSE
 from app.window.widgets.parts import (
     PANEL_MARGINS,
@@ -23,15 +23,16 @@ from app.window.widgets.parts import (
     row,
     rule,
     scrolled,
+    show_wait,
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import LACKING, LEAVE, from_home, show_folder
+from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home, show_folder
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
-from experiments.session.files import STORED, recordings_in
+from experiments.session.files import recordings_in
 from experiments.session.overview import DataOverview, SessionOverview, scan_folder
 
 LOOK_MS = 2000  # between two looks at the folder
@@ -43,9 +44,7 @@ class Recent:
     """Files or folders that were used last; kept in the user's settings if the application has a name."""
 
     def __init__(self, kind: str) -> None:
-        self._kind = kind
-        user = QSettings.Format.IniFormat, QSettings.Scope.UserScope, QApplication.organizationName()
-        self._settings = QSettings(*user) if QApplication.organizationName() else None
+        self._kind, self._settings = kind, memory.file()
         kept = self._settings.value(kind, []) if self._settings else []
         paths = kept if isinstance(kept, list) else [kept]  # a list of one comes back as a text
         self.paths = [str(path) for path in paths if path and Path(str(path)).exists()]
@@ -68,7 +67,7 @@ class DataPanel(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._why, self._open, self._can_leave = "", "", False
+        self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder: Path | None = None
         self.recent = Recent("folders")
         self._looking = BackgroundTask(self.show_overview)
@@ -119,10 +118,10 @@ class DataPanel(Panel):
             self._looking.forget()
             self.look()
 
-    def show_session(self, participant: str, why_not: str, can_leave: bool) -> None:
-        """Whose session is open and whether it can be closed, and why no other one can be opened now."""
-        if (participant, why_not, can_leave) != (self._open, self._why, self._can_leave):
-            self._open, self._why, self._can_leave = participant, why_not, can_leave
+    def show_session(self, participant: str, why_not: str, can_leave: bool, opening: str = "") -> None:
+        """Whose session is open and whether it can be closed, why no other one can be opened now, whose is opening."""
+        if (participant, why_not, can_leave, opening) != (self._open, self._why, self._can_leave, self._opening):
+            self._open, self._why, self._can_leave, self._opening = participant, why_not, can_leave, opening
             self.choose.setEnabled(not participant)
             self.choose.setToolTip(why_not if participant else "")
             self._fill()
@@ -171,20 +170,26 @@ class DataPanel(Panel):
         if is_open:
             main = button("Close", self.close_asked.emit, hint=LEAVE)
             main.setEnabled(self._can_leave)
+        elif session.declined:
+            main = button("Folder", lambda: show_folder(session.folder))
         elif session.complete:
             main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
         else:
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
-            main.setEnabled(not self._why and not session.problem)
+            main.setEnabled(not self._why and not session.problem and not self._opening)
             main.setToolTip(self._why)
-        main.setMinimumWidth(theme.text_px(84))  # alike, and so are the bars
+        if session.participant == self._opening:
+            show_wait(main, "Opening …")
+        main.setMinimumWidth(theme.text_px(90))  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.set_style(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
-        done = text_label("cannot be read" if session.problem else f"{session.done} of {session.planned}")
+        far = "does not take part" if session.declined else f"{session.done} of {session.planned}"
+        done = text_label("cannot be read" if session.problem else far)
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
         about = column(name, text_label(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
+        bar.setVisible(not session.declined)
         how_far = column(done, bar, spacing=3)
         if session.lacking:
             how_far.addWidget(wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL))
@@ -194,7 +199,7 @@ class DataPanel(Panel):
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
         more.setMenu(menu := QMenu(more))
-        can_open = not is_open and not self._why and not session.problem
+        can_open = not (is_open or self._why or session.problem or session.declined or self._opening)
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
         self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
@@ -224,9 +229,7 @@ class DataPanel(Panel):
             self._choose(Path(chosen))
 
     def _choose(self, folder: Path) -> None:
-        if (folder / STORED).exists():  # a session of a data folder
-            folder = folder.parent.parent
-        self.folder_chosen.emit(folder)
+        self.folder_chosen.emit(data_folder_of(folder))
 
     # export
 

@@ -5,17 +5,17 @@ session starts, a board is connected or a data folder is chosen.
 """
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
-from app.window.canvas.linkage_view import SmallView
 from app.window.canvas.plane import Sizes
-from app.window.device_page import DevicePage
+from app.window.canvas.small_view import SmallView
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
@@ -25,13 +25,17 @@ from app.window.home.start import (
     Loaded,
     Wanted,
     load,
+    opening_board,
     session_blocker,
     standing_of,
     start_blockers,
     start_text,
 )
+from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
-from app.window.widgets.page import HOME, RUN, TRY, Page
+from app.window.widgets.cards import Cards, OverlayCard
+from app.window.widgets.fields import Tick
+from app.window.widgets.page import DEVICE, RUN, TRY, Page
 from app.window.widgets.parts import (
     Choice,
     Part,
@@ -44,6 +48,7 @@ from app.window.widgets.parts import (
     printed,
     row,
     scrolled,
+    show_wait,
     stack,
     text_label,
     wrapped_label,
@@ -65,29 +70,30 @@ HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
 class HomePage(Page):
-    """Three columns; in their place the plan of a protocol, its editor, or the device page, until Esc or Back."""
+    """Three columns; in their place the plan of a protocol, its editor, or what a participant is asked first."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self._typed = False  # the participant was typed, and is not proposed anew
-        self._asked_from = HOME  # the page that led to the device page
+        self._opening = ""  # whose session, or the port of which board, was asked for and is not there yet
+        self._agreed: tuple[str, str] | None = None  # who agreed to take part, and when (ISO, UTC)
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
         self.data = DataPanel()
-        self.device, self.editor = DevicePage(send), ProtocolEditor()
+        self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
         self.data.folder_chosen.connect(self._take_folder)
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.consent.answered.connect(self.answer_consent)
         self.data.close_asked.connect(lambda: self.send(m.Leave()))
         self.data.page_asked.connect(self.page_asked)
-        self.data.looked.connect(self._refresh)
+        self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
-        for inner in (self.editor, self.device):
-            inner.closed.connect(self._show_columns)
+        self.editor.closed.connect(self._show_columns)
 
     def _make_choices(self) -> None:
         self.protocol, self.devices, self.hand = Choice(), Choice(), Choice()
@@ -96,12 +102,13 @@ class HomePage(Page):
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
         self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
+        self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
         self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.changed.connect(self._link_chosen)
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
-        self.ports.device_page_asked.connect(lambda: self.begin(HOME))
+        self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -109,7 +116,7 @@ class HomePage(Page):
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
-        self.blind = QCheckBox("Hide the names of the controllers")
+        self.blind = Tick("Hide controller names")
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
@@ -148,25 +155,35 @@ class HomePage(Page):
         self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
         for part in (try_it, session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.columns = holder(row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP))
-        self.stack = stack(self.columns, self.plan, self.editor, self.device)
+        self._shares = row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP)
+        self.columns = holder(self._shares)
+        self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
+        self.stack = stack(self.columns, self.plan, self.editor, self.asking)
         self.setLayout(column(self.stack))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The form is the first to need more room for a larger text."""
+        self._shares.setStretch(1, 15 if theme.text_px(100) > 115 else 11)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 
     def show_setup(self, setup: m.Setup) -> None:
-        self.setup = setup
+        self.setup, self.opened, self.snapshot = setup, None, m.Snapshot(m.PREPARING)
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
             self._typed, self._named = False, setup.participant
             self.link.show_value(BOARD if setup.link else SIMULATED)
             self._take(setup)
-        self.ports.show_link(setup.link)
+        if self._opening == setup.link:
+            self._opening = ""
+        self._refresh()
 
     def show_opened(self, opened: m.Opened) -> None:
         ended = self.opened is not None and self.opened.participant and not opened.participant
         super().show_opened(opened)
         if opened.participant:
+            self._opening = ""
             self.participant.setText(opened.participant)
         if ended:  # another participant comes next
             self._typed, self._named = False, ""
@@ -175,30 +192,28 @@ class HomePage(Page):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         super().show_snapshot(snapshot)
-        self.device.show_session(self.opened, snapshot)
+        if snapshot.notice_bad or snapshot.stage == m.FAILED:
+            self._opening = ""
         if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
             self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
             self._choose()
         self._refresh()
 
-    def show_pulse(self, pulse: m.Pulse) -> None:
-        self.device.show_status(pulse.device)
-
     def begin(self, what: object = None) -> None:
-        """What: the page from which the device page was asked for, and to which it leads back."""
-        self._asked_from = str(what or HOME)
-        self.stack.setCurrentWidget(self.device if what else self.columns)
+        self._show_columns()
 
     def cancel(self) -> bool:
-        shown = self.stack.currentWidget()
-        if shown is not self.device or not self.device.cards.leave():
-            self._show_columns()
-        return shown is not self.columns
+        asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
+        self._show_columns()
+        return asked
+
+    def keys(self) -> dict[str, Callable[[], object]]:
+        return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
 
     def _show_columns(self) -> None:
+        self.cards.leave()
+        self.consent_asked.emit(None)
         self.stack.setCurrentWidget(self.columns)
-        if self._asked_from != HOME:
-            self.page_asked.emit(self._asked_from, None)
 
     # --------------------------------------------------------------------------------------- the choices
 
@@ -227,7 +242,6 @@ class HomePage(Page):
         """A protocol was chosen or saved: options that stood in place of another one's values are gone."""
         if name not in shipped_protocols():
             self._recent.add(name)
-        self._show_columns()
         self._choose(protocol=name, rules=None, low_gain=None, seed=None)
 
     def _devices_chosen(self) -> None:
@@ -236,6 +250,13 @@ class HomePage(Page):
             path, _ = QFileDialog.getOpenFileName(self, "Device", "", TOML)
             chosen = (path,) if path else self.chosen.devices
         self._choose(devices=chosen)
+
+    def _looked(self) -> None:
+        """Something in the data folder has changed: perhaps the participant who was proposed has declined."""
+        found = self.data.session_of(self.participant.text())
+        if found is not None and found.declined and not self._typed:
+            self._load()
+        self._refresh()
 
     def _participant_typed(self) -> None:
         self._typed = True
@@ -249,10 +270,7 @@ class HomePage(Page):
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
         self.loaded = loaded
-        wrong = isinstance(loaded, InputError)
-        theme.set_style(self.summary, "bad" if wrong else "")
-        self.summary.setText(breakable(str(loaded)) if isinstance(loaded, InputError) else loaded.summary)
-        self.show_plan.setEnabled(not wrong)
+        self.show_plan.setEnabled(isinstance(loaded, Loaded))
         if isinstance(loaded, Loaded):
             if not self._typed and loaded.participant != self.participant.text():
                 self.participant.setText(loaded.participant)
@@ -284,7 +302,9 @@ class HomePage(Page):
 
     def _connect(self, port: str) -> None:
         if not self._session_open:
+            self._opening = port
             self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
+            self._refresh()
 
     def _take_folder(self, folder: Path) -> None:
         self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
@@ -306,7 +326,8 @@ class HomePage(Page):
         if self._same_setup and not self._no_board:
             return self.snapshot.checks
         others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
-        return (NO_BOARD, *others) if self._no_board else others
+        none = opening_board(self._opening) if self._opening else NO_BOARD
+        return (none, *others) if self._no_board else others
 
     @property
     def _asks_a_person(self) -> bool:
@@ -321,24 +342,45 @@ class HomePage(Page):
     def _wanted(self) -> Wanted:
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
-        problems = self.form.problems() if self._asks_a_person else []
+        asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
+        agreed = asks and self._agreed is not None and self._agreed[0] == label
+        consent_due = asks and not agreed
+        problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems)
+        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due, agreed)
 
     def _refresh(self) -> None:
         """Show whether a session can start, and what the button then does."""
         wanted, is_open, real_device = self._wanted(), self._session_open, bool(self.setup.link)
         snapshot = self.snapshot._replace(checks=self._checks)
         blockers = start_blockers(wanted, is_open, snapshot, real_device)
+        self._show_summary(wanted)
         self._show_start(wanted, blockers)
         self._show_choices(wanted)
         self.checks.show_checks(snapshot.checks)
-        self.data.show_session(is_open, session_blocker(is_open, snapshot, real_device), snapshot.can_leave)
+        why_not = session_blocker(is_open, snapshot, real_device)
+        self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
+        self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
+
+    def _show_summary(self, wanted: Wanted) -> None:
+        """What the chosen protocol is, or that a session goes on by another one, its own."""
+        own = wanted.found.protocol if wanted.found is not None else ""
+        if self.opened is not None and self._session_open:
+            own = self.opened.protocol.name
+        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
+        if isinstance(self.loaded, InputError):
+            self.summary.setText(breakable(str(self.loaded)))
+        elif self.loaded is not None:
+            other = own not in ("", self.loaded.protocol.name)
+            goes_on = f"Participant {wanted.participant} goes on by their own protocol, {own}."
+            self.summary.setText(goes_on if other else self.loaded.summary)
 
     def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
         self.standing.setText(standing_of(wanted))
         self.start.setText(start_text(wanted, self._session_open))
         self.start.setEnabled(bool(self._session_open) or not blockers)
+        if self._opening and self._opening == wanted.participant:
+            show_wait(self.start, f"Opening the session of {wanted.participant} …")
         failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
         sentences = [self.snapshot.notice, *blockers] if failed and self.snapshot.notice else blockers
         self.why.setText(breakable("\n".join(sentences)))
@@ -351,7 +393,7 @@ class HomePage(Page):
         new = wanted.found is None and not self._session_open  # blind and form are settled when a session begins
         always_blind = isinstance(self.loaded, Loaded) and self.loaded.protocol.blind
         self.blind.setEnabled(new and not always_blind and is_person(self.hand.value()))
-        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields))
+        self.form.setVisible(new and self._asks_a_person and bool(self.form.fields) and not wanted.consent_due)
         self.ports.setVisible(self.on_board)
         self.hand.setVisible(not self.on_board)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
@@ -360,16 +402,49 @@ class HomePage(Page):
         if self._session_open:
             self.page_asked.emit(RUN, None)
         elif self.start.isEnabled():
-            found = self.data.session_of(self.participant.text()) is not None
-            blind, form = (False, {}) if found else (self.blind.isChecked(), self.form.answers())
-            self._ask(m.Open(self.participant.text(), found, blind, form))
+            wanted = self._wanted()
+            if wanted.found is not None:
+                self._ask(m.Open(wanted.participant, resume=True))
+            elif wanted.consent_due:
+                self._ask_consent(wanted.participant)
+            else:
+                consent = (True, self._agreed[1]) if self._agreed and wanted.agreed else None
+                self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""
+        self._agreed = None
+        self._opening = command.participant
         if self._same_setup:
             self.send(command)
         else:
             self.setup_asked.emit(self.chosen, command)
+        self._refresh()
+
+    # --------------------------------------------------------------------------------------- consent
+
+    def _ask_consent(self, participant: str) -> None:
+        """Let the participant read what they agree to: on their own screen where there is one, else here."""
+        assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
+        if self.participant_answers:
+            self.consent_asked.emit(self.loaded.protocol.consent)
+            text = "The participant reads it and answers on the other screen."
+            self.cards.put(OverlayCard(f"Consent of {participant}", text, [("Cancel  Esc", self._show_columns)], self))
+        else:
+            self.consent.show_consent(self.loaded.protocol.consent)
+            self.stack.setCurrentWidget(self.asking)
+
+    def answer_consent(self, agrees: bool) -> None:
+        """The participant takes part, then the form comes; or does not, and that alone is recorded."""
+        participant, now = self.participant.text(), datetime.now(UTC).isoformat(timespec="milliseconds")
+        self._show_columns()
+        if agrees:
+            self._agreed = participant, now
+            self._refresh()
+        else:
+            self._typed = False  # another participant comes next
+            self._ask(m.Open(participant, consent=(False, now)))
+            self._opening = ""
 
     # --------------------------------------------------------------------------------------- plan and editor
 

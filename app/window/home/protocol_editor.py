@@ -4,10 +4,12 @@ What is edited is the content of the protocol's file. The reader of protocols ch
 sentence stands where the mistake is.
 """
 
+import contextlib
+import itertools
 import re
 import tomllib
-from collections.abc import Callable
 from copy import deepcopy
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,6 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import (
-    QCheckBox,
     QFileDialog,
     QGridLayout,
     QHBoxLayout,
@@ -27,15 +28,17 @@ from PySide6.QtWidgets import (
 
 from app.window.canvas.path_drawing import PathDrawing
 from app.window.widgets import theme
-from app.window.widgets.fields import Field, NumberField, Tick, is_number, make_field
+from app.window.widgets.fields import Field, NumberField, TextField, Tick, is_number, make_field
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     Choice,
+    Flow,
     Panel,
     breakable,
     button,
     clear,
     column,
+    holder,
     printed,
     row,
     scrolled,
@@ -66,8 +69,12 @@ LABELS = {
     "blocks": "Blocks",
     "repetitions": "Repetitions",
     "practice_trials": "Practice trials",
+    "seed": "Seed",
+    "participants": "Participants",
     "breaks.after_trials": "Break after trials",
     "breaks.least_s": "Shortest break (s)",
+    "trial.time_out_s": "Longest move (s)",
+    "trial.approach_time_out_s": "Longest approach (s)",
     "rules": "Rules",
     "feedback": "Feedback",
     "language": "Language",
@@ -80,6 +87,10 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "rules": tuple(RULE_SETS), "feedback": FEEDBACK, "language": tuple(shipped_languages())
 }  # fmt: skip
 DEFAULTS = Settings(name="")
+HINTS = {
+    "participants": "01, 02, 03; none named: anybody",
+    "trial.approach_time_out_s": "of a simulated operator; a person has 10 minutes",
+}
 
 
 class ProtocolEditor(Panel):
@@ -96,26 +107,31 @@ class ProtocolEditor(Panel):
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
-        sections = ("", "devices", "controller", "path", "form", "instruction", *LABELS)
+        sections = ("", "devices", "controller", "path", "consent", "form", "instruction", *LABELS)
         self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
         self.fields = {key: self._field(key) for key in LABELS}
         self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
         self.plan = printed("No plan: the sentence in red says why.")
         self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
-        self.form, self.instructions = QLineEdit(), QPlainTextEdit()
+        self.form, self.consent, self.instructions = QLineEdit(), QPlainTextEdit(), QPlainTextEdit()
+        self._points: list[list[NumberField]] = []  # of each path: x and y of its points, mm
         self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._read)
         self.drawing.drawn.connect(self._drawn)
-        self.drawing.moved.connect(lambda place, points: self._reshape(place, lambda: points))
+        self.drawing.moved.connect(self._moved)
         self.form.textEdited.connect(lambda text: self._put("form", form_of(text)))
+        self.consent.textChanged.connect(self._consent_changed)
         self.instructions.textChanged.connect(self._instructions_changed)
         self._lay_out()
 
     def _field(self, key: str) -> Field:
         choices = {choice: choice for choice in CHOICES.get(key, ())}
-        field = make_field(LABELS[key], str if key == "name" else type(default_of(key)), choices)
-        field.changed.connect(lambda value: self._put(key, "" if value is None and key == "name" else value))
+        texts = ("name", "participants")
+        field = make_field(LABELS[key], str if key in texts else type(default_of(key)), choices)
+        if isinstance(field, TextField):
+            field.setPlaceholderText(HINTS.get(key, ""))
+        field.changed.connect(lambda value: self._put(key, from_text(key, value)))
         return field
 
     def _lay_out(self) -> None:
@@ -146,12 +162,16 @@ class ProtocolEditor(Panel):
         for key, field in list(self.fields.items())[1:]:
             add("" if isinstance(field, Tick) else LABELS[key], key, field)
         self.form.setPlaceholderText("handedness: right, left; age: number")
+        self.consent.setPlaceholderText("What the participant agrees to before the form; empty: consent is not asked.")
         self.instructions.setPlaceholderText("What the participant reads first; a line of --- begins another page.")
-        self.instructions.setFixedHeight(90)
+        for text in (self.consent, self.instructions):
+            text.setFixedHeight(90)
+            text.setTabChangesFocus(True)
+        add("Consent", "consent", self.consent)
         add("Form", "form", self.form)
         add("Instructions", "instruction", self.instructions)
         self.form_area = scrolled(inside)
-        self.save.setToolTip("Comments of a file are not kept")
+        self.save.setToolTip("Ctrl+S. Comments of a file are not kept.")
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
         both = row((self.form_area, 6), (right, 5), spacing=16)
@@ -174,7 +194,9 @@ class ProtocolEditor(Panel):
         except (InputError, ValueError):
             self.content = {}  # the reader names each key that is missing
         for key, field in self.fields.items():
-            field.show_value(self._get(key))
+            value = self._get(key)
+            field.show_value(", ".join(map(str, value)) if isinstance(value, list | tuple) else value)
+        self.consent.setPlainText(str(self.content.get("consent", {}).get("text", "")))
         self.form.setText(form_text(self.content.get("form", {})))
         pages = [str(page.get("text", "")) for page in self.content.get("instruction", [])]
         self.instructions.setPlainText(PAGE_BREAK.join(pages))
@@ -200,6 +222,11 @@ class ProtocolEditor(Panel):
             del self.content[table]
         self._timer.start()
 
+    def _consent_changed(self) -> None:
+        text, before = self.consent.toPlainText().strip(), self.content.get("consent", {})
+        if text != str(before.get("text", "")).strip():
+            self._put("consent", {**before, "text": text} if text else None)
+
     def _instructions_changed(self) -> None:
         texts = filter(None, (text.strip() for text in self.instructions.toPlainText().split(PAGE_BREAK)))
         before = self.content.get("instruction", [])
@@ -213,30 +240,51 @@ class ProtocolEditor(Panel):
             clear(layout)
         devices, controllers, paths = (self.content.setdefault(key, []) for key in ("devices", "controller", "path"))
         for name in dict.fromkeys([*shipped_devices(), *devices]):
-            box = QCheckBox(Path(name).name)
-            box.setChecked(name in devices)
-            box.toggled.connect(lambda on, name=name: self._use_device(name, on))
+            box = Tick(Path(name).name, name in devices)
+            box.changed.connect(lambda on, name=name: self._use_device(name, on))
             self._devices.addWidget(box)
         for place, controller in enumerate(controllers):
             self._controllers.addLayout(self._controller_row(place, controller))
+        self._points = []
         for place, path in enumerate(paths):
-            text = ", ".join(f"{1e3 * x:g} {1e3 * y:g}" for x, y in points_of(path)) or str(path.get("file", ""))
-            points = QLineEdit(text, accessibleName=f"Path {place + 1}", readOnly=path.get("kind") == DRAWING)
-            points.textEdited.connect(lambda text, place=place: self._reshape(place, lambda: typed_points(text), True))
-            remove_button = button("×", partial(self.remove, "path", place), "small", "Remove this path")
-            self._paths.addLayout(
-                row(text_label(f"{path.get('number', place + 1)}  {path.get('kind')}"), points, remove_button)
-            )
+            self._paths.addLayout(self._path_row(place, path))
         self.drawing.show_paths(paths, self._folder)
         self._grid.activate()
         self.form_area.setMinimumWidth(self.form_area.widget().minimumSizeHint().width() + 12)
         self._timer.start()
+
+    def _path_row(self, place: int, path: dict[str, Any]) -> QHBoxLayout:
+        """Number and kind of a path, two fields for each of its points, and what makes it longer or takes it out."""
+        fields: list[NumberField] = []
+        self._points.append(fields)
+        parts: list[QWidget] = []
+        for number, point in enumerate(points_of(path), start=1):
+            for axis, value in zip("xy", point, strict=True):
+                field = NumberField(f"{axis} of point {number} of path {place + 1}")
+                field.show_value(f"{1e3 * value:.10g}")
+                field.setFixedWidth(theme.text_px(58))
+                field.setToolTip(f"Point {number}: {axis}, mm")
+                field.changed.connect(lambda _, place=place: self._points_typed(place))
+                fields.append(field)
+            parts.append(holder(row(*fields[-2:], spacing=2)))
+        small = "small"
+        if path.get("kind") == "polyline":
+            parts.append(button("+", partial(self._lengthen, place), small, "Another point at the end"))
+            parts.append(button("−", partial(self._shorten, place), small, "Remove the last point"))
+        if path.get("kind") == DRAWING:
+            parts.append(text_label(str(path.get("file", ""))))
+        name = text_label(f"{path.get('number', place + 1)}  {path.get('kind')}")
+        remove_button = button("×", partial(self.remove, "path", place), small, "Remove this path")
+        return row(name, (Flow(*parts, gap=10), 1), remove_button)
 
     def _controller_row(self, place: int, controller: dict[str, Any]) -> QHBoxLayout:
         name, kind = QLineEdit(str(controller.get("name")), accessibleName=f"Controller {place + 1}"), Choice()
         name.setMinimumWidth(100)
         name.setCursorPosition(0)
         name.textEdited.connect(lambda text: self._change(controller, "name", text))
+        remove_button = button("×", partial(self.remove, "controller", place), "small", "Remove this controller")
+        if "algorithm" in controller:  # a file of its own: its parameters are changed there and in the protocol's text
+            return row(name, (text_label(str(controller["algorithm"])), 1), remove_button)
         kind.addItems(list(ALGORITHMS))
         kind.setCurrentText(str(controller.get("kind")))
         kind.textActivated.connect(lambda text: self.use_kind(controller, text))
@@ -245,7 +293,7 @@ class ProtocolEditor(Panel):
             value = scaled(controller.get(parameter.name, parameter.default), parameter.scale)
             field = NumberField(f"{parameter.word} of controller {place + 1}")
             field.show_value(f"{value:.10g}" if is_number(value) else value)
-            field.setFixedWidth(64)
+            field.setFixedWidth(theme.text_px(64))
             field.changed.connect(
                 lambda value, parameter=parameter: self._change(
                     controller, parameter.name, scaled(value, 1.0 / parameter.scale)
@@ -255,7 +303,7 @@ class ProtocolEditor(Panel):
                 text_label(f"{parameter.word}, {parameter.unit}" if parameter.unit else parameter.word, "quiet"),
                 field,
             ]
-        return row(*parts, button("×", lambda: self.remove("controller", place), "small", "Remove this controller"))
+        return row(*parts, remove_button, spacing=4)
 
     def _change(self, of: dict[str, Any], key: str, value: Any) -> None:
         of[key] = value
@@ -312,20 +360,41 @@ class ProtocolEditor(Panel):
         else:
             self._renumber("path")
 
-    def _reshape(self, place: int, points: Callable[[], list[Pair]], typed: bool = False) -> None:
-        """A path was moved, or typed, then its field keeps the cursor; points: gives them, or an InputError."""
+    def _reshape(self, place: int, points: list[Pair]) -> None:
+        """A path goes through other points (m). InputError: there is no such path."""
         path = self.content["path"][place]
+        path |= path_through(path["kind"], points)
+        self.drawing.show_paths(self.content["path"], self._folder)
+        self._timer.start()
+
+    def _moved(self, place: int, points: list[Pair]) -> None:
+        """A point of a path was dragged; where that makes no path, it stays as it was."""
+        with contextlib.suppress(InputError):
+            self._reshape(place, points)
+            for field, value in zip(self._points[place], itertools.chain(*points), strict=True):
+                field.show_value(f"{1e3 * value:.10g}")
+
+    def _points_typed(self, place: int) -> None:
+        """A number of a path was typed."""
+        values = [field.value() for field in self._points[place]]
         try:
-            path |= path_through(path["kind"], points())
+            if not all(map(is_number, values)):
+                raise InputError("path: each point is two numbers, in mm")
+            self._reshape(place, [(x / 1e3, y / 1e3) for x, y in zip(values[::2], values[1::2], strict=True)])
         except InputError as error:
             self._timer.stop()
             self._reader.forget()
             self._show_problem(str(error))
-            return
-        if typed:
-            self.drawing.show_paths(self.content["path"], self._folder)
-            self._timer.start()
-        else:
+
+    def _lengthen(self, place: int) -> None:
+        """Another point of a polyline, as far from the last as that is from the one before."""
+        *_, (x0, y0), (x1, y1) = points = points_of(self.content["path"][place])
+        self._reshape(place, [*points, (2.0 * x1 - x0, 2.0 * y1 - y0)])
+        self._show_lists()
+
+    def _shorten(self, place: int) -> None:
+        if len(points := points_of(self.content["path"][place])) > POINTS["polyline"]:
+            self._reshape(place, points[:-1])
             self._show_lists()
 
     # ----------------------------------------------------------------------------------------- reading, saving
@@ -363,21 +432,36 @@ class ProtocolEditor(Panel):
             self.plan.setPlainText("")
         self.save.setEnabled(not problem)
 
+    def save_now(self) -> None:
+        """Ctrl+S: into the file that was opened; a dialog asks where a copy of a shipped protocol goes."""
+        if self._file is None:
+            self._save()
+        elif self.save.isEnabled():
+            self._save_as(self._file, replacing=True)
+
     def _save(self) -> None:
         """The dialog asks before a file is replaced; one that it did not ask about is never replaced."""
         name = str(self.content.get("name", "protocol")).replace("/", "-")
         proposed = self._file or Path.home() / f"{name}.toml"
+        if not self.save.isEnabled():
+            return
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the protocol", str(proposed), TOML)
         path = Path(chosen).with_suffix(".toml")
-        if chosen:
-            try:
-                save_protocol(path, self.content, replacing=str(path) == chosen)
-            except InputError as error:
-                self._show_problem(str(error))
-                self.save.setEnabled(True)  # elsewhere, or once the reason is gone
-            else:
-                self._as_read = self.content
-                self.saved.emit(str(path))
+        if chosen and self._save_as(path, replacing=str(path) == chosen):
+            self.closed.emit()
+
+    def _save_as(self, path: Path, replacing: bool) -> bool:
+        """Whether it was saved; what is changed next is then saved there, too."""
+        try:
+            save_protocol(path, self.content, replacing)
+        except InputError as error:
+            self._show_problem(str(error))
+            self.save.setEnabled(True)  # elsewhere, or once the reason is gone
+            return False
+        self._name, self._file, self._folder, self._as_read = str(path), path, path.parent, deepcopy(self.content)
+        self.title.setText(f"{path.name}, saved {datetime.now():%H:%M}")
+        self.saved.emit(str(path))
+        return True
 
 
 def default_of(key: str) -> Any:
@@ -404,12 +488,11 @@ def preview(text: str, folder: Path) -> tuple[str, str, np.ndarray]:
     return plan_summary(protocol), print_plan(protocol, "01"), np.column_stack((x[free], y[free]))
 
 
-def typed_points(text: str) -> list[Pair]:
-    """Points (m) from "-100 400, 100 400", in mm. InputError where they are not pairs of numbers."""
-    try:
-        return [(x, y) for x, y in ([float(number) / 1e3 for number in pair.split()] for pair in text.split(","))]
-    except ValueError:
-        raise InputError("path: each point is two numbers, in mm: -100 400, 100 400") from None
+def from_text(key: str, value: Any) -> Any:
+    """The value of a key from that of its field."""
+    if key == "participants":
+        return [label.strip() for label in str(value).split(",") if label.strip()] if value else None
+    return "" if value is None and key == "name" else value
 
 
 def scaled(value: Any, scale: float) -> Any:

@@ -15,6 +15,11 @@ from experiments.session.overview import SessionOverview, scan_folder
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 
 
+def opening_board(port: str) -> m.Check:
+    """The check of a board whose port was chosen, while the session server before ends."""
+    return m.Check("Device", m.WAITING, f"opening {port} …")
+
+
 class Loaded(NamedTuple):
     """A protocol that can be run, and what Home says of it."""
 
@@ -53,6 +58,8 @@ class Wanted(NamedTuple):
     loaded: Loaded | InputError | None  # the chosen protocol, or why it cannot be run; None: being read
     operators: int  # simulated operators whose study the data folder holds
     form_problems: list[str]  # what is still to be done in the form, a sentence each
+    consent_due: bool = False  # the participant is asked first whether they take part ..
+    agreed: bool = False  # .. and has said so
 
 
 def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
@@ -65,7 +72,8 @@ def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_devi
     if is_open:
         pass  # nothing is asked of another one
     elif wanted.found is not None:
-        found = [wanted.found.problem]
+        declined = f"Participant {label} does not take part. Name another participant."
+        found = [declined if wanted.found.declined else wanted.found.problem]
     elif wanted.loaded is None:
         found = ["Loading …"]
     elif not (label.isascii() and label.isalnum()):
@@ -103,7 +111,11 @@ def standing_of(wanted: Wanted) -> str:
     """How far the participant's session is."""
     if not wanted.participant:
         return ""
-    return f"{wanted.found.done} of {wanted.found.planned} done" if wanted.found else "new"
+    if wanted.found is None:
+        return "new, agreed to take part" if wanted.agreed else "new"
+    if wanted.found.declined:
+        return "does not take part"
+    return f"{wanted.found.done} of {wanted.found.planned} done, {wanted.found.protocol} protocol"
 
 
 def start_text(wanted: Wanted, is_open: str) -> str:
@@ -112,8 +124,12 @@ def start_text(wanted: Wanted, is_open: str) -> str:
     trials = wanted.loaded.trials if isinstance(wanted.loaded, Loaded) else 0
     if is_open:
         return f"Go to the session   {is_open}"
+    if found is None and wanted.consent_due and label:
+        return f"Ask {label} for consent"
     if found is None:
         return f"Start session   {label} · {counted(trials, 'trial')}" if label and trials else "Start session"
+    if found.declined:
+        return "Start session"
     if found.complete:
         return f"Open session   {label} · complete"
     return f"Resume session   {label} · {counted(found.planned - found.done, 'trial')} left"

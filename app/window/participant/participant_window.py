@@ -7,14 +7,15 @@ from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QHideEvent, QMouseEvent, QPainter, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import way_of
-from app.window.canvas.layers import SPACING_M, extent_of_linkages, extent_of_paths, joints_at
+from app.window.canvas.layers import SPACING_M, extent_of_paths, joints_at
 from app.window.canvas.marks import paint_arms
 from app.window.canvas.plane import FROM_AFAR, Plane, Sizes
+from app.window.participant.consent_page import ConsentPage
 from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import Tones
 from app.window.widgets import theme, words
@@ -25,11 +26,13 @@ from core.device import Device
 from core.path import PathFile, outline
 from experiments.language import Language
 from experiments.plan import PlannedTrial
+from experiments.protocol_file import Consent
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
 TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
 EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
+ARM_SHARE = 0.7  # of the radius of the handle: how wide an arm is
 LEAST_SHARE = 0.45  # of the size of the marks, in a small window
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
 
@@ -69,7 +72,7 @@ class ParticipantView(Plane):
     def show_linkage(self, device: Device | None) -> None:
         """Draw the arms of a device; None: no linkage."""
         self._device = device
-        self.update()
+        self.repaint_still()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
@@ -78,11 +81,15 @@ class ParticipantView(Plane):
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
         super().resizeEvent(event)
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+    def point_at(self, at: QPointF, grip: float) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
-            super().mouseMoveEvent(event)
+            super().point_at(at, grip)
 
     def paint_under_path(self, painter: QPainter) -> None:
+        if self._device is None:
+            self._paint_text(painter)
+
+    def _paint_text(self, painter: QPainter) -> None:
         height = float(self.height())
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
         top = TEXT_TOP if len(self.outline) else TEXT_ALONE
@@ -102,7 +109,10 @@ class ParticipantView(Plane):
             self.paint_hold(painter, self.held)
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
-            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, 12.0, 3.0)
+            wide = ARM_SHARE * self.sizes.handle
+            paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, wide, 0.25 * wide)
+        if self._device is not None:
+            self._paint_text(painter)  # above the arms
 
 
 def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, float]) -> QRectF:
@@ -133,7 +143,8 @@ class ParticipantWindow(QWidget):
         self.setWindowTitle("PHD: participant")
         self.setMinimumSize(480, 320)
         self.view = ParticipantView()
-        self.questions, self.instructions = Questionnaire(), Instructions()
+        self.questions, self.instructions, self.consent = Questionnaire(), Instructions(), ConsentPage()
+        self._asks_consent = False
         self.tones = Tones()
         self._opened: m.Opened | None = None
         self._snapshot = m.Snapshot(m.PREPARING)
@@ -142,7 +153,7 @@ class ParticipantWindow(QWidget):
         self._rest_until_s, self._reads = 0.0, False
         self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self._stack = QStackedLayout(self)
-        for widget in (self.view, self.questions, self.instructions):
+        for widget in (self.view, self.questions, self.instructions, self.consent):
             self._stack.addWidget(widget)
         self.instructions.turned.connect(self.start)
 
@@ -159,10 +170,14 @@ class ParticipantWindow(QWidget):
         if not self.view.mouse:
             self.view.show_pointer(None)
         paths = protocol.paths.values()
-        self.view.set_extent(
-            extent_of_linkages(protocol.devices, paths) if protocol.show_linkage
-            else extent_at_half_width(paths, self.view.radii_m)
-        )  # fmt: skip
+        self.view.set_extent(extent_at_half_width(paths, self.view.radii_m))
+
+    def ask_consent(self, consent: Consent | None) -> None:
+        """Ask whether the participant takes part; None: not any more."""
+        self._asks_consent = consent is not None
+        if consent is not None:
+            self.consent.show_consent(consent)
+        self._choose_page()
 
     def start(self) -> bool:
         """Space or a click: the next page of the instructions; whether there was one."""
@@ -173,7 +188,7 @@ class ParticipantWindow(QWidget):
     def _choose_page(self) -> None:
         instructs = self._snapshot.stage == m.READY and not self._snapshot.rows and not self.instructions.over
         page = self.questions if self._snapshot.stage == m.QUESTIONS else self.instructions if instructs else self.view
-        self._stack.setCurrentWidget(page)
+        self._stack.setCurrentWidget(self.consent if self._asks_consent else page)
         self._say_reading()
 
     def _say_reading(self) -> None:

@@ -155,6 +155,10 @@ class Questionnaire(QWidget):
         super().resizeEvent(event)
         self._enlarge(min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST))
 
+    def follow_text(self) -> None:
+        by, self._by = self._by, 0.0
+        self._enlarge(by)
+
     def _enlarge(self, by: float) -> None:
         if by == self._by:
             return
@@ -168,13 +172,13 @@ class Questionnaire(QWidget):
             for label in labels:
                 label.setFont(theme.font(round(by * size), bold))
         for asked in self._asked:
-            asked.setMinimumWidth(round(by * 300))
+            asked.setMinimumWidth(theme.text_px(by * 300))
         self.done.setMinimumSize(round(by * 160), round(by * 42))
         across, down = round(by * 28), round(by * 20)
         self._grid.setContentsMargins(across, down, across, down)
         self._grid.setHorizontalSpacing(round(by * 16))
         self._grid.setVerticalSpacing(round(by * 12))
-        self._card.setMaximumWidth(round(by * 900))
+        self._card.setMaximumWidth(theme.text_px(by * 900))
 
     def show_feedback(self, feedback: str) -> None:
         """What the protocol gives back of the trial before; "": nothing."""

@@ -10,6 +10,11 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QProcess
 
+from app.window.widgets import memory
+
+if sys.platform == "win32":
+    import winsound
+
 RATE_HZ, LENGTH_S, FADE_S, LOUDNESS = 44_100, 0.12, 0.01, 0.3
 GO_HZ, END_HZ = 880.0, 587.0
 PLAYERS = ("paplay", "aplay")  # PulseAudio and PipeWire, ALSA
@@ -46,10 +51,10 @@ class Tones:
             self._files[name].write_bytes(tone(frequency))
 
     def play(self, name: str) -> None:
-        """Begin to play "go" or "end"; returns at once."""
+        """Begin to play "go" or "end", unless the sound is off in the settings; returns at once."""
+        if memory.remembered(memory.SOUND) == memory.OFF:
+            return
         if sys.platform == "win32":
-            import winsound
-
             winsound.PlaySound(str(self._files[name]), winsound.SND_FILENAME | winsound.SND_ASYNC)
         elif self._player is not None:
             QProcess.startDetached(self._player, [str(self._files[name])])

@@ -1,6 +1,7 @@
 """The Run page: plan and commands at the left, the workspace, and at the right the running trial's curves or the card
 of the trial that has just ended."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,14 +14,18 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
+from app.window.run.actions import Actions, possible
 from app.window.run.energy_panel import EnergyPanel
+from app.window.run.recording_sign import RecordingSign
 from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
-from app.window.run.session_panel import SessionPanel, can_be_redone
+from app.window.run.session_panel import SessionPanel
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
+from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import column, holder, row, stack, text_label, wrapped_label
+from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse, place
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
@@ -38,6 +43,7 @@ RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
 KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
+WRITING = "One moment …"
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 
 
@@ -48,7 +54,7 @@ class RunPage(Page):
         super().__init__(send)
         self.panel = SessionPanel()
         #: what the participant reads, in large words, and the workspace under it
-        self.large, self.small = text_label("", size=theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
+        self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
@@ -62,7 +68,11 @@ class RunPage(Page):
         self._read: np.ndarray | None = None  # its ticks (n, tick_log.WIDTH)
         self._reading = BackgroundTask(self._show_read)  # its recording
         self._numbers = RefreshClock()
-        self._centre = holder(column(self.large, self.small, (self.workspace, 1)))
+        self.can = Actions()  # what can be done now
+        self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
+        self.recording = RecordingSign()
+        self._opened_s = time.perf_counter()  # when the session was opened here
+        self._centre = holder(column(self.large, row(self.small, self.recording), (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
@@ -74,7 +84,7 @@ class RunPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.speed.setVisible(self.height() > LOW_PX)
+        self.traces.speed.setVisible(self.height() > theme.text_px(LOW_PX))
 
     def _connect(self) -> None:
         for signal, do in (
@@ -83,13 +93,13 @@ class RunPage(Page):
             (self.panel.skip.clicked, self.skip),
             (self.panel.pause.clicked, self.pause),
             (self.panel.abort.clicked, self.abort),
-            (self.panel.leave.clicked, lambda: self.cards.ask_to_leave(lambda: self.send(m.Leave()))),
+            (self.panel.leave.clicked, self._leave),
             (self.panel.elsewhere.clicked, self._go_elsewhere),
             (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
-            (self.card.excluded, self._exclude),
+            (self.card.exclude.clicked, self.exclude),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.workspace.view.pointer_moved, self.pointer_moved),
             (self.workspace.view.pointer_left, self.pointer_left),
@@ -98,7 +108,7 @@ class RunPage(Page):
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {
-            "start": self.start, "redo": self.redo, "exclude": self.card.exclude, "skip": self.skip,
+            "start": self.start, "redo": self.redo, "exclude": self.exclude, "skip": self.skip,
             "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
         }  # fmt: skip
 
@@ -119,40 +129,56 @@ class RunPage(Page):
         """Keep the trial on the card, and start the next one unless an earlier trial was looked at."""
         earlier = self._looked_at != 0
         self._keep()
-        if self.panel.start.isEnabled() and not earlier:
+        if self.can.start and not earlier:
             if self.participant_reads:
                 self.turn_asked.emit()
                 return
-            self.send(m.Start())
+            self._command(m.Start(), self.panel.start, "Starting …")
             self._centre.setFocus()
+
+    def _command(self, command: object, button: KeyButton, waits: str) -> None:
+        """Send a command; until the server has answered, its button says so and no other can be sent."""
+        self.send(command)
+        self._asked_by = button, waits
+        self._refresh()
 
     def pause(self) -> None:
         """No trial starts after this one; or trials may start again."""
-        if self.panel.pause.isEnabled():
-            self.send(m.Pause(not self.snapshot.paused))
+        if self.can.pause:
+            paused = self.snapshot.paused
+            self._command(m.Pause(not paused), self.panel.pause, "Resuming …" if paused else "Pausing …")
 
     def redo(self) -> None:
         """Ask why, then repeat the trial on the card, or the last one."""
-        on_card = self.card.row if self.card_shown else None
-        last = on_card or next(filter(can_be_redone, reversed(self.snapshot.rows)), None)
-        if last is None or not can_be_redone(last) or self.opened is None or not self.panel.redo.isEnabled():
-            return
-        ask = REDO._replace(title=REDO.title.format(place(last, self.opened.plan)))
-        self.cards.ask(ask, lambda reason: self.send(m.Redo(last.run, reason)))
+        if (row := self.can.repeat) is not None and self.opened is not None:
+            button = self.card.redo if self.card_shown else self.panel.redo
+            ask = REDO.of_trial(place(row, self.opened.plan))
+            self.cards.ask(ask, lambda why: self._command(m.Redo(row.run, why), button, WRITING))
+
+    def exclude(self) -> None:
+        """Ask why, then take the trial on the card out of the results."""
+        if (row := self.can.exclude) is not None and self.opened is not None:
+            self.cards.ask(EXCLUDE.of_trial(place(row, self.opened.plan)), lambda why: self._exclude(row.run, why))
+
+    def _exclude(self, run: int, reason: str) -> None:
+        self._looked_at = 0
+        self._command(m.Exclude(run, reason), self.card.exclude, WRITING)
 
     def skip(self) -> None:
         """Ask why, then leave the next trial out."""
         coming = self.snapshot.coming
-        if not self.panel.skip.isEnabled() or self.opened is None or coming is None:
-            return
-        title = SKIP.title.format(place(coming, self.opened.plan))
-        text = SKIP.text.format(describe(coming, self.opened, self.snapshot.blind))
-        self.cards.ask(SKIP._replace(title=title, text=text), lambda reason: self.send(m.Skip(reason)))
+        if self.can.skip and self.opened is not None and coming is not None:
+            about = describe(coming, self.opened, self.snapshot.blind)
+            ask = SKIP.of_trial(place(coming, self.opened.plan), about)
+            self.cards.ask(ask, lambda why: self._command(m.Skip(why), self.panel.skip, WRITING))
 
     def abort(self) -> None:
         """Ask why and whether it comes again, then end the running trial."""
-        if self.snapshot.stage == m.RUNNING:
-            self.cards.ask(ABORT, lambda *why: self.send(m.Abort(*why)))
+        if self.can.abort:
+            self.cards.ask(ABORT, lambda *why: self._command(m.Abort(*why), self.panel.abort, "Aborting …"))
+
+    def _leave(self) -> None:
+        self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"))
 
     def _go_elsewhere(self) -> None:
         """Choose a data folder that takes what this one does not."""
@@ -172,11 +198,6 @@ class RunPage(Page):
                 self._judged.add(self.card.row.run)
             self._looked_at = 0
             self._refresh()
-
-    def _exclude(self, reason: str) -> None:
-        if self.card.row is not None:
-            self.send(m.Exclude(self.card.row.run, reason))
-            self._looked_at = 0
 
     def _show_cell(self, row: TrialRow) -> None:
         """The card of an earlier trial, once its recording is read."""
@@ -205,6 +226,7 @@ class RunPage(Page):
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
             self._reading.forget()
+            self._opened_s = time.perf_counter()
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
@@ -215,6 +237,8 @@ class RunPage(Page):
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before = self.snapshot
         super().show_snapshot(snapshot)
+        if not snapshot.notice.startswith(m.DISK_WAIT):
+            self._asked_by = None  # this is the answer
         if snapshot.stage == m.QUESTIONS != before.stage:
             self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
@@ -222,7 +246,7 @@ class RunPage(Page):
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed
         elif before.stage != snapshot.stage:
-            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "skip", "leave"})
+            self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
         self._show_trial(before)
 
@@ -255,7 +279,8 @@ class RunPage(Page):
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.timing.show_timing(pulse.timing)
-        self.timing.setVisible(pulse.timing is not None and pulse.timing.missed > 0)  # else its pill says it
+        trial_s = float(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0.0
+        self.recording.show_proof(self.snapshot, pulse.proof, trial_s)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
@@ -290,12 +315,14 @@ class RunPage(Page):
             self._write(shown)
 
     def _write(self, shown: words.Shown) -> None:
-        self.large.setText(shown.large)
-        self.small.setText(shown.small)
+        self.large.show_parts((shown.large, COLOURS.text))
+        self.small.show_parts((shown.small, COLOURS.quiet))
 
     def show_time(self, now_s: float) -> None:
-        """What only the clock changes: the countdown of a break."""
+        """What only the clock changes: the countdown of a break, the minutes that have passed."""
         self.cards.show_time(now_s)
+        in_session = self.opened is not None and self.opened.participant
+        self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far" if in_session else "")
 
     def begin(self, what: object = None) -> None:
         self._refresh()
@@ -308,13 +335,18 @@ class RunPage(Page):
         self._stack.setCurrentIndex(1 if asks else 0)
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card(opened)
-        self.panel.show_session(opened, snapshot, self.participant_reads)
-        can_start = self.panel.start.isEnabled()
-        self.panel.start.setEnabled(can_start and not self.card_shown)  # one button for Space
+        self.can = can = possible(snapshot, self.card.row if self.card_shown else None, self._asked_by is not None)
+        self.panel.show_session(opened, snapshot, can, self.participant_reads)
+        self.panel.start.setEnabled(can.start and not self.card_shown)  # one button for Space
         self.panel.start.key.setVisible(not self.card_shown)
-        self.card.keep.setText(CLOSE if self._looked_at else KEEP_AND_START if can_start else KEEP)
+        keep = CLOSE if self._looked_at else KEEP_AND_START if can.start else KEEP
+        self.card.offer(can, keep, has_space=snapshot.card is None and snapshot.stage != m.FINISHED)
+        if self._asked_by is not None:
+            button, waits = self._asked_by
+            button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
+            self.recording.show_proof(snapshot, None, 0.0)
             self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart

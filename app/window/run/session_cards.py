@@ -7,23 +7,23 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets.cards import Ask, Cards, OverlayCard
-from app.window.widgets.page import ANALYSE, HOME, RUN, Page
+from app.window.widgets.page import ANALYSE, DEVICE, Page
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
 from experiments.session.files import finished_cells
 
 ABORT = Ask(
     "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
-    ("the participant asked", "the participant was distracted", "something was wrong with the device"),
+    ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
 )  # fmt: skip
 REDO = Ask(
     "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
-    ("the participant was distracted", "the participant had not understood", "something disturbed the trial"),
+    ("the participant was distracted", "the task was not understood", "something disturbed the trial"),
 )  # fmt: skip
 SKIP = Ask(
     "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
-    ("the participant asked", "short of time", "something is wrong with this condition"),
+    ("the participant asked", "short of time", "a fault in this condition"),
 )  # fmt: skip
 UNBLIND = Ask(
     "unblind", "Open the key?",
@@ -87,7 +87,7 @@ class SessionCards(Cards):
                 self._over_s = time.perf_counter() + card.wait_s
             buttons = [(f"{card.go_on}  Enter", lambda: page.send(m.Confirm()))] if card.go_on else []
             if card.device_page:
-                buttons.append(("Device page  F3", lambda: page.page_asked.emit(HOME, RUN)))
+                buttons.append(("Device page  F3", lambda: page.page_asked.emit(DEVICE, None)))
             return OverlayCard(card.title, card.text, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"

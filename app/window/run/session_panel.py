@@ -8,8 +8,10 @@ from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
 from app.window.participant.tone import player
+from app.window.run.actions import Actions
 from app.window.run.plan_grid import PlanGrid
 from app.window.widgets import theme
+from app.window.widgets.keys import KEYS
 from app.window.widgets.parts import (
     NO_FOCUS,
     KeyButton,
@@ -24,7 +26,6 @@ from app.window.widgets.parts import (
 )
 from app.window.widgets.preflight import advice
 from app.window.widgets.words import LACKING, cell, done_of, minutes, place
-from experiments.analysis.trials_table import TrialRow
 from experiments.session.files import finished_cells
 
 WIDTH_PX = 256
@@ -41,23 +42,24 @@ class SessionPanel(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.head = text_label("", size=theme.HEAD, bold=True)
-        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", size=theme.TITLE, bold=True)
+        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
+        self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()
         self.coming_head = text_label("Next", "quiet")
         self.coming = text_label("", bold=True)
         self.cell = OneLine("", "quiet")
         self.notice = wrapped_label("", "caution", theme.SMALL)
-        self.start = KeyButton("Start", "Space", "main")
-        self.redo = KeyButton("Repeat last trial …", "Ctrl+R")
-        self.skip = KeyButton("Skip next trial …", "Ctrl+S")
-        self.pause = KeyButton("Pause after this trial", "Ctrl+P")
+        self.start = key_button("Start", "start", "main")
+        self.redo = key_button("Repeat last trial …", "redo")
+        self.skip = key_button("Skip next trial …", "skip")
+        self.pause = key_button("Pause after this trial", "pause")
         self.pause.setCheckable(True)
-        self.abort = KeyButton("Abort trial …", "Ctrl+A")
+        self.abort = key_button("Abort trial …", "abort")
         self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
         self.elsewhere = KeyButton("Other folder …", "goes on")  # where the disk does not take the session
         self.elsewhere.hide()
         self.note = QLineEdit(
-            placeholderText="Note …  Ctrl+N", accessibleName="Note, kept with the time", maxLength=500
+            placeholderText=f"Note …  {KEYS['note'].keys[0]}", accessibleName="Note, kept with the time", maxLength=500
         )
         self.note.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.note.returnPressed.connect(self._keep_note)
@@ -71,10 +73,12 @@ class SessionPanel(Panel):
         self.scroll_area.setFocusPolicy(NO_FOCUS)
         self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
-            self.head, self.done, (self.scroll_area, 1000), self.left, row(self.coming_head, self.coming, 1), self.cell,
-            self.start, self.pause, self.abort, self.leave, self.elsewhere, self.redo, self.skip, self.notice,
-            self.note, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
+            self.head, self.done, (self.scroll_area, 1000), row(self.left, 1, self.elapsed),
+            row(self.coming_head, self.coming, 1), self.cell,
+            self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
+            self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
+        self._texts = {pressed: pressed.text() for pressed in (self.abort, self.leave, self.redo, self.skip)}
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -91,8 +95,8 @@ class SessionPanel(Panel):
         self.note.clear()
         self.note.clearFocus()
 
-    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool = False) -> None:
-        """Where the session stands and what can be asked for. reads: the participant has a page of instructions."""
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot, can: Actions, reads: bool) -> None:
+        """Where the session stands and what can be done. reads: the participant has a page of instructions."""
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
@@ -102,7 +106,7 @@ class SessionPanel(Panel):
         self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
         self._show_status(opened, snapshot, reads)
-        self._allow(snapshot)
+        self._offer(snapshot, can)
         self.start.setText("Next page of instructions" if reads else "Start")
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
@@ -134,29 +138,28 @@ class SessionPanel(Panel):
             notice = snapshot.trial_blocker or (READS if reads else SILENT if silent else "")
         theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
-        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there a banner says it
+        self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there the banner says it
 
-    def _allow(self, snapshot: m.Snapshot) -> None:
-        ready = snapshot.stage == m.READY
+    def _offer(self, snapshot: m.Snapshot, can: Actions) -> None:
         runs = snapshot.stage == m.RUNNING
-        self.start.setEnabled(not snapshot.trial_blocker and ready and snapshot.coming is not None)
-        self.redo.setEnabled((ready or snapshot.stage == m.FINISHED) and any(map(can_be_redone, snapshot.rows)))
-        self.skip.setEnabled(ready and snapshot.coming is not None and not snapshot.practice)
-        self.pause.setEnabled(ready or runs)
+        for pressed, offered in (
+            (self.start, can.start), (self.redo, can.repeat is not None), (self.skip, can.skip),
+            (self.pause, can.pause), (self.abort, can.abort), (self.leave, can.leave), (self.elsewhere, can.move),
+            (self.note, can.note),
+        ):  # fmt: skip
+            pressed.setEnabled(offered)
+        for pressed, text in self._texts.items():
+            pressed.setText(text)
         self.pause.setChecked(snapshot.paused)
         self.pause.setText(
             "Resume" if snapshot.paused and not runs else "Paused after this trial" if snapshot.paused else
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
-        self.abort.setEnabled(runs)
         self.abort.setVisible(runs)
         self.leave.setVisible(not runs)
-        self.leave.setEnabled(snapshot.can_leave)
-        self.elsewhere.setVisible(bool(snapshot.not_written) and not runs)
-        self.elsewhere.setEnabled(snapshot.can_leave)
-        self.note.setEnabled(snapshot.stage not in (m.PREPARING, m.NO_SESSION, m.FAILED))
+        self.elsewhere.setVisible(can.move)
 
 
-def can_be_redone(trial: TrialRow) -> bool:
-    """Whether a trial is one that can be run again: a redone one has been, one that was cut short comes by itself."""
-    return trial.status in ("done", "timeout", "aborted")
+def key_button(text: str, action: str, name: str = "key") -> KeyButton:
+    """A button that does the same as the key of an action in `KEYS`, and names it."""
+    return KeyButton(text, KEYS[action].keys[0], name)

@@ -6,26 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
+from app.window.run.actions import Actions
+from app.window.run.session_panel import key_button
 from app.window.widgets import theme
-from app.window.widgets.parts import (
-    NO_FOCUS,
-    Choice,
-    KeyButton,
-    OneLine,
-    Panel,
-    button,
-    column,
-    row,
-    text_label,
-    wrapped_label,
-)
+from app.window.widgets.parts import OneLine, Panel, column, row, text_label, wrapped_label
 from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of
-from app.window.widgets.words import REASONS, SHORT, in_colour, place
+from app.window.widgets.words import SHORT, in_colour, place
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
@@ -33,6 +25,7 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
+LOW_PX = 440  # a lower card, at a text size of 1, has no curve
 
 
 class Measure(QWidget):
@@ -111,30 +104,21 @@ class WholeTrace(TimePlot):
 class TrialCard(Panel):
     """Keep, repeat or exclude a trial."""
 
-    excluded = Signal(str)  # reason
-
     def __init__(self) -> None:
         super().__init__()
         self.row: TrialRow | None = None
-        self._since_s = 0.0
+        self._since_s, self._has_curve = 0.0, False
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
-        self.outcome, self.what = text_label("", "quiet"), OneLine("")
+        self.what = OneLine("")
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
         self.trace = WholeTrace()
         self.flags = wrapped_label("", "quiet")
-        self.keep = KeyButton("Keep", "Space", "main")
-        self.redo = KeyButton("Repeat …", "Ctrl+R")
-        self.out = button("Exclude", self.exclude, hint="Ctrl+X; choose a reason first")
-        self.reason = Choice()
-        self.reason.addItems(("Reason …", *REASONS))
-        self.reason.currentIndexChanged.connect(lambda at: self.out.setEnabled(at > 0))
-        self.out.setEnabled(False)
-        for deaf in (self.out, self.reason):
-            deaf.setFocusPolicy(NO_FOCUS)
-        decide = column(self.keep, row((self.reason, 2), (self.out, 1), spacing=6), self.redo)
-        head = row(self.dot, self.title, 1, self.outcome)
+        self.keep = key_button("Keep", "start", "main")
+        self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
+        decide = column(self.keep, self.redo, self.exclude)
+        head = row(self.dot, self.title, 1)
         self.setLayout(column(
             head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
             margins=(14, 10, 14, 12),
@@ -151,7 +135,6 @@ class TrialCard(Panel):
         """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
         if self.row is None or row.run != self.row.run:
             self._since_s = time.perf_counter()
-            self.reason.setCurrentIndex(0)
         self.row = row
         colour = COLOURS.quiet if snapshot.blind else colour_of(row.controller)
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
@@ -160,21 +143,33 @@ class TrialCard(Panel):
         self.dot.setStyleSheet(f"color: {colour}")
         self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
-        self.outcome.setText({"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status))
-        self.what.setText(f"{opened.protocol.controller_name(row.controller)} · path {row.segment}")
+        ended = {"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status)
+        self.what.setText(f"{ended} · {opened.protocol.controller_name(row.controller)} · path {row.segment}")
         shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
         shown.append((COLOURS.quiet, "others", len(here) > len(same)))
         self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
-        self.trace.setVisible(ticks is not None)
+        self._has_curve = ticks is not None
+        self._make_room()
         flags = trial_flags(row, ticks)
         if ticks is not None:
             self.trace.show_ticks(ticks)
         theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
 
-    def exclude(self) -> None:
-        """For the chosen reason; without one nothing happens."""
-        if self.isVisible() and self.reason.currentIndex() > 0:
-            self.excluded.emit(self.reason.currentText())
+    def _make_room(self) -> None:
+        """The curve is the first that a low window, or a large text, has no room for."""
+        self.trace.setVisible(self._has_curve and self.height() > theme.text_px(LOW_PX))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
+
+    def offer(self, can: Actions, keep: str, has_space: bool) -> None:
+        """What can be done with the trial now. keep: the words of its first button; has_space: Space presses it."""
+        self.keep.setText(keep)
+        self.keep.key.setVisible(has_space)
+        for pressed, text, trial in ((self.redo, "Repeat …", can.repeat), (self.exclude, "Exclude …", can.exclude)):
+            pressed.setText(text)
+            pressed.setEnabled(trial is not None)

@@ -1,12 +1,10 @@
 """A pass of Try: the path with the band in which nothing guides, both forces, the whole linkage in a corner."""
 
-import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF, QResizeEvent
+from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF
 
-from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, TRAIL, ForceView
+from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, LINKAGE, TRAIL, ForceView
 from app.window.canvas.layers import Point, extent_of_paths
-from app.window.canvas.linkage_view import LINKAGE, SmallView
 from app.window.canvas.plane import Sizes
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, pen, shade, text_px, write, write_from
@@ -22,71 +20,37 @@ LAYERS = {
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
-INSET_PX = 180  # wide, at most
 HEAD_PX, FOOT_PX = 70.0, 26.0  # for what stands there in words
 NAMES = {HAND: "your hand", BRAKES: "brakes"}
 READOUT_PX = 180  # from one force's read-out to the next, at a text size of 1
-IN_CORNER = Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)
 
 
 class PassView(ForceView):
     """The path, the gap around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
 
+    inset_at_top = True
+
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
-        free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
-        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), free, sizes, follows_mouse=True)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
-        self.inset = SmallView(IN_CORNER)
-        self.inset.setParent(self)
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The path keeps clear of the words above and below it."""
+        self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
+        self._fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
-        self.inset.show_trial(device, path, tip)
         self.set_extent(extent_of_paths([path], MARGIN_M))
         super().show_trial(device, path, tip)
-        self._show_inset()
-
-    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
-        super().show_handle(tip, taken, force_N)
-        self._show_inset()
-
-    def _show_inset(self) -> None:
-        """The linkage in its corner; away while the handle would lie under it."""
-        corner = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.handle_px,)))
-        under = self.tip is not None and corner.contains(self.to_screen(self.tip))
-        shown = LINKAGE in self.shown and self.instant is not None and not under
-        if shown == self.inset.isHidden():
-            self.inset.setVisible(shown)
-            self.repaint_still()
-
-    def rest(self, tip: Point) -> None:
-        super().rest(tip)
-        self.inset.rest(tip)
 
     def show_gap(self, gap_m: float) -> None:
         """The half-width of the band without control."""
         if gap_m != self.gap_m:
             self.gap_m = gap_m
             self.repaint_still()
-
-    def show_layer(self, layer: str, shown: bool) -> None:
-        super().show_layer(layer, shown)
-        self._show_inset()
-
-    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
-        super().add(rows, taken)
-        if self.inset.isVisible():
-            self.inset.add(rows)
-
-    def refresh_text(self) -> None:
-        super().refresh_text()
-        self.inset.refresh_text()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
-        self.inset.setGeometry(self.width() - wide - 10, 10, wide, int(0.9 * wide))
-        super().resizeEvent(event)
 
     def paint_under_path(self, painter: QPainter) -> None:
         if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
@@ -101,9 +65,7 @@ class PassView(ForceView):
         painter.setPen(pen(COLOURS.quiet, 1.5))
         painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
         write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)
-        if not self.inset.isHidden():
-            painter.setPen(pen(COLOURS.line, 2.0))
-            painter.drawRect(self.inset.geometry())
+        super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.tip is not None and self.instant is not None:
@@ -111,7 +73,7 @@ class PassView(ForceView):
 
     def paint_over_handle(self, painter: QPainter) -> None:
         """How large both forces are, at the foot."""
-        left = QPointF(20.0, self.height() - 0.5 * FOOT_PX)
+        left = QPointF(20.0, self.height() - 0.5 * text_px(FOOT_PX))
         for name, text in self.force_texts.items() if FORCES in self.shown and self.tip is not None else ():
             write_from(painter, left, f"{NAMES[name]} {text}", theme.TITLE, True, FORCE_COLOUR[name])
             left += QPointF(text_px(READOUT_PX), 0.0)

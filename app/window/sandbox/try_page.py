@@ -10,13 +10,14 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QGridLayout
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import Layered, RefreshClock
+from app.window.canvas.force_view import INSET_PX, Layered, RefreshClock
 from app.window.sandbox.controls import Controls
 from app.window.sandbox.pass_table import PassTable
-from app.window.sandbox.pass_view import INSET_PX, LAYERS, PassView
+from app.window.sandbox.pass_view import LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.page import Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Figures, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.protocol import Protocol
@@ -25,6 +26,7 @@ SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 READY = Shown("Ready", "Space starts a pass")
+PREPARING = Shown("One moment", "Everything is being prepared")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
 
@@ -46,7 +48,7 @@ class TryPage(Page):
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.SetSandbox(self.controls.settings)))
-        self.large, self.small = text_label("", size=30, bold=True), wrapped_label("", "quiet", theme.TITLE)
+        self.large, self.small = Figures(theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
         self.error, self.time = text_label("–", size=22, bold=True), text_label("–", size=22, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
@@ -83,6 +85,9 @@ class TryPage(Page):
         left = column((self.workspace, 2), (passes, 1), spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
+        for pressed in (self.bring, self.clear, self.save):  # until the server has answered
+            pressed.setEnabled(False)
+        self._show_status(PREPARING)
 
     # ------------------------------------------------------------------------------------------- user actions
 
@@ -177,7 +182,7 @@ class TryPage(Page):
             self.controls.show_settings(settings, None)
             self.canvas.show_handle(None)
             self._place = None
-            wait = Shown("One moment", snapshot.trial_blocker or "Everything is being prepared")
+            wait = PREPARING._replace(small=snapshot.trial_blocker or PREPARING.small)
             self._show_status(IN_SESSION if self.opened.participant else wait)
         else:
             refused = snapshot.notice_bad and not before.notice_bad
@@ -190,7 +195,9 @@ class TryPage(Page):
             if snapshot.running is None:
                 off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
                 self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.trial_blocker)))
-                if off or now.by_start:  # else the next pass begins at once
+                if snapshot.stage == m.PREPARING:  # nobody knows yet where it is
+                    self.canvas.show_handle(None)
+                elif off or now.by_start:  # else the next pass begins at once
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
                 self.canvas.begin()
@@ -217,7 +224,7 @@ class TryPage(Page):
         self.canvas.follow_pointer()
 
     def _show_status(self, shown: Shown) -> None:
-        self.large.setText(shown.large)
+        self.large.show_parts((shown.large, COLOURS.text))
         self.small.setText(shown.small)
 
     def _show_place(self, opened: m.Opened, s: m.SandboxSettings, tip: m.Point) -> None:
@@ -233,3 +240,5 @@ class TryPage(Page):
             shown = [ended for ended in now.passes if ended.number > self._cleared]
             self.table.show_passes(shown, self.opened.protocol)
             self.clear.setEnabled(bool(shown))
+        else:
+            self.clear.setEnabled(False)

@@ -15,12 +15,14 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
+    holder,
     row,
+    scrolled,
     text_label,
     wrapped_label,
 )
 
-WIDTH_PX, KEYS_PX = 400, 960
+WIDTH_PX, KEYS_PX, KEYS_FOOT_PX = 400, 960, 180  # at a text size of 1; what else a card of keys needs, high
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -34,6 +36,19 @@ class Ask(NamedTuple):
     reasons: tuple[str, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
     own: str = "Another reason"  # what one's own words are
+
+    def of_trial(self, number: int, about: str = "") -> "Ask":
+        """The same of one trial of the plan."""
+        return self._replace(title=self.title.format(number), text=self.text.format(about))
+
+
+EXCLUDE = Ask(
+    "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
+    (
+        "the pointer left the window", "the participant was distracted", "the device was disturbed",
+        "another task was done",
+    ),
+)  # fmt: skip
 
 
 class OverlayCard(Panel):
@@ -84,7 +99,7 @@ class OverlayCard(Panel):
     def place(self) -> None:
         """Stand in the middle of the parent."""
         around = self._around
-        wide = max(self.wide, self.minimumSizeHint().width())  # its buttons are never cut
+        wide = max(theme.text_px(self.wide), self.minimumSizeHint().width())  # its buttons are never cut
         self.setFixedWidth(min(wide, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
@@ -199,7 +214,9 @@ class Cards:
                 grid.addWidget(text_label(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
                 grid.addWidget(wrapped_label(does, "quiet"), down, 1)
             columns.addLayout(column(text_label(title, size=theme.TITLE), grid, 1), 1)
-        card.inside.addLayout(columns)
+        area = scrolled(holder(columns))
+        area.setMinimumHeight(min(columns.sizeHint().height(), self._parent.height() - KEYS_FOOT_PX))
+        card.inside.addWidget(area)
         self.put(card)
 
     def leave(self) -> bool:

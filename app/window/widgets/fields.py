@@ -4,10 +4,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QLineEdit
+from PySide6.QtCore import QPointF, QRectF, Signal
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QStyle, QStyleOptionButton
 
 from app.window.widgets.parts import Segments
+from app.window.widgets.theme import COLOURS, pen
 
 LONGEST = 200  # letters of a text
 
@@ -37,13 +39,26 @@ class NumberField(TextField):
 
 
 class Tick(QCheckBox):
-    """Yes or no."""
+    """Yes or no; a tick in its box, which colour alone would not say."""
 
     changed = Signal(object)
 
-    def __init__(self, label: str) -> None:
-        super().__init__(label)
+    def __init__(self, label: str, on: bool = False) -> None:
+        super().__init__(label, checked=on)
         self.toggled.connect(lambda on: self.changed.emit(on))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        if not self.isChecked():
+            return
+        option = QStyleOptionButton()
+        self.initStyleOption(option)
+        box = QRectF(self.style().subElementRect(QStyle.SubElement.SE_CheckBoxIndicator, option, self))
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(pen(COLOURS.panel, 2.0))
+        corners = ((0.22, 0.52), (0.43, 0.73), (0.8, 0.28))  # shares of the box
+        painter.drawPolyline([box.topLeft() + QPointF(x * box.width(), y * box.height()) for x, y in corners])
 
     def value(self) -> bool:
         return self.isChecked()

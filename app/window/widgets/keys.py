@@ -8,7 +8,10 @@ from PySide6.QtWidgets import QWidget
 
 
 class Key(NamedTuple):
-    """What a key does; letters act with Ctrl only, so that nothing that is typed sets anything off."""
+    """What a key does. Letters act with Ctrl or Alt only, so that nothing that is typed sets anything off.
+
+    Ctrl with S, A, X, P and N keep their meaning of everywhere: save, select all, cut, print, new.
+    """
 
     keys: tuple[str, ...]
     does: str
@@ -19,12 +22,12 @@ SESSION = {
     "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
     "escape": Key(("Esc",), "close a question; else brakes off at once"),
     "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
-    "redo": Key(("Ctrl+R",), "repeat the last trial, or the one on the card"),
-    "exclude": Key(("Ctrl+X",), "exclude the trial on the card"),
-    "skip": Key(("Ctrl+S",), "skip the next trial"),
-    "pause": Key(("Ctrl+P",), "pause after this trial, or resume"),
-    "abort": Key(("Ctrl+A",), "abort the running trial"),
-    "note": Key(("Ctrl+N",), "write a note"),
+    "redo": Key(("Alt+R",), "repeat the last trial, or the one on the card"),
+    "exclude": Key(("Alt+X",), "exclude the trial on the card"),
+    "skip": Key(("Alt+S",), "skip the next trial"),
+    "pause": Key(("Alt+P",), "pause after this trial, or resume"),
+    "abort": Key(("Alt+A",), "abort the running trial"),
+    "note": Key(("Alt+N",), "write a note"),
 }
 WINDOW = {
     "export": Key(("Ctrl+E",), "export what is shown"),
@@ -32,7 +35,8 @@ WINDOW = {
     "try": Key(("Ctrl+2",), "Try"),
     "run": Key(("Ctrl+3",), "Run"),
     "analyse": Key(("Ctrl+4", "F2"), "Analyse"),
-    "device": Key(("F3",), "the page of the device on the bench"),
+    "device": Key(("Ctrl+5", "F3"), "Device"),
+    "save": Key(("Ctrl+S",), "save the protocol in the editor"),
     "participant": Key(("F11",), "show or hide the participant's view"),
     "larger": Key(("Ctrl++", "Ctrl+="), "larger text"),
     "smaller": Key(("Ctrl+-",), "smaller text"),

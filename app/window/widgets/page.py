@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 
-HOME, TRY, RUN, ANALYSE = "Home", "Try", "Run", "Analyse"
+HOME, TRY, RUN, ANALYSE, DEVICE = "Home", "Try", "Run", "Analyse", "Device"
 
 
 class Page(QWidget):
@@ -18,9 +18,10 @@ class Page(QWidget):
     """
 
     page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
-    pointer_moved = Signal(float, float)  # m, over a workspace in which the pointer is the hand
+    pointer_moved = Signal(float, float, float)  # m, m, grip: over a workspace in which the pointer is the hand
     setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
     turn_asked = Signal()  # the next page of the instructions, which the participant reads
+    consent_asked = Signal(object)  # a Consent that the participant is to answer on their own screen; None: no longer
     pointer_left = Signal()  # the pointer has left that workspace: the hand lets the handle go
 
     def __init__(self, send: Callable[[object], None]) -> None:
@@ -31,6 +32,9 @@ class Page(QWidget):
         self.snapshot = m.Snapshot(m.PREPARING)
         self.participant_answers = False  # the questions stand on the participant's own window
         self.participant_reads = False  # as do instructions, which come before the first trial
+
+    def answer_consent(self, agrees: bool) -> None:
+        """The participant has answered what `consent_asked` asked for."""
 
     def show_setup(self, setup: m.Setup) -> None:
         """With what the session server was started."""

@@ -73,4 +73,4 @@ chosen = DARK
 def choose(name: str) -> None:
     """The palette of this process, by its name; without effect once `theme` has been imported."""
     global chosen
-    chosen = PALETTES[name]
+    chosen = PALETTES.get(name, DARK)

@@ -95,7 +95,10 @@ class OneLine(QLabel):
             self.setToolTip(text)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(0, super().minimumSizeHint().height())
+        return QSize(0, self.fontMetrics().height())  # without a text, too: nothing moves when one comes
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), self.minimumSizeHint().height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -111,9 +114,9 @@ class Figures(QWidget):
     the first digits of a number.
     """
 
-    def __init__(self, size: int = theme.SMALL, right: bool = False) -> None:
+    def __init__(self, size: int = theme.SMALL, right: bool = False, bold: bool = False) -> None:
         super().__init__()
-        self._size, self._right = size, right
+        self._size, self._right, self._bold = size, right, bold
         self.parts: tuple[tuple[str, str], ...] = ()
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
 
@@ -127,26 +130,30 @@ class Figures(QWidget):
         """All of it, without the colours."""
         return " ".join(text for text, _ in self.parts)
 
+    def follow_text(self) -> None:
+        self.updateGeometry()
+
     def sizeHint(self) -> QSize:
         return QSize(0, QFontMetrics(theme.font(self._size)).height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, texts = QPainter(self), [text for text, _ in self.parts]
         room = self.width()
-        size = next((fitting for fitting in (self._size, theme.SMALL) if wide(texts, fitting) <= room), theme.SMALL)
-        painter.setFont(theme.font(size))
-        x = max(room - wide(texts, size), 0.0) if self._right else 0.0
+        sizes = range(self._size, theme.LEAST_PX * self._size // theme.text_px(self._size) - 1, -1)
+        size = next((fitting for fitting in sizes if wide(texts, fitting, self._bold) <= room), sizes[-1])
+        painter.setFont(theme.font(size, self._bold))
+        x = max(room - wide(texts, size, self._bold), 0.0) if self._right else 0.0
         for text, colour in self.parts:
             shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
             painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
-            x += wide([text, ""], size)
+            x += wide([text, ""], size, self._bold)
 
 
-def wide(texts: Sequence[str], size: int) -> float:
+def wide(texts: Sequence[str], size: int, bold: bool = False) -> float:
     """How wide (px) texts are, with a gap between two."""
-    gaps = (len(texts) - 1) * theme.text_width(" ", size)
-    return sum(theme.text_width(text, size) for text in texts) + gaps
+    gaps = (len(texts) - 1) * theme.text_width(" ", size, bold)
+    return sum(theme.text_width(text, size, bold) for text in texts) + gaps
 
 
 class Choice(QComboBox):
@@ -209,6 +216,12 @@ def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") 
     made = QPushButton(text, objectName=name, toolTip=hint)
     made.clicked.connect(lambda: do())
     return made
+
+
+def show_wait(pressed: QPushButton, text: str) -> None:
+    """What the button asked for is being done: it says so, and cannot be pressed again."""
+    pressed.setText(text)
+    pressed.setEnabled(False)
 
 
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:

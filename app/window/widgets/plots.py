@@ -27,6 +27,7 @@ NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
 NO_TRIAL = "no trial yet"
 STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round ends of a range, times a power of ten
+LEAST_GRAPH_PX = 30  # high, at a text size of 1: the names of both ends of an axis
 AXIS_PX = 40  # wide, of the values at the left, at a text size of 1
 
 
@@ -70,6 +71,7 @@ class Graph(pg.PlotWidget):
         self._axes()[0].setWidth(theme.text_px(AXIS_PX))
         half = theme.text_px(theme.SMALL) / 2  # of the words at the ends of the axes, which are not to be cut
         self.getPlotItem().setContentsMargins(0, half, half, half)
+        self.setMinimumHeight(theme.text_px(LEAST_GRAPH_PX))
 
 
 class Plot(Panel):
@@ -160,7 +162,6 @@ class Trace(TimePlot):
         self._following = True
         self.item.hideAxis("bottom")
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
-        self.graph.setMinimumHeight(28)
         self.clear()
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
@@ -288,7 +289,7 @@ def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
 class TimingStrip(Trace):
     """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
 
-    LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 100 us in the middle, 10 ms at the top
+    LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 10 ms at the top
     LATE_US = 100.0  # a point in the colour of a caution from here on; red: the tick was missed
 
     def __init__(self) -> None:
@@ -333,4 +334,4 @@ class TimingStrip(Trace):
         """Keep the scale: it is always the same."""
         self.end = self.DECADES
         self.item.setYRange(0.0, self.DECADES, padding=self.padding)
-        self.item.getAxis("left").setTicks([[(0.0, "1"), (2.0, "100"), (4.0, "10⁴")]])
+        self.item.getAxis("left").setTicks([[(0.0, "1"), (4.0, "10⁴")]])

@@ -1,6 +1,6 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
@@ -9,9 +9,12 @@ from app.window.widgets import theme
 from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
 
-STATE_COLOUR = {m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.BAD: COLOURS.bad, m.WAITING: COLOURS.brake_off}
+STATE_COLOUR = {
+    m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.DUE: COLOURS.caution, m.BAD: COLOURS.bad,
+    m.WAITING: COLOURS.brake_off,
+}  # fmt: skip
 #: Said by shape too, not by colour alone.
-MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.BAD: "✕", m.WAITING: "○"}
+MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.DUE: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
 
 
@@ -30,7 +33,8 @@ class Pill(Panel):
     def __init__(self, check: m.Check) -> None:
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
         self.mark, name = mark_of(check, theme.SMALL), text_label(check.name, size=theme.SMALL, bold=True)
-        self.text = OneLine(check.text, "quiet", dots=END)
+        short = check.text.partition(",")[0] if check.state == m.GOOD else check.text
+        self.text = OneLine(short, "quiet", dots=END)
         self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
         self.text.setToolTip("")
         self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(7, 0, 7, 0)))
@@ -44,8 +48,41 @@ class Pill(Panel):
             self.clicked.emit()
 
 
+class Banner(QLabel):
+    """What is wrong, laid over the foot of the window: nothing moves when it comes or goes."""
+
+    def __init__(self) -> None:
+        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self.setFont(theme.font(theme.NORMAL, bold=True))
+        self.hide()
+        self._window: QWidget = self
+
+    def lie_over(self, window: QWidget) -> None:
+        self._window = window
+        self.setParent(window)
+        window.installEventFilter(self)
+
+    def show_text(self, text: str) -> None:
+        """A line for each thing; "": nothing is wrong."""
+        self.setText(text)
+        self.setVisible(bool(text))
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """As wide as the window, as high as its text, from the foot up."""
+        wide = self._window.width() - 2 * theme.GAP
+        high = self.heightForWidth(wide)
+        self.setGeometry(theme.GAP, self._window.height() - theme.GAP - high, wide, high)
+        self.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Resize and watched is self._window:
+            self.follow_text()
+        return super().eventFilter(watched, event)
+
+
 class Preflight(QWidget):
-    """Pills and brakes-off; `advice`, which the window places, says what is wrong."""
+    """Pills; `brakes` and `advice`, which says what is wrong, are placed by the window."""
 
     device_asked = Signal()
 
@@ -56,10 +93,9 @@ class Preflight(QWidget):
         self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.advice = wrapped_label("", "banner", theme.NORMAL)
-        self.advice.hide()
+        self.advice = Banner()
         self._row = row(spacing=4)
-        self.setLayout(row(1, self._row, self.brakes, spacing=theme.GAP))
+        self.setLayout(row(1, self._row))
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """Show the checks, and what is wrong."""
@@ -75,8 +111,7 @@ class Preflight(QWidget):
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
             wrong[-1] += " F3 shows the device page."
-        self.advice.setText(breakable("\n".join(wrong)))
-        self.advice.setVisible(bool(wrong))
+        self.advice.show_text(breakable("\n".join(wrong)))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
@@ -122,6 +157,9 @@ class Checklist(QWidget):
         for at, check in enumerate(checks):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
             self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
+            words = wrapped_label(breakable(text), "quiet")
             if check.name:
                 self._grid.addWidget(text_label(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
-            self._grid.addWidget(wrapped_label(breakable(text), "quiet"), at, 2)
+                self._grid.addWidget(words, at, 2)
+            else:
+                self._grid.addWidget(words, at, 1, 1, 2)

@@ -21,6 +21,9 @@ QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
 QLabel#banner { background: $bad_ground; color: $bad_text; border: 1px solid $bad; border-radius: ${radius}px;
     padding: 8px 12px; }
+QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 10px; color: $quiet; }
+QLabel#sign-on { background: $bad; color: $on_bad; }
+QLabel#sign-late { background: $caution; color: $on_bad; }
 QPushButton { background: $field; border: 1px solid $line; border-radius: 5px; padding: 6px 12px; }
 QPushButton:hover { border-color: $quiet; }
 QPushButton:focus { border-color: $accent; outline: none; }
@@ -36,7 +39,7 @@ QPushButton#segment { padding: 6px 8px; }
 QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
 QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
 QPushButton#tab { background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
-    padding: 8px 12px; color: $quiet; }
+    padding: 8px 7px; color: $quiet; }
 QPushButton#tab:checked { color: $text; border-bottom-color: $accent; }
 QPushButton::menu-indicator { image: none; width: 0; }
 QProgressBar { background: $field; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }
@@ -68,7 +71,7 @@ QSlider::groove:horizontal { background: $line; height: 4px; border-radius: 2px;
 QSlider::sub-page:horizontal { background: $accent; height: 4px; border-radius: 2px; }
 QSlider::handle:horizontal { background: $text; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }
 QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled { background: $brake_off; }
-QCheckBox::indicator { width: 14px; height: 14px; border: 1px solid $quiet; border-radius: 3px;
+QCheckBox::indicator { width: 16px; height: 16px; border: 1px solid $quiet; border-radius: 3px;
     background: $ground; }
 QCheckBox::indicator:checked { background: $accent; border-color: $accent; }
 QCheckBox:disabled { color: $quiet; }

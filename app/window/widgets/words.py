@@ -15,6 +15,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
+from experiments.session.files import STORED
 
 
 class Shown(NamedTuple):
@@ -52,13 +53,6 @@ SHORT = {
     "Acceleration, weighted DFT sum": "Acceleration sum",
     "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
-#: Why a trial does not count, to choose from.
-REASONS = (
-    "the pointer left the window",
-    "the participant was distracted",
-    "the device was disturbed",
-    "another task was done",
-)
 
 
 def server_died(last: m.Snapshot) -> str:
@@ -204,6 +198,16 @@ def from_home(folder: Path) -> str:
     """A folder as ~/data where it lies below the user's home."""
     home = Path.home()
     return f"~/{folder.relative_to(home)}" if folder.is_relative_to(home) else str(folder)
+
+
+def as_sentence(text: str) -> str:
+    """With a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
+
+
+def data_folder_of(folder: Path) -> Path:
+    """A folder that was chosen; of a session the data folder that holds it."""
+    return folder.parent.parent if (folder / STORED).exists() else folder
 
 
 def show_folder(folder: Path) -> None:

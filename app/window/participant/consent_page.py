@@ -1,0 +1,43 @@
+"""What a participant is asked before anything else: whether they take part. No answer is easier to give."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import QWidget
+
+from app.window.widgets import theme
+from app.window.widgets.parts import button, column, holder, row, scrolled, wrapped_label
+from experiments.protocol_file import Consent
+
+WIDE_PX = 900  # at most
+
+
+class ConsentPage(QWidget):
+    """The text, to be scrolled where it is long, and a button for each answer, of which no key presses the first."""
+
+    answered = Signal(bool)  # whether they take part
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.text = wrapped_label("", size=theme.HEAD)
+        self.decline, self.agree = (
+            button("", lambda: self.answered.emit(False)),
+            button("", lambda: self.answered.emit(True)),
+        )
+        for answer in (self.decline, self.agree):
+            answer.setFont(theme.font(theme.TITLE, bold=True))
+            answer.setMinimumHeight(48)
+        self.area = scrolled(self.text)
+        answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
+        middle = holder(column((self.area, 1), answers, spacing=24))
+        middle.setMaximumWidth(WIDE_PX)
+        self.setLayout(row(1, (middle, 100), 1, margins=(40, 32, 40, 32)))
+
+    def show_consent(self, consent: Consent) -> None:
+        self.text.setText(consent.text.strip())
+        self.decline.setText(consent.decline)
+        self.agree.setText(consent.agree)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self.area.verticalScrollBar().setValue(0)
+        self.setFocus()

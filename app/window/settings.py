@@ -1,0 +1,148 @@
+"""The settings, which are remembered, and the help: cards over the page at the front."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+
+from app import __version__
+from app.window.participant.tone import player
+from app.window.widgets import memory, theme
+from app.window.widgets.cards import OverlayCard
+from app.window.widgets.parts import Choice, OneLine, Segments, breakable, button, row, text_label, wrapped_label
+from app.window.widgets.words import from_home
+from experiments.protocol import Protocol
+
+WIDE_PX = 640
+NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
+CITATION = (
+    "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
+    "Int. Conf. on Robotics and Automation (ICRA), 2004, vol. 1, pp. 311-318 (as far as known)."
+)
+#: algorithm -> what a hand feels of it
+FELT = {
+    "none": "All brakes are off: the hand feels only friction and mass.",
+    "sdof": "One brake at a time is locked, the one that leaves the handle the direction nearest to the path: the hand "
+    "is led along a line of the device.",
+    "proportional": "The brakes together resist every motion away from the path, in proportion to its speed: the "
+    "larger the gain, the stiffer.",
+    "reflect": "The brakes show a force from elsewhere, such as that of a wall, as far as brakes can.",
+}
+GAP = "With a gap, nothing acts while the handle is that near to the path."
+
+
+class SettingsCard(OverlayCard):
+    """What the user chooses for this computer; each takes effect at once, but for the theme."""
+
+    wide = WIDE_PX
+
+    def __init__(self, parent: QWidget, leave: Callable[[], object], changed: Callable[[str], object]) -> None:
+        """changed: does what a key of `memory` asks for, once its new value is remembered."""
+        super().__init__("Settings", "", [("Close  Enter", leave)], parent)
+        self._changed = changed
+        self.theme = Segments({"dark": "Dark", "light": "Light"})
+        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
+        self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
+        self.participant_screen = Choice()
+        screens = {screen.name(): screen_words(screen.name()) for screen in QGuiApplication.screens()}
+        chosen = memory.remembered(memory.SCREEN)
+        choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
+        self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
+        self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
+        self.text_size.show_value(theme.text_size())
+        self.sound.show_value(memory.remembered(memory.SOUND))
+        kept = memory.remembered(memory.DATA_FOLDER)
+        folder = OneLine(from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL)
+        grid = grid_of({
+            "Theme": (self.theme, "From the next start on."),
+            "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
+            "Participant's screen": (self.participant_screen, ""),
+            "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
+            "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
+        })  # fmt: skip
+        self.inside.addLayout(grid)
+        self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
+        self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
+        for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
+            field.changed.connect(lambda value, key=key: self._choose(key, value))
+        self.text_size.changed.connect(theme.set_text_size)
+
+    def follow_text(self) -> None:
+        self.place()
+
+    def _choose(self, key: str, value: str) -> None:
+        memory.remember(key, value)
+        self._changed(key)
+
+
+def screen_words(name: str) -> str:
+    """A screen, so that it is recognised."""
+    screen = next(screen for screen in QGuiApplication.screens() if screen.name() == name)
+    primary = ", the first" if screen == QGuiApplication.primaryScreen() else ""
+    return f"{name}: {screen.size().width()} × {screen.size().height()}{primary}"
+
+
+def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
+    """Name -> what stands beside it, and a quiet line below that."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(14)
+    grid.setVerticalSpacing(4)
+    grid.setColumnStretch(1, 1)
+    for name, (part, hint) in lines.items():
+        down = grid.rowCount()
+        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+        grid.addWidget(text_label(name, bold=True), down, 0, level)
+        grid.addWidget(part, down, 1)
+        if hint:
+            grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+    return grid
+
+
+class HelpCard(OverlayCard):
+    """Names and what is to be known of each."""
+
+    wide = WIDE_PX
+
+    def __init__(self, title: str, text: str, lines: Mapping[str, str], parent: QWidget, leave: Callable[[], object]):
+        super().__init__(title, text, [("Close  Enter", leave)], parent)
+        self.inside.addLayout(grid_of({name: (selectable(text), "") for name, text in lines.items()}))
+
+
+def selectable(text: str) -> QLabel:
+    """A text that can be copied."""
+    label = wrapped_label(breakable(text), "quiet")
+    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return label
+
+
+def controllers_help(protocol: Protocol) -> dict[str, str]:
+    """Controller of the protocol -> what it does."""
+    found = {}
+    for number, preset in protocol.controllers.items():
+        gap = f" {GAP}" if preset.named.get("gap_m") else ""
+        found[f"{number}  {preset.name}"] = FELT.get(preset.kind, preset.words) + gap
+    return found
+
+
+def files_help(data_folder: str) -> dict[str, str]:
+    """What is where on this computer."""
+    kept = memory.file()
+    return {
+        "Sessions": data_folder,
+        "Each session": "sub-01/ses-01: session.json (plan and protocol), journal.jsonl, trials.csv, trials/ with one "
+        "recording a trial.",
+        "Settings": kept.fileName() if kept else "not kept",
+        "Program": str(Path(__file__).resolve().parents[2]),
+        "Export": "Home, Your data, Export: BIDS-Motion or CSV, into a new folder.",
+    }
+
+
+def about_help() -> dict[str, str]:
+    """Version, and how to cite."""
+    return {
+        "Version": f"phd {__version__}",
+        "Cite the paper": CITATION,
+        "Cite the program": "CITATION.cff in the program's folder.",
+    }

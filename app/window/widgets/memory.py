@@ -1,0 +1,41 @@
+"""What the window remembers for its user from one start to the next: a key and a text each, in the user's phd.ini."""
+
+from PySide6.QtCore import QCoreApplication, QSettings
+
+#: keys, and what holds before the user has chosen
+DARK_OR_LIGHT, TEXT_SIZE, SCREEN, SOUND, DATA_FOLDER = (
+    "theme",
+    "text_size",
+    "participant_screen",
+    "sound",
+    "data_folder",
+)
+OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
+ON, OFF = "on", "off"  # of the sound
+_DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: ""}
+_while_running: dict[str, str] = {}  # in place of the file
+
+
+def begin() -> None:
+    """Keep what is remembered in the user's file from now on; before it, only while the program runs."""
+    QCoreApplication.setOrganizationName("phd")
+
+
+def file() -> QSettings | None:
+    """The user's file; None before `begin`."""
+    name = QCoreApplication.organizationName()
+    return QSettings(QSettings.Format.IniFormat, QSettings.Scope.UserScope, name) if name else None
+
+
+def remembered(key: str) -> str:
+    """What the user has chosen for a key, else its default."""
+    kept = file()
+    return str(kept.value(key, _DEFAULTS[key])) if kept else _while_running.get(key, _DEFAULTS[key])
+
+
+def remember(key: str, value: str) -> None:
+    """The user has chosen this for a key."""
+    if (kept := file()) is not None:
+        kept.setValue(key, value)
+    else:
+        _while_running[key] = value

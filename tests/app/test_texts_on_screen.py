@@ -1,0 +1,211 @@
+"""No text is cut and none lies over another: on every page, in every state, at every size of window and of text."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, running
+from PySide6.QtCore import Qt
+from screens import Screens, settle
+from sessions import session_of
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
+from texts_on_screen import faults
+from tried import INITIAL, ended, tried
+
+from app.ipc import messages as m
+from app.ipc.messages import DeviceStatus
+from app.window.analyse import analyse_page
+from app.window.main_window import SMALLEST
+from app.window.widgets import theme
+from app.window.widgets.page import ANALYSE, HOME, TRY
+from experiments.protocol_file import Consent
+
+SIZES = ((1280, 720), (1366, 768), (1920, 1080))
+NOTES = ("13:02 slower", "13:05 a longer note about what happened")
+LONG = "Run 9: the participant was distracted by a long sentence that goes on."
+GONE = (
+    "/a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet: gone while the session was open (moved, deleted or "
+    "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on elsewhere"
+)
+ALT = Qt.KeyboardModifier.AltModifier
+RUN_STATES = {
+    "preparing": (m.Snapshot(m.PREPARING),),
+    "ready": (opened(), ready(12, notes=NOTES)),
+    "red": (opened(), ready(12, checks=RED)),
+    "running": (opened(), running(37, notes=NOTES), pulse()),
+    "late": (
+        opened(),
+        running(37),
+        pulse()._replace(timing=m.Timing(14.0, 1031.0, 13402.0, 1234, "default, short slice")),
+    ),
+    "blind": (opened(), running(37, blind=True), pulse()),
+    "card": (opened(), running(37), ready(38)),
+    "said": (opened(), ready(9, notice=LONG)),
+    "undone": (
+        opened(),
+        ready(9, not_written=GONE, checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE))),
+    ),
+    "paused": (opened(), ready(9, paused=True)),
+    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
+    "re-rig": (opened(), ready(30, stage=m.RERIG)),
+    "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
+    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
+    "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
+    "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
+}
+
+
+def run(state: str) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        for said in RUN_STATES[state]:
+            screens.hear(said)
+            if isinstance(said, m.Snapshot) and said.running is not None:
+                screens.tick(movement(PLAN[37].segment, "AEBC", 1.5))
+
+    return show
+
+
+def asked(key: Qt.Key, modifier=ALT, over: int = 22) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.hear(opened(), running(over - 1), ready(over) if key != Qt.Key.Key_A else running(over))
+        screens.press(key, modifier=modifier)
+
+    return show
+
+
+def try_page(*passes: m.Pass, **changes) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.main.show_page(TRY)
+        screens.hear(opened(""), tried(INITIAL, *passes, **changes))
+        screens.tick(movement(1, "AEB", 1.5))
+
+    return show
+
+
+def page(name: str, *messages: object) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.main.show_page(name)
+        screens.hear(*messages)
+
+    return show
+
+
+def device(snapshot: m.Snapshot, state: DeviceStatus | None) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.hear(opened(**ON_BENCH), snapshot)
+        screens.press(Qt.Key.Key_F3)
+        screens.hear(told(state))
+
+    return show
+
+
+def card(name: str) -> Callable[[Screens], None]:
+    def show(screens: Screens) -> None:
+        screens.hear(opened(), ready(3))
+        getattr(screens.main, f"show_{name}")()
+
+    return show
+
+
+def editor(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    home = screens.main.pages[HOME]
+    home.editor.open("curves")
+    home.stack.setCurrentWidget(home.editor)
+
+
+def consent(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    home = screens.main.pages[HOME]
+    home.consent.show_consent(Consent("You may stop at any time, without giving a reason."))
+    home.stack.setCurrentWidget(home.asking)
+
+
+STATES: dict[str, Callable[[Screens], None]] = {
+    **{f"run, {state}": run(state) for state in RUN_STATES},
+    "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
+    **{name: card(name) for name in ("settings", "controllers", "files", "about")},
+    "editor": editor, "consent": consent,
+    "home, in a session": page(HOME, opened(), ready(3)),
+    "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
+    "device, lost": device(ready(3, checks=LOST), None),
+    "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
+    "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
+    "try": try_page(), "try, real": try_page(by_start=True),
+    "try, passes": try_page(*(ended(n, 1 + n % 5, changed=n == 3) for n in range(1, 9))),
+    "try, in a session": page(TRY, opened(), ready(3)),
+    "try, brakes off": page(TRY, opened(""), before(brakes_off="Esc was pressed")),
+}  # fmt: skip
+
+
+@pytest.fixture(params=[0, 3])
+def text(request) -> Iterator[int]:
+    """Steps of the text size."""
+    theme.scale_text(request.param)
+    yield request.param
+    theme.scale_text(-request.param)
+
+
+def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
+    found = {}
+    for size in (SMALLEST, *SIZES)[bool(theme.text_px(100) > 100) :]:  # larger text needs a larger window
+        screens.main.setMinimumSize(1, 1)  # as on a screen of that size
+        screens.main.resize(*size)
+        settle(screens.main)
+        assert (screens.main.width(), screens.main.height()) == size
+        if said := faults(screens.main):
+            found[size] = said
+    return found
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_in_a_session_and_on_try(screens: Screens, text: int, state: str) -> None:
+    STATES[state](screens)
+    assert found_at_every_size(screens) == {}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A data folder with a few recorded trials."""
+    folder = tmp_path_factory.mktemp("data")
+    with session_of(folder, 4):
+        return folder
+
+
+@pytest.mark.parametrize("shown", [*analyse_page.PAGES, "a trial"])
+def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: str) -> None:
+    screens.hear(opened(""), before())
+    screens.main.show_page(ANALYSE, recorded)
+    analyse = screens.main.pages[ANALYSE]
+    qtbot.waitUntil(lambda: analyse.results is not None, timeout=60_000)
+    if shown == "a trial":
+        analyse.open_trial(analyse.rows[-1])
+        qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
+    else:
+        analyse.show_page(shown)
+    qtbot.waitUntil(lambda: not analyse._concluding.busy, timeout=60_000)
+    assert found_at_every_size(screens) == {}
+    analyse.close_trial()
+
+
+def test_at_twice_the_pixels(request) -> None:
+    """3840 x 2160 at 200 %: Qt takes its scale when it starts."""
+    environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-n",
+        "0",
+        __file__,
+        "-k",
+        "running or passes",
+    ]
+    done = subprocess.run(command, env=environment, cwd=request.config.rootpath, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
