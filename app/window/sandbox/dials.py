@@ -67,8 +67,9 @@ DIALS = (
 
 def dials_of(protocol: Protocol) -> list[Dial]:
     """Those of the parameters that the protocol's controllers have, then the others."""
-    own = {name for preset in protocol.controllers.values() for name in preset.named}
-    return [*(Dial.of(parameter) for name, parameter in PARAMETERS.items() if name in own), *DIALS]
+    presets = protocol.controllers.values()
+    own = {parameter.name: parameter for preset in presets for parameter in preset.algorithm.parameters}
+    return [*(Dial.of(own[name]) for name in dict.fromkeys([*PARAMETERS, *own]) if name in own), *DIALS]
 
 
 class Slider(QSlider):

@@ -1,0 +1,43 @@
+"""A controller in a file of its own through the real processes: a session's trial, and Try with its slider."""
+
+from pathlib import Path
+
+from live import live_window
+
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+
+DAMPER = Path(__file__).resolve().parents[2] / "docs/examples/protocols/damper.py"
+PROTOCOL = """
+name = "dampers"
+provenance = "assumed"
+devices = ["three-brake"]
+blocks = 1
+[[path]]
+kind = "segment"
+start_m = [-0.05, 0.40]
+end_m = [0.05, 0.40]
+[[controller]]
+name = "Damper"
+algorithm = "damper.py"
+parameters = {damping_N_s_m = 500.0}
+"""
+
+
+def test_a_session_and_try_run_a_controller_of_ones_own(tmp_path: Path) -> None:
+    (tmp_path / "damper.py").write_text(DAMPER.read_text())
+    (protocol := tmp_path / "mine.toml").write_text(PROTOCOL)
+    with live_window(Setup(tmp_path / "data", str(protocol), hand="operator", sync=False)) as window:
+        window.until_stage(m.NO_SESSION)
+        window.client.send(m.SetSandbox())
+        settings = window.until(lambda s: s.sandbox and s.sandbox.settings).sandbox.settings
+        window.client.send(m.SetSandbox(settings.with_parameters(damping_N_s_m=900.0)))
+        window.until(lambda s: s.sandbox.settings.values["damping_N_s_m"] == 900.0)
+        window.client.send(m.EndSandbox())
+        window.until(lambda s: s.sandbox is None and s.running is None)
+        window.client.send(m.Open("01"))
+        window.until_stage(m.READY)
+        window.client.send(m.Start())
+        (row,) = window.until(lambda s: s.rows).rows
+        recording = window.recording(row.run)
+        assert recording.whole and (recording.text("decision") == "damped").sum() > 100
