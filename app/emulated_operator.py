@@ -9,7 +9,16 @@ from core.kernels import kernel
 from core.path import Path, build_path, path_from
 from core.simulator.hand import new_hand
 from core.tick_log import APPROACH, END, MOVE
-from experiments.trial.operator import TICK_S, Moment, Person, begin_approach, new_operator, operate, take_handle
+from experiments.trial.operator import (
+    TICK_S,
+    Moment,
+    Person,
+    begin_approach,
+    new_operator,
+    on_path,
+    operate,
+    take_handle,
+)
 from experiments.trial.population import load_population
 from experiments.trial.trial import NOISE_DRAWS
 
@@ -71,8 +80,9 @@ class EmulatedOperator:
                 self._set_out()
 
     def _set_out(self) -> None:
-        take_handle(self._person, self._path, self.hand.grips)
-        records = new_operator(self._person, self._random)
+        person = on_path(self._person, self._path)
+        take_handle(person, self._path, self.hand.grips)
+        records = new_operator(person, self._random)
         begin_approach(records[0], *self._tip, self._path)
         self._records = records.view(np.ndarray)
         self.enter(APPROACH)
@@ -89,7 +99,9 @@ class EmulatedOperator:
                 self._go = False
                 self.enter(MOVE)
         elif self.phase == MOVE:
-            self._there = self._there + 1 if math.hypot(x - path.x1, y - path.y1) <= END_RADIUS_M else 0
+            arrived = self._records["piece"][0] == len(path.pieces) - 1  # a closed path ends where it starts
+            arrived = arrived and math.hypot(x - path.x1, y - path.y1) <= END_RADIUS_M
+            self._there = self._there + 1 if arrived else 0
             if self._there * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
                 self.enter(END)
         elif self._phase_tick * TICK_S >= REST_S:

@@ -20,11 +20,11 @@ def torque_gain(brakes, i, current):
 
     Our choice: a brake may have a torque table in its place (`core.torque_table`).
     """
-    k = brakes.k
-    if brakes.curve[i, 0, FROM] == 0.0:
-        return torque_on_curve(brakes.curve[i], current)
-    if current < brakes.knee[i]:
+    k, knee = brakes.k, brakes.knee[i]
+    if current < knee:
         return k[i, 0] * current + k[i, 1]
+    if knee < 0.0:
+        return torque_on_curve(brakes.curve[i], current)
     return (k[i, 2] * current + k[i, 3]) * current + k[i, 4]
 
 
@@ -64,7 +64,7 @@ def current_for_torque(brakes, i, torque):
         return 0.0
     if torque >= torque_gain(brakes, i, largest):
         return largest
-    if brakes.curve[i, 0, FROM] == 0.0:
+    if knee < 0.0:
         return min(max(current_on_curve(brakes.curve[i], torque), 0.0), largest)
     if torque < k1 * knee + k2:
         return min(max((torque - k2) / k1, 0.0), largest)

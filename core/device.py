@@ -25,7 +25,7 @@ from core.files import (
     toml_text,
 )
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
-from core.torque_table import torque_curve
+from core.torque_table import NO_KNEE, torque_curve
 from core.workspace import brake_rows, free_tips, why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
@@ -224,6 +224,7 @@ def build_brakes(files: dict[str, BrakeFile]) -> Brakes:
         arrays.k[i] = brake.equation_2
         arrays.knee[i] = brake.knee_A
         if brake.torque_table is not None:
+            arrays.knee[i] = NO_KNEE
             arrays.curve[i] = torque_curve(brake.torque_table)
         arrays.omega_0[i] = brake.omega_0_rpm * RAD_S_PER_RPM
         arrays.floor[i] = brake.floor_rpm * RAD_S_PER_RPM

@@ -77,7 +77,7 @@ class Brakes(NamedTuple):
     present: np.ndarray  # (4,) 1.0 where the joint carries a brake
     current_max: np.ndarray  # (4,) A
     k: np.ndarray  # (4, 5) N m per A^.., Eq. (2)
-    knee: np.ndarray  # (4,) A, the 0.2 A of Eq. (2)
+    knee: np.ndarray  # (4,) A, the 0.2 A of Eq. (2); below 0: the brake has a torque table
     omega_0: np.ndarray  # (4,) rad/s, Eq. (4)
     floor: np.ndarray  # (4,) rad/s: Eq. (4) is extrapolated down to here, then constant
     rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)

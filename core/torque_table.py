@@ -15,6 +15,7 @@ MOST_POINTS = 24
 #: Columns of a curve: where the piece begins (A), torque there (N m), slope there (N m/A), quadratic term (N m/A2).
 FROM, TORQUE, SLOPE, SQUARE = range(4)
 PIECES = 2 * (MOST_POINTS - 1)
+NO_KNEE = -1.0  # A, of a brake with a table
 NO_CURVE = np.full((4, PIECES, 4), math.inf)  # of the four brakes: each has Eq. (2)
 
 

@@ -178,11 +178,11 @@ def minimum_jerk(r):
 
 @kernel
 def course(path, r):
-    """Share of the path at share r of the time, and its slope: minimum jerk from each corner to the next.
+    """Share of a path of several pieces at share r of the time, its slope: minimum jerk from each corner to the next.
 
     Our choice: a hand stops where the path turns by more than `CORNER_DEG`; each stroke takes its share of the time.
     """
-    if path.pieces.shape[0] == 1 or r <= 0.0 or r >= 1.0:
+    if r <= 0.0 or r >= 1.0:
         return minimum_jerk(r)
     piece, way, begin = path.pieces, r * path.length, 0.0
     for i in range(piece.shape[0]):
@@ -316,10 +316,11 @@ def move_along(operator, grip, path, tick, phase_tick, tip_progress):
     seen = operator.ring[(tick - operator.seen_ticks) & _LAST]
     felt = operator.ring[(tick - operator.felt_ticks) & _LAST]
     rate_along, rate_across = felt_motion(operator, tick, 2)
-    share, slope = course(path, operator.progress)
+    one_piece = path.pieces.shape[0] == 1
+    share, slope = minimum_jerk(operator.progress) if one_piece else course(path, operator.progress)
     lead = share * path.length + operator.offset[0] - tip_progress
     moving = phase_tick * TICK_S >= operator.reaction_s and lead < operator.lead_max_m
-    moving = moving and not waits_at_corner(operator, path, tip_progress)
+    moving = moving and (one_piece or not waits_at_corner(operator, path, tip_progress))
     if moving and operator.progress < 1.0:
         operator.progress += TICK_S / operator.movement_s
     else:
@@ -350,9 +351,9 @@ def set_target(operator, grip, path, progress, across, speed):
     """The arm's target: `across` (m) to the left of the point at `progress` (m), moving on at `speed` (m/s)."""
     x, y, tx, ty = point_at(path, progress)
     ux, uy = operator.direction[0], operator.direction[1]
-    if ux * tx + uy * ty < 0.0:  # the path turns back: the arm is as stiff the other way
-        ux, uy = -ux, -uy
     if ux != tx or uy != ty:  # at a bend
+        if ux * tx + uy * ty < 0.0:  # the path turns back: the arm is as stiff the other way
+            ux, uy = -ux, -uy
         share = min(TICK_S / operator.turn_s, 1.0)
         ux, uy = ux + share * (tx - ux), uy + share * (ty - uy)
         length = math.sqrt(ux * ux + uy * uy)

@@ -344,17 +344,17 @@ class Plane(QWidget):
         painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
         if not isinstance(self.path, Segment):
             self._paint_sense(painter)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
         start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(shade(COLOURS.end_ring))
+        painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
         radii = self.rings_px
         if start == end and radii[0] == radii[1]:  # a closed path: one ring round the other
             radii = radii[0] + 1.5 * self.sizes.ring_pen, radii[1]
         for place, colour, radius in zip((start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True):
             painter.setPen(pen(colour, self.sizes.ring_pen))
             painter.drawEllipse(place, radius, radius)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(COLOURS.end_ring))
-        painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
 
     def _paint_sense(self, painter: QPainter) -> None:
         """Arrowheads along the path: which way it runs, where it is closed or crosses itself."""
