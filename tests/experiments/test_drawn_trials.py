@@ -1,4 +1,4 @@
-"""A simulated person on a circle, a figure eight, a star, a spiral and letters: a trial ends, and is measured as run."""
+"""A simulated person on a circle, a figure eight, a star, a spiral and letters: trials end, measured as run."""
 
 import numpy as np
 import pytest
