@@ -20,6 +20,7 @@ from experiments.trial.operator import (
     take_handle,
 )
 from experiments.trial.population import load_population
+from experiments.trial.tick import arrived
 from experiments.trial.trial import NOISE_DRAWS
 
 START_RADIUS_M, HOLD_S = 0.003, 1.0  # longer at the start than a trial asks for: no signal tells this person to go
@@ -99,9 +100,8 @@ class EmulatedOperator:
                 self._go = False
                 self.enter(MOVE)
         elif self.phase == MOVE:
-            arrived = self._records["piece"][0] == len(path.pieces) - 1  # a closed path ends where it starts
-            arrived = arrived and math.hypot(x - path.x1, y - path.y1) <= END_RADIUS_M
-            self._there = self._there + 1 if arrived else 0
+            there = arrived(path, int(self._records["piece"][0]), END_RADIUS_M, x, y)
+            self._there = self._there + 1 if there else 0
             if self._there * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
                 self.enter(END)
         elif self._phase_tick * TICK_S >= REST_S:
