@@ -94,8 +94,10 @@ class BrakeFile(Table, frozen=True, kw_only=True):
             if reason := TORQUE.refusal(self.torque_gain(self.current_max_A)):
                 raise ValueError(f"torque_table: the torque at current_max_A {reason}")
         else:
-            self._join_at_knee()
+            doubt = self._join_at_knee()
             self._check_torque_gain()
+            if doubt:
+                warnings.warn(doubt, StrangeInput, stacklevel=2)
         if self.floor_rpm > self.omega_0_rpm:
             raise ValueError(f"floor_rpm ({self.floor_rpm:g}) must not exceed omega_0_rpm ({self.omega_0_rpm:g})")
         for key, constant in (("rise", self.rise), ("fall", self.fall)):
@@ -136,14 +138,17 @@ class BrakeFile(Table, frozen=True, kw_only=True):
         """k_1 .. k_5; of a table only k_2, its torque without current."""
         return self.k or (0.0, self.torque_table[0][1] if self.torque_table else 0.0, 0.0, 0.0, 0.0)
 
-    def _join_at_knee(self) -> None:
-        """Published coefficients are rounded, and fitted apart: make the two branches of Eq. (2) meet."""
+    def _join_at_knee(self) -> str:
+        """Published coefficients are rounded, and fitted apart: make the two branches of Eq. (2) meet.
+
+        What was done, where they were far apart; else empty.
+        """
         k1, k2, k3, k4, k5 = self.equation_2
         knee = self.knee_A
         below, above = k1 * knee + k2, (k3 * knee + k4) * knee + k5
         jump = abs(above - below)
         if not KNEE_TOLERANCE < jump < math.inf or knee >= self.current_max_A:
-            return
+            return ""
         meet = [x.real for x in np.roots([k3, k4 - k1, k5 - k2]) if x.imag == 0.0]
         nearest = min(meet, key=lambda x: abs(x - knee), default=math.inf)
         if abs(nearest - knee) <= KNEE_MOVED * knee:
@@ -154,11 +159,8 @@ class BrakeFile(Table, frozen=True, kw_only=True):
             how = f"k_5 is {k5 + below - above:.4g}, with which they meet"
         k5 = k1 * knee + k2 - (k3 * knee + k4) * knee
         msgspec.structs.force_setattr(self, "k", (k1, k2, k3, k4, k5))
-        if jump > JUMP_SAID * abs(below):
-            warnings.warn(
-                f"{self.name}: k: the torque jumps from {below:g} to {above:g} N m at the knee; {how}", StrangeInput,
-                stacklevel=2,
-            )  # fmt: skip
+        said = f"{self.name}: k: the torque jumps from {below:g} to {above:g} N m at the knee; {how}"
+        return said if jump > JUMP_SAID * abs(below) else ""
 
     def _check_torque_gain(self) -> None:
         """K must be >= 0 and rise all the way from 0 to current_max_A (else it has no inverse)."""

@@ -29,7 +29,7 @@ palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
 from app.window.canvas.linkage_view import DIRECTIONS
 from app.window.widgets import theme
-from app.window.widgets.page import ANALYSE, HOME, RUN, TRY
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.windows import Windows
 from core import tick_log
 from core.path import Path as Line
@@ -243,7 +243,7 @@ def on_the_bench(data: Path) -> None:
         until(lambda: main.snapshot.stage == m.NO_SESSION)
         windows.client.send(m.Open("01"))
         until(lambda: main.snapshot.stage == m.RERIG)
-        main.show_page(HOME, "device")
+        main.show_page(DEVICE)
         until(lambda: after(6.0))  # the clock model has its drift
         shoot(main, "device", (SMALL,))
     finally:

@@ -105,6 +105,13 @@ class SyntheticBench:
         new, self._fed = self._rows[self._fed : upto], max(upto, self._fed)
         return new
 
+    @property
+    def ring(self) -> "SyntheticBench":
+        return self
+
+    def let_go(self) -> None:
+        """Nothing is held."""
+
     def aim(self, x: float, y: float, grip: float = 1.0) -> None:
         """Nothing follows the pointer."""
 

@@ -148,7 +148,7 @@ def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, sha
     field = field_at(path, come_to(path, tip), Seen(*tip, 0.0, 0.0, 5.0 * sense * tx, 5.0 * sense * ty), SETTLED)
     assert (field.t_x, field.t_y) == pytest.approx((sense * tx, sense * ty), abs=1e-9)
     assert field.distance == pytest.approx(abs(off), abs=1e-9)
-    cosine = math.cos(0.5 * math.pi * abs(off) / path.blend_width)
+    cosine = math.cos(0.5 * math.pi * min(abs(off) / path.blend_width, 1.0))
     assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
 
 

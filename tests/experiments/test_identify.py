@@ -458,7 +458,7 @@ def test_another_knee_is_found_where_it_is_told(quiet):
     other = replace_struct(BRAKE, k=(3.0, 0.35, -1.5, 6.0, 0.0), knee_A=0.4)
     other = replace_struct(other, k=(3.0, 0.35, -1.5, 6.0, 3.0 * 0.4 + 0.35 - (-1.5 * 0.4 + 6.0) * 0.4))
     steps = synthetic_steps(other, 1, QUIET, repeats=1)
-    found = identify_steps(steps, "steps.csv", knee_A=0.4)
+    found = identify_steps(steps, "steps.csv", ByHand(knee_A=0.4))
     assert found.gain.fit.values == pytest.approx(other.k, rel=1e-4)
     brake = parse_brake(brake_text(found, "it"), "it")
     assert brake.knee_A == 0.4 and "knee_A = 0.4" in brake_text(found, "it") and "given" in brake_text(found, "it")

@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,10 @@ from app.cli import main
 from core.files import InputError
 from core.kernels.cache import watchers
 from core.simulator import simulation
+from core.simulator.simulation import ROW_WIDTH, STUCK
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
-from experiments.simulate.simulate import TORQUE, WIDTH, column_names, simulate, write_rows
+from experiments.simulate.simulate import TORQUE, column_names, simulate, write_rows
 
 
 @pytest.fixture
@@ -49,8 +51,8 @@ class Ramp:
             raise self.error
         k = np.arange(self.done, self.done + rows, dtype=float)
         self.done += rows
-        chunk = k[:, None] + np.arange(WIDTH) / 100
-        chunk[:, -1] = k % 16
+        chunk = k[:, None] + np.arange(ROW_WIDTH) / 100
+        chunk[:, STUCK] = k % 16
         return chunk
 
 
@@ -60,16 +62,20 @@ def ramp(monkeypatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
+#: A scene with brakes at A and E alone, as its columns need it.
+OF_TWO: Any = SimpleNamespace(device=SimpleNamespace(braked="AE"), fidelity="ideal")
+
+
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=7, max_size=7), st.integers(0, 15))
 def test_every_double_reads_back_as_itself(values, bits):
-    chunk = np.zeros((1, WIDTH))
+    chunk = np.zeros((1, ROW_WIDTH))
     chunk[0, 1:5] = values[:4]
     chunk[0, TORQUE : TORQUE + 2] = values[4:6]
-    chunk[0, -1] = bits
+    chunk[0, STUCK] = bits
     file = io.BytesIO()
-    write_rows(file, np.array(values[6:]), chunk, "AE")
+    write_rows(file, np.array(values[6:]), chunk, OF_TWO, {})
     line = file.getvalue().decode()
-    *numbers, stuck = line.removesuffix("\n").split(",")
+    *numbers, stuck = line.split(",")[:8]
     assert [float(number) for number in numbers] == [values[6], *values[:6]]
     assert stuck == "".join(joint for i, joint in enumerate("AEBC") if bits >> i & 1)
 
@@ -86,8 +92,10 @@ def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, ram
         written.append(path.read_bytes())
     assert len(set(written)) == 1
     lines = written[0].decode().split("\n")
-    assert lines[0].split(",") == column_names("AEB") and "torque_C_N_m" not in lines[0]
-    assert lines[1:3] == ["0,0.01,0.02,0.03,0.04,0.05,0.06,0.07,", "0.002,1.01,1.02,1.03,1.04,1.05,1.06,1.07,A"]
+    assert lines[0].split(",") == column_names(s) and "torque_C_N_m" not in lines[0]
+    rows = [dict(zip(column_names(s), line.split(","), strict=True)) for line in lines[1:3]]
+    assert [row["stuck"] for row in rows] == ["", "A"] and [row["t_s"] for row in rows] == ["0", "0.002"]
+    assert list(rows[1].values())[1:8] == ["1.01", "1.02", "1.03", "1.04", "1.05", "1.06", "1.07"]
     assert len(lines) == 11 + 2 and lines[-1] == "" and b"\r" not in written[0]
 
 
@@ -142,8 +150,8 @@ def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: P
     rows = [line.split(",") for line in (tmp_path / "out.csv").read_text().split("\n")[1:-1]]
     assert len(rows) == 21
     tips = np.array([[float(cell) for cell in row[1:5]] for row in rows])
-    assert all(row[-1] == "AEB" for row in rows[:5]) and np.all(tips[:6] == tips[0])
-    assert all(row[-1] == "" and set(row[5:8]) == {"0"} for row in rows[5:13])
+    assert all(row[8] == "AEB" for row in rows[:5]) and np.all(tips[:6] == tips[0])
+    assert all(row[8] == "" and set(row[5:8]) == {"0"} for row in rows[5:13])
     assert np.all(np.diff(np.hypot(tips[5:13, 2], tips[5:13, 3])) > 0)
     assert all(set(row[5:8]) != {"0"} for row in rows[13:])
 

@@ -1,6 +1,6 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
@@ -81,6 +81,20 @@ class Banner(QLabel):
         return super().eventFilter(watched, event)
 
 
+OFF, ALLOW = "Brakes off  Esc", "Allow brakes"
+
+
+class BrakesButton(QPushButton):
+    """As wide as the longer of its two texts needs it, so that nothing beside it moves."""
+
+    def __init__(self) -> None:
+        super().__init__(OFF, objectName="brakes", focusPolicy=NO_FOCUS)
+
+    def sizeHint(self) -> QSize:
+        width = {text: self.fontMetrics().size(Qt.TextFlag.TextShowMnemonic, text).width() for text in (OFF, ALLOW)}
+        return super().sizeHint() + QSize(max(width.values()) - width[self.text()], 0)
+
+
 class Preflight(QWidget):
     """Pills; `brakes` and `advice`, which says what is wrong, are placed by the window."""
 
@@ -90,7 +104,7 @@ class Preflight(QWidget):
         super().__init__()
         self._checks: tuple[m.Check, ...] = ()  # that are shown
         self.pills: list[Pill] = []
-        self.brakes = QPushButton("Brakes off  Esc", objectName="brakes", focusPolicy=NO_FOCUS)
+        self.brakes = BrakesButton()
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
         self.advice = Banner()
@@ -114,9 +128,9 @@ class Preflight(QWidget):
         self.advice.show_text(breakable("\n".join(wrong)))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
-        self.brakes.setText("Allow brakes  Ctrl+B" if off else "Brakes off  Esc")
+        self.brakes.setText(ALLOW if off else OFF)
         self.brakes.setToolTip(
-            "Let currents flow again" if off else "Zero current at once; a running trial ends and is kept"
+            "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
         )
 
 
