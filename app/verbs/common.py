@@ -19,12 +19,15 @@ SHARES = {"share", "done"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 RULES = ("settled", "literal")
 
+#: Outside the program's own folder, so that deleting that keeps them.
+DATA = Path.home() / "phd-data"
 # arguments of several verbs, for `add_argument`
 FOLDER: dict[str, Any] = {
     "type": Path, "metavar": "DIR", "help": "a folder that phd study or phd run has written"
 }  # fmt: skip
 DATA_DIR: dict[str, Any] = {
-    "type": Path, "default": Path("data"), "metavar": "DIR", "help": "where sessions are kept (default: data)"
+    "type": Path, "default": DATA, "metavar": "DIR",
+    "help": "where sessions are kept (default: phd-data in your home folder)"
 }  # fmt: skip
 DEVICES: dict[str, Any] = {
     "nargs": "+", "action": "extend", "metavar": "NAME|PATH",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.progress import ScreenCheck, import_window_module, watch_compiling
-from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
+from app.verbs.common import DATA, DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
 
@@ -49,7 +49,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
     option("--participant", type=label, metavar="01", help=participant)
-    folder = "where sessions are kept (default: the folder of the settings, else data)"
+    folder = "where sessions are kept (default: the folder of the settings, else phd-data in your home folder)"
     option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
     option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
     option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
@@ -76,8 +76,11 @@ def run(args: argparse.Namespace) -> int | None:
     from app.window.widgets import palette
 
     devices = tuple(map(whole, args.device)) if args.device else None
+    data_dir = data_dir_of(args).absolute()
+    if not data_dir.exists():
+        print(f"phd: sessions will be kept in {data_dir} (--data-dir or the settings choose another)", file=sys.stderr)
     setup = Setup(
-        data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
+        data_dir, whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
@@ -107,7 +110,7 @@ def data_dir_of(args: argparse.Namespace) -> Path:
         return args.data_dir
     memory = import_window_module("widgets.memory")
     memory.begin()
-    return Path(memory.remembered(memory.DATA_FOLDER) or "data")
+    return Path(memory.remembered(memory.DATA_FOLDER) or DATA)
 
 
 def port_of(args: argparse.Namespace) -> str:
