@@ -32,10 +32,13 @@ def compile_trials() -> None:
 def compile_scene_and_loop() -> None:
     """Run a step of a scene, which needs every integrator; then the control loop."""
     from app.loop.loop import run_stopped_trial
+    from core.control.velocity_field import field_around
     from core.device import load_device
+    from core.path import Segment, build_path
     from core.simulator.simulation import Simulation
 
     Simulation(load_device("three-brake"), (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))
+    field_around(build_path(Segment((-0.1, 0.4), (0.1, 0.4)), "path"), np.array([[0.0, 0.38]]), 1.0)  # as it is drawn
     run_stopped_trial()
 
 

@@ -10,7 +10,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import along_path
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.trial.trial import Conditions, Trial
+from experiments.trial.trial import Conditions, SimulatedTrial
 
 PROTOCOL = load_protocol("docs/examples/protocols/drawn.toml")
 
@@ -22,7 +22,7 @@ def test_a_trial_on_a_drawn_path_ends_at_its_end_and_its_ticks_say_what_the_meas
     planned = PlannedTrial(1, 1, device.name, controller, number, 1)
     conditions = Conditions(PROTOCOL.paths[number], PROTOCOL.controllers[controller], "settled", PROTOCOL.trial)
     simulation = SimulatedDevice(device, (0.0, 0.38))
-    trial = Trial(simulation, planned, conditions, somebody(7), np.random.default_rng(number))
+    trial = SimulatedTrial(simulation, planned, conditions, somebody(7), np.random.default_rng(number))
     rows = np.empty((100_000, tick_log.WIDTH))
     rows = rows[: trial.run(rows)]
     assert trial.outcome()["status"] == "done"
