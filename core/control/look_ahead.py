@@ -1,4 +1,4 @@
-"""Time-ahead control: move the tip ahead under every pattern of brakes, and take the pattern that ends nearest the path.
+"""Time-ahead control: move the tip ahead under every pattern of brakes, and take the one that ends nearest the path.
 
 Over the horizon (50 to 100 ms), in STEPS steps h, the tip is a mass M that the hand pushes with its force of now, and
 each brake holds up to its torque t_i, off or on. A step is implicit in the velocity,
@@ -93,7 +93,12 @@ def decide(controller, field, tick):
                 ended += BRAKE_M
         if lacking:
             continue
-        most = (on0 if bits & 1 else off0, on1 if bits & 2 else off1, on2 if bits & 4 else off2, on3 if bits & 8 else off3)
+        most = (
+            on0 if bits & 1 else off0,
+            on1 if bits & 2 else off1,
+            on2 if bits & 4 else off2,
+            on3 if bits & 8 else off3,
+        )
         ux, uy = lx * seen.vx + cross * seen.vy, ly * seen.vy
         across, along = -field.distance, 0.0
         for _ in range(STEPS):
