@@ -14,7 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control import proportional, reflect, sdof
+from core.control import (
+    damper,
+    direct_force,
+    least_dissipation,
+    look_ahead,
+    proportional,
+    reflect,
+    sdof,
+    velocity_ratio,
+)
 from core.control.algorithm import (
     GAP_M,
     IN_GAP,
@@ -55,6 +64,11 @@ ALGORITHMS: dict[str, Algorithm] = {
         sdof.ALGORITHM,
         proportional.ALGORITHM,
         reflect.ALGORITHM,
+        velocity_ratio.ALGORITHM,
+        direct_force.ALGORITHM,
+        least_dissipation.ALGORITHM,
+        look_ahead.ALGORITHM,
+        damper.ALGORITHM,
     )
 }
 

@@ -9,10 +9,9 @@ pushes back while it gives way, and any force along the motion, stay away, and t
 The wanted force is that of a slave (experiments/slave.py: the device is the passive master of a teleoperation), or,
 with `wall_N_m`, that of a virtual spring: wall_N_m times the distance beyond the gap, towards the path.
 
-The "coercive force approximation" of later work (Cho, Kim, Song 2005; read by its abstract) shows on a redundant brake
-display a force that it cannot have by one that it can, and wall-following is smooth where the net force across the wall
-vanishes (2004). Both are this function with another wanted force: for the latter f = -(F . n) n, what the hand pushes
-into the wall; the nearest force is unique, so a smooth f is shown smoothly.
+The "coercive force approximation" of later work (Cho, Song, Kim 2005; read by its abstract) shows on a redundant brake
+display a force that it cannot have by one that it can, for smooth wall-following. That is this function with another
+wanted force (`direct_force`); the nearest force is unique, so a smooth f is shown smoothly.
 """
 
 import math
@@ -185,32 +184,51 @@ def opposing(tick, i, push, still_rate):
 
 
 @kernel
-def decide(controller, field, tick):
-    """Show the wanted force; it and the nearest that can be had (N, in steady state) stand in memory afterwards."""
-    rules, stiffness, memory, current = controller.rules, controller.values[WALL], tick.memory, tick.current
-    if stiffness > 0.0:
-        force = stiffness * (field.distance - controller.gap_m)
-        memory[WANTED], memory[WANTED + 1] = force * field.n_x, force * field.n_y
-    wanted_x, wanted_y = memory[WANTED], memory[WANTED + 1]
-    square = wanted_x * wanted_x + wanted_y * wanted_y
-    if not square > rules.least_shown * rules.least_shown:  # nor where there is no wanted force (NaN)
-        return NONE
+def shown_by(current, ax, ay, brakes):
+    """Put torques (4,), N m, that stand in `current` there as currents; the brake that exerts most of their force."""
+    most, brake = -math.inf, 0
+    for i in range(4):
+        force = current[i] * math.hypot(ax[i], ay[i])
+        if brakes.present[i] != 0.0 and force > most:
+            most, brake = force, i
+        current[i] = current_for_torque(brakes, i, current[i])
+    return brake
+
+
+@kernel
+def available(tick, rules):
+    """`opposing` of the four brakes: (ax, ay, low, high), each a tuple of four."""
     push, still = push_of(tick, rules), rules.still_rate
     ax0, ay0, low0, high0 = opposing(tick, 0, push, still)
     ax1, ay1, low1, high1 = opposing(tick, 1, push, still)
     ax2, ay2, low2, high2 = opposing(tick, 2, push, still)
     ax3, ay3, low3, high3 = opposing(tick, 3, push, still)
-    ax, ay = (ax0, ax1, ax2, ax3), (ay0, ay1, ay2, ay3)
-    low, high = (low0, low1, low2, low3), (high0, high1, high2, high3)
+    return (ax0, ax1, ax2, ax3), (ay0, ay1, ay2, ay3), (low0, low1, low2, low3), (high0, high1, high2, high3)
+
+
+@kernel
+def show(tick, rules):
+    """Show the wanted force of the memory; the nearest that can be had (N, in steady state) stands there afterwards."""
+    memory, current = tick.memory, tick.current
+    wanted_x, wanted_y = memory[WANTED], memory[WANTED + 1]
+    square = wanted_x * wanted_x + wanted_y * wanted_y
+    if not square > rules.least_shown * rules.least_shown:  # nor where there is no wanted force (NaN)
+        return NONE
+    ax, ay, low, high = available(tick, rules)
     near_x, near_y = nearest_passive_force(ax, ay, low, high, wanted_x, wanted_y, current)
     memory[NEAREST], memory[NEAREST + 1] = near_x, near_y
-    most, brake = -math.inf, 0
-    for i in range(4):
-        force = current[i] * math.hypot(ax[i], ay[i])
-        if tick.brakes.present[i] != 0.0 and force > most:
-            most, brake = force, i
-        current[i] = current_for_torque(tick.brakes, i, current[i])
-    return (WHOLE if math.hypot(wanted_x - near_x, wanted_y - near_y) < MISSED_N else IN_PART) + brake
+    missed = math.hypot(wanted_x - near_x, wanted_y - near_y)
+    return (WHOLE if missed < MISSED_N else IN_PART) + shown_by(current, ax, ay, tick.brakes)
+
+
+@kernel
+def decide(controller, field, tick):
+    """Show the wanted force: the slave's, or with a wall along the path that of its spring."""
+    stiffness, memory = controller.values[WALL], tick.memory
+    if stiffness > 0.0:
+        force = stiffness * (field.distance - controller.gap_m)
+        memory[WANTED], memory[WANTED + 1] = force * field.n_x, force * field.n_y
+    return show(tick, controller.rules)
 
 
 ALGORITHM = Algorithm(

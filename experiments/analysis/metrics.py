@@ -27,6 +27,7 @@ LEAST_PROGRESS_M = 1e-9  # less is rounding: no progress was made
 POSITION_CUTOFF_HZ = 20.0  # of the low-pass before differentiation: at 100 Hz, steps of 20 um are all one sees
 DFT_HIGHEST_HZ = 100.0  # our choice: the paper gives neither weights nor range
 FELT_FORCE_N = 0.5  # a weaker force does not count as a hand that wants to go somewhere
+CHANGE_A = 0.05  # our choice: a smaller change of current in a tick is a brake that follows, not one that chatters
 SPARC_CUTOFF_HZ, SPARC_THRESHOLD, SPARC_PAD_LEVEL = 10.0, 0.05, 4
 
 
@@ -195,6 +196,18 @@ class Movement:
         for bit, joint in enumerate(self._recording.braked):
             on |= (self._column(f"current_{joint}_A") > 0.0).astype(np.int8) << bit
         return int(np.count_nonzero(on[1:] != on[:-1])) / self.duration_s
+
+    def hand_energy_per_metre(self) -> float | None:
+        """The ledger of the hand from the first tick of `move` to its last, over the progress made."""
+        spent = self._may_be_missing("energy_hand_J")[:, 0]
+        way = float(self.progress[-1] - self.progress[0])
+        return None if np.isnan(spent).any() else float(spent[-1] - spent[0]) / way
+
+    def chatter(self) -> float | None:
+        if self.duration_s <= 0.0 or not self._recording.braked or not self._controlled:
+            return None
+        currents = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))
+        return int(np.count_nonzero(np.abs(np.diff(currents, axis=0)) > CHANGE_A)) / self.duration_s
 
     def unreachable_share(self) -> float | None:
         outside = ~self._decided(GAP)  # of the ticks in the gap no brake is asked
@@ -426,6 +439,19 @@ METRICS = (
         "without the jump from the end of the movement to its start, which the DFT takes for vibration",
         lambda m: amplitude_sum(weighted_amplitudes(without_ramp(m.acceleration))),
         shown_unit="m/s²", decimals=1, figure="fig18_acceleration_ramp_removed", stands_for="smoothness", compared=True,
+    ),
+    Metric(
+        "hand_energy_per_metre_J_m", "J/m", "Energy of the hand per metre", "energy per metre",
+        "work of the hand on the handle / progress along the path",
+        Movement.hand_energy_per_metre,
+        shown_unit="J/m",
+    ),
+    Metric(
+        "chatter_per_s", "1/s", "Chatter", "chatter",
+        "changes of a brake's current by more than 0.05 A from one tick to the next, per second, over all brakes; none "
+        "for controller 1",
+        Movement.chatter,
+        shown_unit="1/s", decimals=1, needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}

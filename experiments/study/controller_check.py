@@ -41,24 +41,29 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
     except ValueError as error:
         raise InputError(f"{own.name}.py: {error}") from None
     began = time.perf_counter()
-    trials = [_looked_at(protocol, preset, *which) for which in _trials(protocol)]
+    laws = laws_of(protocol, preset)
     wall_s = time.perf_counter() - began
-    laws = [
-        Law(law, sum(values[i] > most for values in trials), f"{max(values[i] for values in trials):.3g}{unit}")
-        for i, (law, most, unit) in enumerate(LAWS)
-    ]
     return {
         "file": f"{own.name}.py",
         "sha256": own.digest,
-        "trials": len(trials),
+        "trials": len(_trials(protocol)),
         "laws": [
             f"{'broken in ' + str(law.broken) if law.broken else 'kept'}: {law.law} ({law.worst})" for law in laws
         ],
         "broken": sum(law.broken > 0 for law in laws),
         "wall_s": wall_s,
-        "tick_us": _tick_us(protocol, preset),
-        "tick_of_sdof_us": _tick_us(protocol, next(one for one in protocol.controllers.values() if one.kind == "sdof")),
+        "tick_us": tick_us(protocol, preset),
+        "tick_of_sdof_us": tick_us(protocol, next(one for one in protocol.controllers.values() if one.kind == "sdof")),
     }
+
+
+def laws_of(protocol: Protocol, preset: Preset) -> list[Law]:
+    """How a controller keeps `LAWS` on the devices and paths of a protocol."""
+    trials = [_looked_at(protocol, preset, *which) for which in _trials(protocol)]
+    return [
+        Law(law, sum(values[i] > most for values in trials), f"{max(values[i] for values in trials):.3g}{unit}")
+        for i, (law, most, unit) in enumerate(LAWS)
+    ]
 
 
 #: What is looked at of each trial, the most that is allowed of it, its unit.
@@ -112,7 +117,7 @@ def _looked_at(protocol: Protocol, preset: Preset, one: int, device: str, path: 
     )
 
 
-def _tick_us(protocol: Protocol, preset: Preset) -> float:
+def tick_us(protocol: Protocol, preset: Preset) -> float:
     """The cost of a simulated tick with this controller, the least of a few trials."""
     device, path = protocol.devices[0].name, next(iter(protocol.paths))
     found = []

@@ -404,3 +404,18 @@ def test_sparc_of_a_minimum_jerk_motion_is_that_of_the_literature_and_shaking_wo
         assert m.sparc(speed * (1 + 0.5 * np.sin(2 * np.pi * 4 * r * duration))) < values[-1] - 0.1
     assert np.ptp(values) < 0.02 and all(-1.5 < value < -1.38 for value in values)
     assert m.sparc(np.zeros(100)) is None
+
+
+def test_energy_per_metre_is_work_over_progress_and_chatter_counts_steps_of_current():
+    currents = np.zeros((5200, 4))
+    currents[1500:1600:10] = 0.3  # ten pulses of a tick: twenty steps
+    currents[2000:4000] = np.linspace(0.0, 1.0, 2000)[:, None]  # a ramp follows
+    currents[4000:] = 1.0
+    columns = {name: currents[:, i] for i, name in enumerate(("a", "e", "b"))}
+    recording = hand_made(ENERGY_HAND=np.arange(5200) * 1e-3, DECISION=USE_SDOF)
+    for joint, name in zip("AEB", columns, strict=True):
+        recording.columns[f"current_{joint}_A"] = columns[name]
+    result = measured(recording)
+    assert result.hand_energy_per_metre_J_m == pytest.approx(3.999 / 0.2)
+    assert result.chatter_per_s == pytest.approx(3 * 20 / 3.999)
+    assert measured(hand_made()).chatter_per_s is None, "without a controller"

@@ -1,0 +1,34 @@
+"""A damper across the path, the baseline: it brakes whatever moves off the path or onto it.
+
+The brake whose force opposes the motion across the path most is asked for the force b |v . n|, n the normal towards the
+path. Our own baseline, without a source. Our choice: motion towards the path is braked too, as a dashpot does, so that
+the tip does not shoot over it; one brake at a time, as the paper's controllers; the sense of a joint
+that hardly turns is that of the settled rules.
+"""
+
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, actuate
+from core.control.proportional import push_of, sense_of
+from core.kernels import kernel
+
+DAMPING = Parameter("damping_N_s_m", "damping", "N s/m", 1.0, 200.0, (10.0, 2000.0))
+
+
+@kernel
+def decide(controller, field, tick):
+    """b |v . n| on the brake that opposes that motion most."""
+    seen, g, rules = tick.seen, tick.g, controller.rules
+    push, v = push_of(tick, rules), (seen.vx, seen.vy)
+    inward = seen.vx * field.n_x + seen.vy * field.n_y  # m/s
+    best, most = -1, 0.0
+    for i in range(4):
+        lever = g[i, 0] * field.n_x + g[i, 1] * field.n_y  # 1/m; a brake pulls along -sense g
+        against = sense_of(g, i, v, push, rules.still_rate) * lever * inward
+        if tick.brakes.present[i] != 0.0 and against > most:
+            best, most = i, against
+    if best < 0:
+        return NONE
+    actuate(tick, best, controller.values[1] * abs(inward))
+    return OWN + best
+
+
+ALGORITHM = Algorithm("damper", (GAP_M, DAMPING), ("damp {J}",), decide)

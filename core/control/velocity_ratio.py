@@ -1,0 +1,55 @@
+"""Velocity ratio control in joint space: brake the joint that is too fast for the wanted ratio of joint rates.
+
+The desired direction beta gives each joint its part of the wanted rates, r_i = g_i . beta; those of the tip are
+omega_i = g_i . v. With the pace s = max(0, sum omega_i r_i / sum r_i^2) that fits best, joint i is too fast by
+    e_i = sign(omega_i) (omega_i - s r_i),
+and the joint of largest e_i gets the torque K e_i. With brakes on two joints that is the comparison of two ratios:
+e_A > 0 where omega_A / r_A > omega_B / r_B.
+
+Our reconstruction of Swanson's velocity ratio controller (with Book, 2003, "Path-following control for dissipative
+passive haptic displays"), of which the paper says only that it works in joint space and that proportional velocity
+control was adapted from it. Our choice: the pace by least squares, which takes any number of brakes; a torque that
+grows with the excess; no lock. The sense of a joint that hardly turns is that of the settled rules.
+"""
+
+from core.brake import current_for_torque
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
+from core.control.proportional import push_of, sense_of
+from core.kernels import kernel
+
+GAIN = Parameter("ratio_gain_N_m_s", "gain on the excess rate", "N m s", 1.0, 50.0, (1.0, 1000.0))
+
+
+@kernel
+def too_fast(tick, field, rules):
+    """The joint with a brake that is fastest for the wanted ratio, and by how much (rad/s); -1: none is too fast."""
+    brakes, g, v = tick.brakes, tick.g, (tick.seen.vx, tick.seen.vy)
+    along = square = 0.0
+    for i in range(4):
+        if brakes.present[i] != 0.0:
+            wanted = g[i, 0] * field.beta_x + g[i, 1] * field.beta_y
+            along += (g[i, 0] * v[0] + g[i, 1] * v[1]) * wanted
+            square += wanted * wanted
+    pace = along / square if along > 0.0 else 0.0
+    push = push_of(tick, rules)
+    joint, most = -1, 0.0
+    for i in range(4):
+        if brakes.present[i] != 0.0:
+            dx, dy = v[0] - pace * field.beta_x, v[1] - pace * field.beta_y
+            excess = sense_of(g, i, v, push, rules.still_rate) * (g[i, 0] * dx + g[i, 1] * dy)
+            if excess > most:
+                joint, most = i, excess
+    return joint, most
+
+
+@kernel
+def decide(controller, field, tick):
+    """K e_i on the joint that is too fast."""
+    joint, excess = too_fast(tick, field, controller.rules)
+    if joint < 0:
+        return NONE
+    tick.current[joint] = current_for_torque(tick.brakes, joint, controller.values[1] * excess)
+    return OWN + joint
+
+
+ALGORITHM = Algorithm("velocity-ratio", (GAP_M, GAIN), ("ratio {J}",), decide)
