@@ -22,7 +22,7 @@ from experiments.simulate.cobot_scene import CobotSceneFile
 from experiments.simulate.scene import SceneFile
 from experiments.study.sweep import SweepFile, load_sweep
 from experiments.trial.population import PopulationFile, Spread
-from experiments.worlds.ranges import Range, RangesFile, load_ranges
+from experiments.worlds.ranges import AssumptionRange, RangesFile, load_ranges
 from experiments.worlds.worlds import worlds_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -118,11 +118,11 @@ def test_the_page_of_keys_has_every_key_of_a_kind_of_file_and_no_other(title):
     cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
     said = [key for cell in cells for key in re.findall(r"`([\w.]+)`", cell)]
     declared = keys_of(KINDS[title])
-    ranges = {name for name, one in declared.items() if table_in(one.type) in (Spread, Range)}
+    ranges = {name for name, one in declared.items() if table_in(one.type) in (Spread, AssumptionRange)}
     inside = {name for name in declared for outer in ranges if name.startswith(f"{outer}.")}
     tables = {name for name in declared if any(other.startswith(f"{name}.") for other in declared)} - ranges
     assert sorted(said) == sorted(declared.keys() - inside - tables)
-    for kind in (Spread, Range):
+    for kind in (Spread, AssumptionRange):
         if any(table_in(declared[name].type) is kind for name in ranges):
             assert all(
                 f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind)
