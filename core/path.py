@@ -85,10 +85,14 @@ def joined(pieces: Sequence[Sequence[float]]) -> Path:
     return Path(rows, float(rows[0, X]), float(rows[0, Y]), float(x1), float(y1), float(length), near, blend_width)
 
 
+def size_of(pieces: np.ndarray, end: Sequence[float]) -> float:
+    """m: the diagonal of the rectangle around a path's corners and ends."""
+    return math.hypot(*np.ptp(np.vstack([pieces[:, [X, Y]], end]), axis=0))
+
+
 def _widths(pieces: np.ndarray, end: Sequence[float]) -> tuple[float, float]:
     """`near` and `blend_width` of a path by its size, m: of the paper's, 20 cm long, 2 cm and its 5 cm."""
-    places = np.vstack([pieces[:, [X, Y]], end])
-    size = math.hypot(*np.ptp(places, axis=0))
+    size = size_of(pieces, end)
     near = min(NEAR_M, NEAR_SHARE * size)
     loop = _shortest_loop(pieces, 2.0 * near)
     return max(min(near, 0.5 * loop), 0.25 * near), min(BLEND_WIDTH_M, BLEND_SHARE * size)

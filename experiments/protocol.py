@@ -25,7 +25,7 @@ from core.files import InputError, from_plain, parse_toml, read_text, shipped_na
 from core.obstacles import build_obstacles, nearest_obstacle
 from core.path import Path as PathAhead
 from core.path import PathFile, build_path, outline, point_at
-from core.workspace import tip_is_free
+from core.workspace import free_tips, tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
 from experiments.language import Language, language_text, read_language, shipped_languages
 from experiments.protocol_file import (
@@ -396,9 +396,11 @@ def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathF
             free = tip_is_free(device.mechanism, places[:, 0], places[:, 1])
             if not free.all():
                 x, y = places[int(free.argmin())]
+                tips = free_tips(device.mechanism)
+                (x_low, y_low), (x_high, y_high) = tips.min(axis=0), tips.max(axis=0)
                 raise InputError(
                     f"{named}: cannot follow path {number} of {where}, which leaves its workspace at "
-                    f"({x:.3f}, {y:.3f}) m"
+                    f"({x:.3f}, {y:.3f}) m (of x {x_low:.3f} to {x_high:.3f} m, y {y_low:.3f} to {y_high:.3f} m)"
                 )
 
 

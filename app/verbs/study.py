@@ -147,7 +147,7 @@ def sweep(args: argparse.Namespace) -> None:
     from experiments.study.sweep import load_sweep, run_sweep
 
     if args.figures:
-        raise InputError("--figures: a sweep draws none")
+        raise InputError("--figures: a sweep draws its figure in one way")
     for name in IN_SWEEP_FILE:
         if getattr(args, name) is not None:
             option = "PROTOCOL.toml" if name == "protocol" else f"--{name.replace('_', '-')}"

@@ -182,9 +182,11 @@ def _trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) 
     text += f"; {late} of them ran out of time and {'count in' if timeouts else 'are left out of'} the statistics."
     if any(isinstance(row.controller, str) for row in rows):
         return text
-    worst = sorted((share, cell) for cell, share in finished_share(rows).items() if share < 1.0)
+    shares = finished_share(rows)
+    worst = sorted((share, cell) for cell, share in shares.items() if share < 1.0)
     listed = ", ".join(f"{_name(k, names)} on {device} {percent(share)}" for share, (device, k) in worst)
-    return f"{text} Reached the end{' (aborted: not)' if aborted else ''}: {listed}; all others 100 %."
+    others = "; all others 100 %" if len(worst) < len(shares) else ""
+    return f"{text} Reached the end{' (aborted: not)' if aborted else ''}: {listed}{others}."
 
 
 def _name(controller: int | str, names: Mapping[int, str]) -> str:

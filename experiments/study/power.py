@@ -67,7 +67,7 @@ class Answer(NamedTuple):
     def words(self) -> str:
         low, high = self.needed.low, self.needed.high
         between = f"{_people(low)} to {_people(high)}" if low != high else _people(low)
-        return f"{self.source}, {self.configuration}: {_people(self.needed.people)} people (95 %: {between})"
+        return f"{_people(self.needed.people)} people (95 %: {between})"
 
 
 def _people(count: int | None) -> str:
@@ -179,9 +179,12 @@ def write_power(found: Sequence[Answer], asked: Question, protocol: Protocol, ou
     return {
         "out": str(out),
         "question": f"{about}, found with a power of {percent(asked.power)}",
-        "people": [one.words for one in found],
-        "median_difference": [
-            f"{one.source}, {one.configuration}: {significant(one.shift * measure.scale)} {measure.shown_unit}"
+        "answers": [
+            {
+                "from": f"{one.source}, {one.configuration}",
+                "people": one.words,
+                "median_difference": f"median difference {significant(one.shift * measure.scale)} {measure.shown_unit}",
+            }
             for one in found
         ],
         "warnings": [warning],

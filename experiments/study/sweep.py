@@ -24,7 +24,9 @@ from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
+from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
+from experiments.study.sweep_effects import effect_files, moves_most, read_effects
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
@@ -204,11 +206,18 @@ def run_sweep(
     cluster: str | None = None,
     progress: Progress = no_progress,
 ) -> dict:
-    """Run every job that is not done yet, then write the table; the summary. As `run_work`."""
+    """Run every job that is not done yet, then write the table and, in out/figures, what it says; the summary.
+
+    As `run_work`. Figures that are there are left as they are.
+    """
     finished = run_work(sweep, Path(out), resume, cluster, progress)
     assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
     with finished.table.open(newline="", encoding="utf-8") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
+    found = read_effects(finished.table, sweep.columns[COLUMNS.index("rules") + 1 : sweep.columns.index("kind")])
+    figures = Path(out) / "figures"
+    if found and not figures.exists():
+        write_new_files({figures / name: content for name, content in effect_files(found, sweep.name).items()})
     return {
         "out": str(finished.table),
         "name": sweep.name,
@@ -219,4 +228,5 @@ def run_sweep(
         "parameters": "assumed" if assumed else "as in the files",
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
+        "moves_most": moves_most(found),
     }

@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from core.kernels import kernel
-from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at
+from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at, size_of
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
 from experiments.trial.normals import Normals
@@ -26,7 +26,7 @@ _RING = 256  # ticks of history (a power of two), longer than the longest delay 
 _GLANCE = 50  # ticks over which it is felt whether the handle moves
 _LAST = _RING - 1  # mask of the ring
 _S_HEIGHT = 6.0 * math.sqrt(3.0)  # makes the largest s (1 - s) (1 - 2 s) one
-_PACED_M, _TURN_SHARE = 0.3, 0.5  # of `on_path`
+_PACED_M, _TURN_SHARE, _BIASED_M = 0.3, 0.5, 0.2  # of `on_path`
 LONGEST_DELAY_S = (_RING - 1 - _GLANCE) * TICK_S
 
 
@@ -133,14 +133,19 @@ def on_path(person: Person, path: Path) -> Person:
     """The person as they follow this path.
 
     Assumed, of a path of several pieces: what lags behind in a bend is off the path, so that the arm is as stiff along
-    it as across; and a path longer than 30 cm takes longer in proportion (steering law, Accot & Zhai 1997), as does one
-    with turns, each full turn half a movement.
+    it as across; a path longer than 30 cm takes longer in proportion (steering law, Accot & Zhai 1997), as does one
+    with turns, each full turn half a movement; and what is less than 20 cm in size, as the paper's paths are, is drawn
+    as much truer (bias and curvature; a spread in proportion to the amplitude: Schmidt et al. 1979).
     """
     if len(path.pieces) == 1:
         return person
     turned = np.abs(path.pieces[:, TURN]).sum() + np.abs(path.pieces[:, CURVATURE]) @ path.pieces[:, LENGTH]
     longer = max(1.0, path.length / _PACED_M + _TURN_SHARE * float(turned) / (2.0 * math.pi))
+    smaller = min(1.0, size_of(path.pieces, (path.x1, path.y1)) / _BIASED_M)
     return person._replace(
+        bias_m=smaller * person.bias_m,
+        trial_bias_m=smaller * person.trial_bias_m,
+        curvature_m=smaller * person.curvature_m,
         movement_s=longer * person.movement_s,
         stiffness_along_N_m=max(person.stiffness_along_N_m, person.stiffness_across_N_m),
     )

@@ -1,12 +1,14 @@
 """The first hour with an experiment of one's own: a folder to start from, words nearly right, completion."""
 
+import re
 import subprocess
 from pathlib import Path
 
 import pytest
 
 from app.cli import main
-from core.device import shipped_devices
+from core.device import load_device, shipped_devices
+from core.workspace import free_tips
 
 SAID = {
     "a verb": (["stdy"], "did you mean study?"),
@@ -34,6 +36,20 @@ def test_a_new_experiment_can_be_planned_and_a_misspelt_key_of_it_is_asked_about
     protocol.write_text(protocol.read_text().replace("blocks", "bloks"))
     assert main(["run", str(protocol), "--print-plan"]) == 2
     assert "unknown key bloks, did you mean blocks?" in capsys.readouterr().err
+
+
+def test_a_path_out_of_reach_is_refused_with_how_far_the_device_reaches(tmp_path: Path, capsys):
+    assert main(["new", str(tmp_path / "mine")]) == 0
+    protocol = tmp_path / "mine/experiment.toml"
+    protocol.write_text(protocol.read_text().replace("[0.10, 0.40]", "[0.10, 0.80]"))
+    assert main(["run", str(protocol), "--print-plan"]) == 2
+    said = capsys.readouterr().err
+    place, x, y = re.search(r"at \((.+)\) m \(of x (.+) m, y (.+) m\)$", said.strip()).groups()
+    tips = free_tips(load_device("three-brake").mechanism)
+    for text, axis in ((x, 0), (y, 1)):
+        ends = [float(end) for end in text.split(" to ")]
+        assert ends == pytest.approx([tips[:, axis].min(), tips[:, axis].max()], abs=5e-4)
+    assert float(place.split(", ")[1]) > 0.4
 
 
 def test_a_shell_completes_the_verbs(tmp_path: Path, capsys):

@@ -6,9 +6,17 @@ from people import noiseless, somebody
 from scipy import signal
 
 from core import tick_log
-from core.path import Arc, build_path, line, point_at
+from core.path import Arc, Polyline, build_path, line, point_at
 from core.simulator.hand import grip_force, new_hand
-from experiments.trial.operator import Moment, begin_approach, minimum_jerk, new_operator, operate, take_handle
+from experiments.trial.operator import (
+    Moment,
+    begin_approach,
+    minimum_jerk,
+    new_operator,
+    on_path,
+    operate,
+    take_handle,
+)
 from experiments.trial.population import load_population
 
 BOW = Arc((0.0, 0.36), 0.08, 180.0, 0.0)
@@ -193,3 +201,11 @@ def test_force_noise_grows_with_the_force_and_is_slow():
         frequency, power = signal.welch(held[1000:, 0], 1000.0, nperseg=4096)
         assert power[frequency < 10.0].sum() > 0.6 * power.sum() > 10.0 * power[frequency > 100.0].sum()
     assert spreads[1] == pytest.approx(3.0 * spreads[0], rel=1e-6)
+
+
+def test_a_hand_is_led_off_a_small_path_with_bends_in_proportion_to_its_size_and_off_a_straight_one_as_ever():
+    person = somebody(1, bias_m=0.006, curvature_m=0.004, trial_bias_m=0.003)
+    corners = np.array([[0.0, 0.0], [0.06, 0.0], [0.06, 0.08]])  # 10 cm in size, half of the paper's
+    small, large = (on_path(person, build_path(Polyline(tuple(map(tuple, k * corners))), "path")) for k in (1.0, 3.0))
+    assert (small.bias_m, small.curvature_m, small.trial_bias_m) == pytest.approx((0.003, 0.002, 0.0015))
+    assert large.bias_m == person.bias_m and on_path(person, line((0.0, 0.1), (0.02, 0.1))) is person

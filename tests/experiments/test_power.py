@@ -95,7 +95,7 @@ def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_pa
     asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
     rows = [row for row, _ in study_trials(protocol, load_population(), 7)]
     write_table(tmp_path / "trials.csv", rows)
-    assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["people"]) == 3
+    assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["answers"]) == 3
     write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)
     with pytest.raises(InputError, match="4 people finished trials with both, at least 6"):
         power(protocol, asked, tmp_path, 0, tmp_path / "few")

@@ -12,15 +12,18 @@ from pathlib import Path
 
 import joblib
 import killed_work
+import pandas as pd
 import pytest
 from exports import rows as csv_rows
 from msgspec import structs
 from processes import gone
 from refusals import refusal
+from scipy import stats
 from waiting import wait_until
 
 from app.cli import main
 from core.files import InputError
+from experiments.analysis.metrics import BY_NAME
 from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
 
 SMALL = """
@@ -68,7 +71,7 @@ def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
     }  # fmt: skip
     assert all(float(r["energy_added_max_J"]) == 0.0 and abs(float(r["energy_residual_J"])) < 1e-6 for r in rows)
     left = {path.name for path in out.iterdir()}
-    assert left - {".lock"} == {"sweep.csv", "sweep.json"}  # Windows removes the lock's file with the lock
+    assert left - {".lock"} == {"sweep.csv", "sweep.json", "figures"}  # Windows removes the lock's file with the lock
 
 
 def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(
@@ -84,6 +87,33 @@ def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_i
     assert summary["already_done"] == 3
     assert (cut / "sweep.csv").read_bytes() == (out / "sweep.csv").read_bytes()
     assert run_sweep(sweep, cut, resume=True)["already_done"] == len(sweep.jobs)
+
+
+def test_a_sweep_draws_each_key_against_each_measure_and_names_the_one_that_moves_it_most(whole):
+    summary, out = whole
+    assert (out / "figures/effects.png").read_bytes().startswith(b"\x89PNG")
+    lines = csv_rows(out / "figures/effects.csv")
+    assert {(line["key"], line["value"]) for line in lines} == {
+        ("kind", "none"), ("kind", "sdof"), ("kind", "proportional"), ("gap_m of sdof", "0.0"),
+        ("gap_m of sdof", "0.005"),
+    }  # fmt: skip
+    frame = pd.read_csv(out / "sweep.csv").query("status == 'done'")
+    for line in lines:
+        one = BY_NAME[line["measure"]]
+        key, _, kind = line["key"].partition(" of ")
+        here = frame[(frame["kind"] == (kind or line["value"])) & (frame[key].astype(str) == line["value"])]
+        each = one.scale * here.groupby("operator")[one.name].mean()
+        assert float(line["mean"]) == pytest.approx(each.mean())
+        interval = stats.t.interval(0.95, len(each) - 1, each.mean(), stats.sem(each))
+        assert (float(line["low"]), float(line["high"])) == pytest.approx(interval)
+    errors = {
+        line["value"]: float(line["mean"])
+        for line in lines
+        if line["measure"] == "path_error_m" and line["key"] == "kind"
+    }
+    most, least = max(errors, key=errors.get), min(errors, key=errors.get)
+    assert summary["moves_most"][0].startswith("path error: kind, from ")
+    assert f"at {least} to " in summary["moves_most"][0] and summary["moves_most"][0].endswith(f"at {most}")
 
 
 def test_every_row_names_its_controller_as_the_protocol_does_or_by_its_numbers(whole):
@@ -121,13 +151,13 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
 
 def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, whole):
     out = whole[1]
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
     file.write_text(SMALL.replace("0.005", "0.004"))
     with pytest.raises(InputError, match="a sweep was begun with another sweep"):
         run_sweep(load_sweep(file), out, resume=True)
     with pytest.raises(InputError, match="is not empty"):
         run_sweep(load_sweep(file), out)
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
 
 
 WRONG = {

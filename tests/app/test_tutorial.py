@@ -1,0 +1,79 @@
+"""The page on an experiment of one's own: its files are written and its commands run, in order, as they stand there."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from live import live_window
+
+from app.cli import main, make_parser
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+
+PAGE = Path(__file__).resolve().parents[2] / "docs/your-own-experiment.md"
+#: a file, named at the beginning of the line above its block, or commands
+BLOCK = re.compile(r"(?:^`([\w.-]+)`[^\n]*:\n\n)?^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SESSION_TRIALS = 2
+#: outputs that the page names after a verb -> none of them may be empty
+LEFT = {
+    "study": ("study-1/report/report.md", "study-1/figures/boxplots.png", "study-1/trials.csv"),
+    "power": ("power-1/power.png", "power-1/power.csv"),
+    "analyze": ("analysis-1/report/report.md", "analysis-1/figures/boxplots.png"),
+    "export": ("csv-1/README.md", "csv-1/trials.csv", "bids-1/dataset_description.json"),
+}
+
+
+def run_session(words: list[str]) -> None:
+    """`phd run` with its window's button pressed for it, until the trials that the page asks for are kept."""
+    args = make_parser().parse_args(words)
+    setup = Setup(
+        args.data_dir.absolute(),
+        args.protocol,
+        hand=args.input,
+        participant=args.participant,
+        real_time=False,
+        sync=False,
+    )
+    with live_window(setup) as window:
+        window.open(args.participant)
+        for done in range(SESSION_TRIALS):
+            window.client.send(m.Start())
+            window.until(lambda s, done=done: len(s.rows) > done and s.stage == m.READY)
+
+
+def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(concluded, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    said = {}
+    for name, language, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+        if language != "sh":
+            assert name, f"a block without the name of its file:\n{text}"
+            Path(name).write_text(text, encoding="utf-8")
+            continue
+        for line in text.splitlines():
+            program, *words = shlex.split(line)
+            if program == "cd":
+                monkeypatch.chdir(words[0])
+            elif program == "python":
+                found = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True)
+                said["python"] = found.stdout
+            elif words[0] == "run" and "--print-plan" not in words:
+                run_session(words)
+            else:
+                assert program == "phd" and main(words) == 0, (line, capsys.readouterr().err)
+                said[words[0]] = capsys.readouterr().out
+            for output in LEFT.get(words[0], ()):
+                assert Path(output).stat().st_size > 0, (line, output)
+    assert said.keys() >= {"new", "check-controller", "run", "verify", *LEFT, "python"}
+    assert "24 trials" in said["run"] and "small-five-bar (assumed)" in said["run"]
+    assert "laws: kept" in said["check-controller"] and "broken           0" in said["check-controller"]
+    assert re.search(r"\d+ people \(95 %", said["power"])
+    assert all(name in Path("study-1/report/report.md").read_text() for name in ("Soft guide", "Damper"))
+    assert "median" in said["python"] and "path_error_m" in said["python"]
+
+
+@pytest.mark.parametrize("where", ["README.md", "app/verbs/new_experiment/README.md"])
+def test_who_begins_finds_the_page(where):
+    assert "docs/your-own-experiment.md" in (PAGE.parents[1] / where).read_text(encoding="utf-8")
