@@ -76,9 +76,8 @@ def run(args: argparse.Namespace) -> int | None:
     from app.window.widgets import palette
 
     devices = tuple(map(whole, args.device)) if args.device else None
-    data_dir = data_dir_of(args).absolute()
     setup = Setup(
-        data_dir, whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
+        data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
@@ -99,8 +98,6 @@ def run(args: argparse.Namespace) -> int | None:
     except BaseException:
         client.stop("no window was opened")
         raise
-    if args.data_dir is None and not data_dir.exists():
-        print(f"phd: sessions will be kept in {data_dir} (--data-dir or the settings choose another)", file=sys.stderr)
     return windows.run(client)
 
 

@@ -227,11 +227,11 @@ def decide_in_own_file(controller, field, tick):
 
 
 def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
-    """The kernel that decides as the algorithm of the controller does."""
-    chain, offset = decide_in_own_file, 0
-    for number, algorithm in enumerate(algorithms):
-        chain = _numbered(number, offset, algorithm.decide, chain)
-        offset += len(algorithm.decisions)
+    """The kernel that decides as the algorithm of the controller does; the first ones are asked first."""
+    known, chain = list(algorithms), decide_in_own_file
+    for number in reversed(range(len(known))):
+        offset = sum(len(algorithm.decisions) for algorithm in known[:number])
+        chain = _numbered(number, offset, known[number].decide, chain)
     return chain
 
 
