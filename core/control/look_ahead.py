@@ -22,7 +22,7 @@ from core.kernels import kernel
 from core.mechanism import JOINTS
 
 HORIZON = Parameter("horizon_s", "horizon", "ms", 1e3, 0.06, (50.0, 100.0))
-PROGRESS = Parameter("progress_weight", "weight of progress", "", 1.0, 0.2, (0.0, 1.0))
+PROGRESS = Parameter("progress_weight", "progress", "", 1.0, 0.2, (0.0, 1.0))
 STEPS = 8
 LEAST_S = 1e-3  # a tick: no shorter horizon is looked over
 BRAKE_M = 1e-5

@@ -17,7 +17,7 @@ from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
 from core.control.proportional import push_of, sense_of
 from core.kernels import kernel
 
-GAIN = Parameter("ratio_gain_N_m_s", "gain on the excess rate", "N m s", 1.0, 50.0, (1.0, 1000.0))
+GAIN = Parameter("ratio_gain_N_m_s", "rate gain", "N m s", 1.0, 50.0, (1.0, 1000.0))
 
 
 @kernel
