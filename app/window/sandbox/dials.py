@@ -101,7 +101,7 @@ class DialRow(QWidget):
     def show_value(self, setting: float) -> None:
         """The value that is set; a slider in hand stays where it is."""
         shown = setting * self.dial.scale
-        self.value.setText(f"{grouped(shown)} {self.dial.unit}")
+        self.value.setText(f"{grouped(float(f'{shown:.4g}'))} {self.dial.unit}")
         if not self.slider.isSliderDown():
             with QSignalBlocker(self.slider):
                 self.slider.setValue(self.dial.slider_position(shown))
