@@ -23,7 +23,7 @@ class Pipe:
     def __init__(self, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
         """Takes over both files."""
         self.closed = False
-        self._inbox: queue.SimpleQueue[object] = queue.SimpleQueue()  # messages; last, _END
+        self._inbox: queue.Queue[object] = queue.Queue()  # messages; last, _END; see `receive`
         self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._waiting = 0  # messages that have been given to `send` ..
         self._written = 0  # .. and to the system
@@ -48,7 +48,10 @@ class Pipe:
             time.sleep(_LOOK_S)
 
     def receive(self, wait_s: float = 0.0) -> list:
-        """Messages that have arrived; waits at most `wait_s` for the first."""
+        """Messages that have arrived; waits at most `wait_s` for the first.
+
+        Not of a `SimpleQueue`: its `get` (Python 3.11) never returns if a signal comes just as its time runs out.
+        """
         messages: list = []
         try:
             message = self._inbox.get(timeout=wait_s) if wait_s > 0.0 else self._inbox.get_nowait()
