@@ -187,8 +187,6 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     else:
         analyse.show_page(shown)
     qtbot.waitUntil(lambda: not analyse._concluding.busy, timeout=60_000)
-    if found_at_every_size(screens):  # curves are drawn a moment after they are known
-        qtbot.wait(500)
     assert found_at_every_size(screens) == {}
     analyse.close_trial()
 

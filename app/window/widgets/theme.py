@@ -66,7 +66,7 @@ def scale_text(step: int) -> None:
 def set_text_size(size: float) -> None:
     """Another of TEXT_SIZES, which is remembered, in every window that is there.
 
-    A widget that has to do more for it has a method `follow_text`.
+    A widget that has to do more for it has a method `follow_text`, called after those of the widgets in it.
     """
     global _text_size
     before = text_size()
@@ -75,6 +75,7 @@ def set_text_size(size: float) -> None:
     for cached in (font, text_width, laid_out):
         cached.cache_clear()
     QApplication.setFont(font())
+    do_more: list[QWidget] = []
     for widget in QApplication.allWidgets():
         now = widget.font()
         size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
@@ -82,7 +83,15 @@ def set_text_size(size: float) -> None:
         now.setPixelSize(text_px(size))
         widget.setFont(now)
         if hasattr(widget, "follow_text"):
-            widget.follow_text()
+            do_more.append(widget)
+    for widget in sorted(do_more, key=_depth, reverse=True):
+        widget.follow_text()  # type: ignore[attr-defined]
+
+
+def _depth(widget: QWidget) -> int:
+    """How many widgets it lies in."""
+    parent = widget.parentWidget()
+    return 0 if parent is None else 1 + _depth(parent)
 
 
 def mono() -> QFont:
