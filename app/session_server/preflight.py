@@ -84,7 +84,7 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
         return Check("Loop", WAITING, "preparing")
     kept = last or tried
     # Ticks that were missed are the finding, however small a share: the 99th percentile may be 0 µs all the same.
-    text = f"1 kHz, {counted(kept.missed, 'tick')} missed" if kept.missed else f"1 kHz, p99 {kept.p99_us:.0f} µs"
+    text = f"{counted(kept.missed, 'tick')} missed" if kept.missed else f"1 kHz, p99 {kept.p99_us:.0f} µs"
     if kept.p99_us <= LATE_US and kept.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."

@@ -16,7 +16,7 @@ from app.window.widgets.page import ANALYSE, TRY
 from app.window.widgets.plots import Graph
 
 NOTICE = "Run 9: the participant was distracted by a long sentence that goes on over several lines of the panel."
-LATE = m.Check("Loop", m.CAUTION, "1 kHz, 12 ticks missed", "Close other programs.")
+LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
 MISSED = pulse()._replace(timing=m.Timing(14.0, 1031.0, 13_402.0, 1234, "default, short slice"))
 OFF = {"brakes_off": "Esc was pressed in the main window"}
 

@@ -28,7 +28,7 @@ GREEN = (
 RED = (
     m.Check("Device", m.BAD, "no answer for 3 s", "Plug the board in again; it is found without a restart."),
     m.Check("Hand", m.GOOD, "mouse"),
-    m.Check("Loop", m.CAUTION, "1 kHz, 12 ticks missed", "Close other programs, or allow real-time scheduling."),
+    m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs, or allow real-time scheduling."),
     m.Check("Disk", m.BAD, "12 MB free", "A session needs about 400 MB: free some space or choose another folder."),
     m.Check("Recording", m.WAITING, "waiting"),
 )
