@@ -45,12 +45,11 @@ def set_up() -> None:
 
 
 def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(set_up, tmp_path) -> None:
-    verb = "from app.cli import main; assert main({}) == 0"
     (tmp_path / "short.toml").write_text(short(paths=1).text)
     study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
-    assert compiled_by(verb.format(study)) == ""
-    assert compiled_by(verb.format(["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")])) == ""
-    assert compiled_by("from app.loop.loop import run_stopped_trial; run_stopped_trial()") == ""
+    scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
+    verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
+    assert compiled_by(f"{verbs}from app.loop.loop import run_stopped_trial\nrun_stopped_trial()") == ""
 
 
 DRAWING = """

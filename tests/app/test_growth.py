@@ -1,13 +1,21 @@
 """`phd bench --scale`: what each command costs on studies of several sizes."""
 
 import pytest
+from protocols import short
 
 from app.verbs import growth
 from app.verbs.growth import Cost, cost_of, measure_all, table
 from core.files import InputError
 
 
-def test_every_command_is_measured_on_every_study(monkeypatch):
+def test_every_command_is_measured_on_every_study(monkeypatch, tmp_path):
+    (tmp_path / "short.toml").write_text(short(paths=1).text)
+
+    def of_short_studies(name, trials, arguments, out):
+        protocol = [str(tmp_path / "short.toml")] if name == "study" else []
+        return cost_of(name, trials, (arguments[0], *protocol, *arguments[1:]), out)
+
+    monkeypatch.setattr(growth, "cost_of", of_short_studies)
     monkeypatch.setattr(growth, "PEOPLE", (1,))
     monkeypatch.setattr(
         growth,
