@@ -26,12 +26,15 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 #: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
 LONG = (
-    "test_fault_matrix", "test_worlds", "test_real_trial", "test_kill", "test_paper_figures", "test_sandbox",
-    "test_compile_kernels", "test_wire_clocks", "test_bench", "test_analyse_page", "test_replay_equal",
-    "test_identify", "test_hard_cases", "test_study", "test_launcher", "test_emulate", "test_main_window",
-    "test_firmware", "test_firmware_faults", "test_random_scenes", "test_couplings", "test_resume", "test_findings",
-    "test_export",
-    "test_live_kill", "test_live_experimenter", "test_live_board",
+    "test_bring_up", "test_worlds", "test_fault_matrix", "test_plain_numba", "test_sandbox", "test_power",
+    "test_drawings_workspace", "test_texts_on_screen", "test_app_process", "test_compile_kernels",
+    "test_paper_figures", "test_wire_clocks", "test_tutorial", "test_kernel_cache", "test_analyse_page",
+    "test_safety_exits", "test_said_plainly", "test_from_python", "test_guard", "test_kill", "test_growth",
+    "test_emulate", "test_firmware", "test_launcher", "test_bring_up_verb", "test_kernel_cache_own",
+    "test_followed_paths", "test_random_scenes", "test_cli", "test_examples", "test_identify", "test_study",
+    "test_replay_equal", "test_bench", "test_real_trial", "test_findings", "test_odd_values", "test_export",
+    "test_resume", "test_hard_cases", "test_main_window", "test_firmware_faults", "test_live_kill",
+    "test_live_experimenter", "test_live_board",
 )  # fmt: skip
 
 

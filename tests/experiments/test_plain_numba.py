@@ -1,11 +1,23 @@
-"""PHD_PLAIN_NUMBA=1: without our compiler numba makes the same numbers, so that it can be dropped."""
+"""PHD_PLAIN_NUMBA=1: without our compiler numba makes the same numbers, so that it can be dropped.
+
+`python tests/experiments/test_plain_numba.py` compares trials with each controller, which takes minutes to compile.
+"""
 
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+SCENE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "switching.toml"
+WHOSE = """
+import sys
+from app.cli import main
+from core.simulator.simulation import run_rows
+print(type(run_rows.entry).__module__.split(".")[0])
+sys.exit(main(sys.argv[1:]))
+"""
 TICKS = 3000
 TRIAL = f"""
 import hashlib
@@ -27,17 +39,30 @@ print(type(run_ticks.entry).__module__.split(".")[0])
 """
 
 
-def trials(plain: str) -> list[str]:
-    """Of the first ticks of a trial with each controller: how many, how many in motion, a checksum; whose compiler."""
+def printed(plain: str, code: str, *arguments: str) -> list[str]:
+    """The lines that a process prints, with our compiler ("0") or plain numba ("1")."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", "PHD_PLAIN_NUMBA": plain}
-    done = subprocess.run([sys.executable, "-c", TRIAL], env=environment, capture_output=True, text=True, timeout=850)
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=850)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
 
 @pytest.mark.timeout(900)
-def test_plain_numba_makes_the_same_ticks_to_the_last_bit() -> None:
-    ours, plain = trials("0"), trials("1")
+def test_plain_numba_makes_the_same_motion_to_the_last_bit(tmp_path: Path) -> None:
+    files = {"core": tmp_path / "ours.csv", "numba": tmp_path / "plain.csv"}
+    for plain, (whose, file) in zip("01", files.items(), strict=True):
+        assert printed(plain, WHOSE, "simulate", str(SCENE), "--out", str(file))[0] == whose
+    assert files["core"].read_bytes() == files["numba"].read_bytes()
+
+
+def main() -> None:
+    """Compare the first ticks of a trial with each controller: how many, how many in motion, a checksum."""
+    ours, plain = printed("0", TRIAL), printed("1", TRIAL)
     assert (ours.pop(), plain.pop()) == ("core", "numba")
     assert ours == plain and len(ours) == 5
     assert all(int(line.split()[1]) > TICKS // 10 for line in ours)  # controllers decide only while they move
+
+
+if __name__ == "__main__":
+    main()
