@@ -162,7 +162,8 @@ def link_port(args: argparse.Namespace) -> str:
 
     if not (port := port_of(args)):
         raise InputError(
-            "--link: must be serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
+            "--link: must be serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is "
+            "brought up"
         )
     return port
 

@@ -1,11 +1,11 @@
 """The Haply 2diy as a device with two brakes (`core.device_interface.RealDevice`): `--link haply:PORT`.
 
-The board answers each pair of torques with its encoders, so an exchange is one question and one answer, and the torques
-of an exchange follow from the answer to the one before. The board has neither clock nor watchdog: samples bear the time
-of this computer, and `guarded_port` watches over the motors. Whatever is doubtful (no answer, an answer that is none, an
-exchange that came late, a joint that is too fast, a motor that is too hot) is answered with no torque.
+The board answers each pair of torques with its encoders: an exchange is one question and one answer, and its torques
+follow from the answer before. The board has neither clock nor watchdog: samples bear the time of this computer, and
+`guarded_port` watches over the motors. Whatever is doubtful (no answer, an answer that is none, an exchange that came
+late, a joint that is too fast, a motor that is too hot) is answered with no torque.
 
-It has no force sensor. The hand's force is what the motion asks for beyond motors and friction (a disturbance observer),
+It has no force sensor. The hand's force is what the motion needs beyond motors and friction (a disturbance observer),
 
     F = M a + b - sum of g_i (torque_i - friction_i sgn omega_i)
 
@@ -38,15 +38,15 @@ from hardware.serial_port import find_port
 from hardware.wire.messages import Sample, State
 
 MOTORS = (0, 2)  # joints A and B, in the order A, E, B, C
-STIFFNESS = 5.0  # N m/rad, of a hold: 1 N pulls the handle 1 mm. Our choice
+STIFFNESS = 3.5  # N m/rad, of a hold: 0.5 N pulls the handle 0.6 mm. Our choice: a stiffer one chatters at rest
 SPEED_MAX = 10.0  # rad/s, 0.7 m/s at the end of a proximal link. Our choice
-#: Assumed of the motors: torque constant, resistance (ohm), heat resistance (K/W) and time (s) of a winding, room (degC).
+#: Assumed of the motors: torque constant; of a winding: resistance (ohm), heat resistance (K/W), time (s); room (degC)
 NM_PER_A, OHM, K_PER_W, HEAT_S, ROOM_C = 0.06, 2.2, 12.0, 30.0, 25.0
 HOT_C, COOL_C = 85.0, 60.0  # no torque from here on, until it is so cool again. Our choice
 SETTLE_S = 0.05  # from the set-up of the board to the first question. Assumed
 LATE_S = 0.01  # between exchanges; after longer no torque, for the watchdog may have spoken
 SILENT_S = 0.05  # without an answer: the board is lost
-READS = 2  # of a port that waits 2 ms, for an answer
+READS, FIRST_READS = 2, 50  # of a port that waits 2 ms, for an answer, and for the first
 AGAIN_S = 0.5  # between attempts to reach a lost board
 MOST_BAD = 5  # answers on end that are none: the board is lost
 MOST_KEPT = 2000  # samples that wait for `samples`
@@ -87,8 +87,11 @@ class HaplyDevice:
         self._per_rev = hello.counts_per_rev[0], hello.counts_per_rev[2]
         self._files = [device.brake_files[joint] for joint in "AB"]
         self._friction = [file.torque_gain(0.0) for file in self._files]
-        self._mechanism = pack_mechanism(device.mechanism)
-        self._motion = new_state(0.0, 0.0)
+        self._mechanism = pack_mechanism(device.mechanism).view(np.ndarray)
+        self._motion = new_state(0.0, 0.0).view(np.ndarray)  # plain arrays: read from Python they take less time
+        self._tip, self._rows, self._mass, self._bias = (
+            self._motion[name][0] for name in ("tip", "g", "mass", "bias_force")
+        )
         self._wire: Wire | None = None
         self._began = self._heard = self._asked = self._tried = -math.inf
         self._sequence = self._answers = self._bad = self._bad_on_end = self._lost_links = 0
@@ -104,7 +107,7 @@ class HaplyDevice:
         self._sent: deque[tuple[tuple[float, float], list[float]]] = deque()  # torques and currents, unanswered
         self._acted: deque[tuple[float, float]] = deque(maxlen=WINDOW)
         self._offset, self._homed = (0, 0), 0
-        self._largest = 0.0  # torque that may have acted since the last answer
+        self._largest: float | None = None  # torque that may have acted while answers were lost; None: none was
         self.sensing = BoardSensing(self.device, self._hello)
         self.brakes = [
             RenderedBrake(self._holds(motor, file.current_max_A), STIFFNESS, SPEED_MAX, math.tau / per_rev)
@@ -113,9 +116,11 @@ class HaplyDevice:
 
     def _holds(self, motor: int, current: float) -> float:
         """The torque that a motor holds for its brake at a current (A): beyond the joint's friction."""
-        file = self._files[motor]
-        current = min(current, file.current_max_A) if current > 0.0 else 0.0  # nothing for what is no number, too
-        return file.torque_gain(current) - self._friction[motor]
+        return self._files[motor].torque_gain(current) - self._friction[motor]
+
+    def _limited(self, motor: int, current: float) -> float:
+        """A current (A) that the brake may have; 0 for what is not finite. The last line before the wire."""
+        return min(current, self._files[motor].current_max_A) if 0.0 < current < math.inf else 0.0
 
     # ----------------------------------------------------------------------------------------- from first to last
 
@@ -133,10 +138,10 @@ class HaplyDevice:
         try:
             wire.write(RESET + set_up(self._per_rev))
             self._sleep(SETTLE_S)
-            wire.read()  # answers to another program
+            wire.read()  # answers to the watchdog, or to another program
             wire.write(NO_TORQUE)
-            answer = wire.read() or wire.read()
-            if len(answer) != ANGLES.size or counts_of(answer, self._per_rev) is None:
+            answer = next(filter(None, (wire.read() for _ in range(FIRST_READS))), b"")[-ANGLES.size :]
+            if len(answer) < ANGLES.size or counts_of(answer, self._per_rev) is None:
                 raise DeviceError(cause("no-board", name=wire.name))
         except BaseException:
             wire.close()
@@ -185,8 +190,8 @@ class HaplyDevice:
             self._heard = now  # this host did not listen, and that is no silence
             self._forget_answers(wire)
         self._asked = now
-        doubtful = self._sent or self._largest or self._fault or self._hot()
-        asked = [0.0 if doubtful else currents[i] for i in MOTORS]
+        doubtful = self._sent or self._largest is not None or self._fault or self._hot()
+        asked = [0.0 if doubtful else self._limited(n, currents[i]) for n, i in enumerate(MOTORS)]
         torques = tuple(brake.torque(self._holds(n, asked[n])) for n, brake in enumerate(self.brakes))
         self._sent.append(((torques[0], torques[1]), asked))
         wire.write(drive(*torques))
@@ -194,8 +199,9 @@ class HaplyDevice:
 
     def _forget_answers(self, wire: Wire) -> None:
         """Answers may be missing or not be ours: what acted since the last is not known."""
-        self._largest = max([self._largest, *(abs(torque) for torques, _ in self._sent for torque in torques),
-                             *(abs(torque) for torque in (self._acted[-1] if self._acted else ()))])  # fmt: skip
+        may_have_acted = [*self._acted, *(torques for torques, _ in self._sent)][-1 - len(self._sent) :]
+        largest = max((abs(torque) for torques in may_have_acted for torque in torques), default=0.0)
+        self._largest = max(self._largest or 0.0, largest)
         self._sent.clear()
         self._buffer = b""
         for _ in range(READS):
@@ -216,6 +222,7 @@ class HaplyDevice:
                     return None
                 newest = self._answer(counts, now)
             if newest is not None:
+                self._heard = now
                 return newest
         if now - self._heard > SILENT_S:
             raise DeviceError(cause("no-sample", ms=1e3 * SILENT_S))
@@ -224,19 +231,20 @@ class HaplyDevice:
     def _answer(self, counts: tuple[int, int], now: float) -> DeviceSample:
         """An answer, and from now on the torques that it answers act."""
         torques, asked = self._sent.popleft()
-        self._heard, self._bad_on_end = now, 0
+        self._bad_on_end = 0
+        ticks = max((now - self._heard) / TICK_S, 1.0)
         angles = [math.tau * n / per_rev for n, per_rev in zip(counts, self._per_rev, strict=True)]
         before, self._counts = self._counts, counts
         for i, brake in enumerate(self.brakes):
             turned = math.tau * abs(counts[i] - before[i]) / self._per_rev[i]
-            if self._largest:
+            if self._largest is not None:
                 brake.read_after_loss(angles[i], self._largest)
             else:
                 brake.read(angles[i], torques[i])
-                if self._answers and turned > brake.most_turned + math.tau / self._per_rev[i] and not self._fault:
-                    self._fault = cause("over-speed")
+                if self._answers and turned > ticks * brake.most_turned + math.tau / self._per_rev[i]:
+                    self._fault = self._fault or cause("over-speed")
             self._warm(i, self._acted[-1][i] if self._acted else 0.0)
-        self._largest = 0.0
+        self._largest = None
         self._answers += 1
         self._acted.append(torques)
         self._sequence = max(self._sequence + 1, round((now - self._began) / TICK_S))
@@ -256,18 +264,20 @@ class HaplyDevice:
 
     def _hand_force(self, sample: DeviceSample) -> tuple[float, float]:
         """The disturbance observer, N."""
-        state = self._motion[0]
-        state.tip[:2], state.tip[2:] = sample.tip, sample.velocity
         if not all(map(math.isfinite, sample.tip)):
             return 0.0, 0.0
-        update_kinematics(self._mechanism[0], state)
-        xx, xy, yy = state.mass
-        ax, ay = sample.acceleration
-        force = np.array([xx * ax + xy * ay, xy * ax + yy * ay]) + state.bias_force
-        for n, (i, torque) in enumerate(zip(MOTORS, np.mean(self._acted, axis=0), strict=True)):
-            rate = state.g[i] @ state.tip[2:]
-            force -= state.g[i] * (torque - self._friction[n] * np.sign(rate))
-        return float(force[0]), float(force[1])
+        self._tip[:2], self._tip[2:] = sample.tip, sample.velocity
+        update_kinematics(self._mechanism[0], self._motion[0])
+        (xx, xy, yy), (ax, ay) = self._mass.tolist(), sample.acceleration
+        fx, fy = self._bias.tolist()
+        fx, fy = fx + xx * ax + xy * ay, fy + xy * ax + yy * ay
+        vx, vy = sample.velocity
+        for n, (gx, gy) in enumerate(self._rows[:3:2].tolist()):
+            rate = gx * vx + gy * vy
+            torque = sum(torques[n] for torques in self._acted) / len(self._acted)
+            torque -= math.copysign(self._friction[n], rate) if rate else 0.0
+            fx, fy = fx - gx * torque, fy - gy * torque
+        return fx, fy
 
     def _warm(self, motor: int, torque: float) -> None:
         """A tick of a winding's temperature: of first order, heated by its current."""
@@ -288,8 +298,10 @@ class HaplyDevice:
     # ------------------------------------------------------------------------------------- trials, and between them
 
     def begin(self) -> None:
-        """A trial begins."""
+        """A trial begins, and with it the account of the brakes' energy."""
         self._taken.clear()
+        for brake in self.brakes:
+            brake.begin()
 
     def end_record(self) -> dict[str, Any]:
         """The report, for a recording."""

@@ -17,7 +17,7 @@ a turn that may be read as D + q, and for the next; with their shares of q / 2 t
 |next| (D + 2 q). The credit at the start, `allowance`, is that of two ticks at full torque; it rises with what the hand
 spends, to no more than what the hold's spring has stored above it. So
 
-    energy given since any moment <= allowance + energy that the hold had stored then,
+    energy given since any moment of a trial <= allowance + energy that the hold had stored then,
 
 whatever the hand and the commands do, as long as no joint turns further than D between two readings. Where credit is
 short the brake holds less, and slips.
@@ -45,6 +45,10 @@ class RenderedBrake:
         self._acting = 0.0  # torque between the last reading and the next
         self._angle: float | None = None  # last reading
         self._anchor = 0.0
+
+    def begin(self) -> None:
+        """A trial begins: the account is opened anew."""
+        self.credit = self.allowance
 
     @property
     def stored(self) -> float:
@@ -85,7 +89,7 @@ class RenderedBrake:
             self.guarded += affordable < holds and abs(stretched) * self._stiffness > affordable
             stretched = math.copysign(longest, stretched)
             self._anchor = self._angle - stretched
-        coming, half = -self._stiffness * stretched, 0.5 * self._step
+        coming, half = 0.0 - self._stiffness * stretched, 0.5 * self._step
         self.credit -= half * abs(coming - self._acting)
         self.credit = min(self.credit, self.allowance + self.stored - half * abs(self._acting))
         return coming

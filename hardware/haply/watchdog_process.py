@@ -1,8 +1,7 @@
 """Motors at zero once the program that drives a Haply falls silent, hangs or dies: the board has no watchdog itself.
 
-A process of its own, `watchdog_process.py PORT`, with the open port as a file that it inherits. A byte on its stdin says
-that the program lives; the end of stdin, that it has gone. It knows the bytes of `wire` and imports nothing of it, so
-that it is there within some 20 ms.
+A process of its own, `watchdog_process.py PORT`: it inherits the open port as a file of this number. A byte on its
+stdin says that the program lives; the end of stdin, that it has gone. It imports nothing of ours, so it starts at once.
 """
 
 import os

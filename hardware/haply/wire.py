@@ -3,15 +3,13 @@
 Sources, read and not copied: the client library HaplyHAPI 1.0.1 on PyPI (`Board`, `Device`), and the board's firmware
 Haply_M3_Firmware 1.5.0 of 2018. USB, so the baud rate means nothing. Numbers are 32-bit floats, little-endian.
 
-    to the board    0, device                                                      forget every motor and encoder
-                    1, device, motors, direction of each, encoders, direction of each, 0, 0, then of each encoder its
-                       angle now (degrees) and its counts per revolution           set up; motors and encoders: bit i for
-                                                                                   port i + 1; two zeros: no analog pin,
-                                                                                   no PWM pin
-                    2, device, torque of each motor (N m)                          drive, and ask
-    from the board  device, angle of each encoder (degrees)                        one answer to each 2
+    to the board    0, device: forget every motor and encoder
+                    1, device, motors, direction of each, encoders, direction of each, 0, 0, and of each encoder its
+                       angle now (degrees) and its counts per revolution: set up
+                    2, device, torque of each motor (N m): drive, and ask
+    from the board  device, angle of each encoder (degrees): the answer to each 2
 
-What has one value each comes in the order of the ports. The board sets the torques of a 2 and reads its encoders at
+Motors and encoders are bits, bit i for port i + 1; the two zeros say that there is no analog and no PWM pin. What has one value each comes in the order of the ports. The board sets the torques of a 2 and reads its encoders at
 once; it holds them until the next 2. There are no checksums, no numbers of frames, and **no watchdog**: a board that
 hears nothing keeps its torques. It drives its motors by voltage, up to `TORQUE_END`, and measures no current.
 

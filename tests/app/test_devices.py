@@ -174,7 +174,10 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
 
 
 WRONG_LINKS = [
-    (["--link", "usb"], "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'"),
+    (
+        ["--link", "usb"],
+        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'",
+    ),
     (
         ["--link", "socket://bench"],
         "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'socket://bench'",

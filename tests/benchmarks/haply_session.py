@@ -1,5 +1,5 @@
-"""`python -m tests.benchmarks.haply_session [TRIALS] [--terminal]`: a session on the mock of a Haply 2diy beside the same
-trials on the simulated device with brakes, and how its brakes feel: the table of docs/haply.md.
+"""`python -m tests.benchmarks.haply_session [TRIALS] [--terminal]`: a session on the mock of a Haply 2diy beside the
+same trials on the simulated device with brakes, and how a lock feels on both: the tables of docs/haply.md.
 
 Whole sessions with a simulated person: plant, board's bytes, driver, filter, trial, recording, table, headless and in
 simulated time, for the plant is the clock. --terminal: the bytes go over a pseudo-terminal, with the driver's watchdog.
@@ -18,6 +18,7 @@ from app.emulated_operator import EmulatedOperator
 from core import tick_log
 from core.device import load_device
 from core.path import build_path
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import load_protocol
@@ -99,31 +100,58 @@ def one_trial(session: Session, setting: Setting, terminal: bool) -> Ran:
     return Ran(row, np.array(off).reshape(-1, 2), (float(given[0]), float(given[1])), report)
 
 
-def feel() -> dict[str, float]:
-    """A hand of 300 N/m and 5 N s/m that pulls the locked handle aside, rests, pulls it through and lets go."""
-    hand = HeldHand(TIP)
-    grip = hand.hand.grips
-    grip["stiffness"][0], grip["damping"][0], grip["mass"][0] = (300.0, 0.0, 300.0), (5.0, 0.0, 5.0), 0.0
-    mock = MockHaply(DEVICE, hand, TIP)
-    link = HaplyDevice(DEVICE, mock.name, clock=mock.now, open_port=mock.open, sleep=mock.sleep)
-    link.open()
-    link.home(TIP)
-    most = DEVICE.brakes.current_max
-    tips, torques = [], []
-    for n in range(4000):
-        aside = 0.0 if n < 300 else min(1e-5 * (n - 300), 0.003) if n < 3000 else 0.0
-        grip["target"][0, :2] = TIP[0] + aside, TIP[1]
-        link.exchange(most)
-        tips.append(mock.plant.tip)
-        torques.append(mock.plant.torques.copy())
-    x = 1e3 * (np.array(tips)[:, 0] - TIP[0])
-    changes = np.abs(np.diff(np.array(torques), axis=0)).sum(axis=1)
-    still = slice(1000, 3000)
+class Locked:
+    """The handle with both brakes locked, on the mock or with brakes, and a hand that pushes it along x."""
+
+    def __init__(self, on_mock: bool) -> None:
+        self._hand = HeldHand(TIP)
+        grip = self._hand.hand.grips
+        grip["stiffness"][0], grip["damping"][0], grip["mass"][0] = 0.0, (5.0, 0.0, 5.0), 0.0  # an arm's damping
+        self._wave = grip["wave"][0]
+        grip["waves"][0] = 1
+        self._push = grip["held"][0]
+        self._ticks, self._most = 0, DEVICE.brakes.current_max
+        self._mock = MockHaply(DEVICE, self._hand, TIP) if on_mock else None
+        self._braked = SimulatedDevice(DEVICE, TIP, self._hand.hand)
+        if self._mock:
+            mock = self._mock
+            self._link = HaplyDevice(DEVICE, mock.name, clock=mock.now, open_port=mock.open, sleep=mock.sleep)
+            self._link.open()
+            self._link.home(TIP)
+
+    def push(self, seconds: float, force: float, tremor: float = 0.0) -> np.ndarray:
+        """For so long, N, with a tremor of 9 Hz, N; (n, 3): x (m) and torques (N m) of A and B, tick by tick."""
+        self._push[0], self._wave[0, :2] = force, (tremor, 18.0 * np.pi)
+        seen = []
+        for _ in range(round(1000 * seconds)):
+            if self._mock:
+                self._link.exchange(self._most)
+                seen.append((self._mock.plant.tip[0], *self._mock.plant.torques))
+            else:
+                self._braked.move(self._most, 1e-3 * self._ticks, 1e-3)
+                state = self._braked.state
+                seen.append((self._braked.tip[0], state["torque"][0, 0], state["torque"][0, 2]))
+            self._ticks += 1
+        return np.array(seen)
+
+
+def feel(on_mock: bool) -> dict[str, float]:
+    """Of a lock: what a hand that pushes with 0.5 N, then trembles with 0.15 N, then pushes through, finds."""
+    locked = Locked(on_mock)
+    locked.push(0.3, 0.0)
+    at_rest = locked.push(2.0, 0.5)[-1000:]
+    trembling = locked.push(10.0, 0.5, 0.15)
+    first, last = trembling[1000:2000, 0].mean(), trembling[-1000:, 0].mean()
+    through = locked.push(0.05, 3.0)[-1, 0]
+    let_go = locked.push(1.0, 0.0)[:, 0]
     return {
-        "pull_N": 300.0 * (0.003 - 1e-3 * float(x[999])), "stick_mm": float(x[999]),
-        "creep_um_s": 1e3 * float(x[2999] - x[1000]) / 2.0, "ripple_um": 1e3 * float(x[still].std()),
-        "chatter_mNm_s": 1e6 * float(changes[still].mean()), "left_mm": float(x[-1]),
-    }  # fmt: skip
+        "stick displacement at 0.5 N (mm)": 1e3 * float(at_rest[-1, 0]),
+        "creep at rest (um/s)": 1e6 * float(at_rest[-1, 0] - at_rest[0, 0]),
+        "creep with tremor (um/s)": 1e6 * float(last - first) / 8.0,
+        "chatter at rest (mN m/s)": 1e3 * float(np.abs(np.diff(at_rest[:, 1:], axis=0)).sum()),
+        "chatter with tremor (mN m/s)": 0.1e3 * float(np.abs(np.diff(trembling[:, 1:], axis=0)).sum()),
+        "springs back when let go (mm)": 1e3 * float(through - let_go[-1]),
+    }
 
 
 def main(arguments: list[str]) -> int:
@@ -147,12 +175,13 @@ def main(arguments: list[str]) -> int:
         finally:
             session.close()
     print(f" {len(coming)} trials in {time.perf_counter() - began:.0f} s: {dict(ends)}")
-    print("| controller | trials | path error (mm) | with brakes | tip force (N) | with brakes | chatter | with brakes |")
+    print("| controller | trials | path error (mm) | with brakes | force (N) | with brakes | chatter | with brakes |")
     for name, pairs in sorted(cells.items()):
         shown = [
-            f"{scale * float(np.mean([value for value in values if value is not None])):.2f}"
+            f"{scale * float(np.mean(values)):.2f}"
             for measure, scale in SHOWN.items()
             for values in ([getattr(ran.row, measure) for ran, _ in pairs], [brakes[measure] for _, brakes in pairs])
+            if None not in values
         ]
         print(f"| {name} | {len(pairs)} | {' | '.join(shown)} |")
     everything = [ran for pairs in cells.values() for ran, _ in pairs]
@@ -164,7 +193,10 @@ def main(arguments: list[str]) -> int:
     print(f"energy: at most {1e3 * given:.3f} mJ given at any moment of a trial, {1e3 * allowed:.3f} mJ allowed; "
           f"the guard acted {sum(sum(ran.report['guarded']) for ran in everything)} times; "
           f"warmest winding {max(max(ran.report['winding_C']) for ran in everything)} degC")  # fmt: skip
-    print("feel:", {name: round(value, 4) for name, value in feel().items()})
+    print("| feel | mock | with brakes |")
+    mock, braked = feel(True), feel(False)
+    for measure, value in mock.items():
+        print(f"| {measure} | {value:.2f} | {braked[measure]:.2f} |")
     return int(given > allowed)
 
 

@@ -36,7 +36,9 @@ class Plant:
         self.hand, self.torques = hand, np.zeros(2)
         self._simulated = SimulatedDevice(device, tip, hand.hand)
         self._held = hand.hand.grips["held"][0]
-        self.state = self._simulated.state
+        state = self._simulated.state
+        self._mechanism = self._simulated.mechanism.view(np.ndarray)[0]
+        self._motion, self._rows, self._force = (state[name].view(np.ndarray)[0] for name in ("tip", "g", "hand_force"))
         self._angles = np.zeros(4)
         self.theta = self.joint_angles()
         self.work = np.zeros(2)  # of the motors since the start, J
@@ -45,27 +47,27 @@ class Plant:
 
     @property
     def tip(self) -> tuple[float, float]:
-        x, y = self.state["tip"][0, :2].tolist()
-        return x, y
+        return float(self._motion[0]), float(self._motion[1])
 
     def joint_angles(self) -> np.ndarray:
         """Of A and B, rad."""
-        joint_angles(self._simulated.mechanism[0], *self.tip, self._angles)
-        return self._angles[[0, 2]].copy()
+        joint_angles(self._mechanism, *self.tip, self._angles)
+        return self._angles[::2].copy()
 
     def move(self) -> None:
         """A tick."""
         self.hand.tick(*self.tip)
         held, step = self._held.copy(), TICK_S / STEPS
         for _ in range(STEPS):
-            before = self.joint_angles()
-            motors = self.torques @ self.state["g"][0][[0, 2]]
+            before = self.theta
+            motors = self.torques @ self._rows[:3:2]
             self._held[:] = held + motors
             self._simulated.move(NO_CURRENT, self._steps * step, step)
             self._steps += 1
             self.theta = self.joint_angles()
             self.work += self.torques * (np.mod(self.theta - before + math.pi, TURN) - math.pi)
-        self.true_force = tuple((self.state["hand_force"][0] - motors).tolist())
+        x, y = (self._force - motors).tolist()
+        self.true_force = x, y
         self._held[:] = held
 
 
@@ -166,6 +168,7 @@ class Served:
 
     def __init__(self, mock: MockHaply) -> None:
         self.mock = mock
+        mock.tick()  # kernels are compiled, or loaded, before a host waits for an answer
         self._master, other = os.openpty()
         tty.setraw(other)
         self._other, self.port = other, os.ttyname(other)
