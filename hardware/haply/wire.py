@@ -9,9 +9,10 @@ Haply_M3_Firmware 1.5.0 of 2018. USB, so the baud rate means nothing. Numbers ar
                     2, device, torque of each motor (N m): drive, and ask
     from the board  device, angle of each encoder (degrees): the answer to each 2
 
-Motors and encoders are bits, bit i for port i + 1; the two zeros say that there is no analog and no PWM pin. What has one value each comes in the order of the ports. The board sets the torques of a 2 and reads its encoders at
-once; it holds them until the next 2. There are no checksums, no numbers of frames, and **no watchdog**: a board that
-hears nothing keeps its torques. It drives its motors by voltage, up to `TORQUE_END`, and measures no current.
+Motors and encoders are bits, bit i for port i + 1; the two zeros say that there is no analog and no PWM pin. What has
+one value each comes in the order of the ports. The board sets the torques of a 2 and reads its encoders at once; it
+holds them until the next 2. There are no checksums, no numbers of frames, and **no watchdog**: a board that hears
+nothing keeps its torques. It drives its motors by voltage, up to `TORQUE_END`, and measures no current.
 
 On the 2diy's third version, joint A is at port 2 and joint B at port 1. The M0 board counts half the encoder's steps.
 Not verified on a device: that positive torque turns a joint towards positive angles.
