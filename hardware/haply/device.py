@@ -44,6 +44,7 @@ SPEED_MAX = 10.0  # rad/s, 0.7 m/s at the end of a proximal link. Our choice
 NM_PER_A, OHM, K_PER_W, HEAT_S, ROOM_C = 0.06, 2.2, 12.0, 30.0, 25.0
 HOT_C, COOL_C = 85.0, 60.0  # no torque from here on, until it is so cool again. Our choice
 SETTLE_S = 0.05  # from the set-up of the board to the first question. Assumed
+SLACK_S = 1e-5  # by which an exchange may be early
 LATE_S = 0.01  # between exchanges; after longer no torque, for the watchdog may have spoken
 SILENT_S = 0.05  # without an answer: the board is lost
 READS, FIRST_READS = 2, 50  # of a port that waits 2 ms, for an answer, and for the first
@@ -93,7 +94,7 @@ class HaplyDevice:
             self._motion[name][0] for name in ("tip", "g", "mass", "bias_force")
         )
         self._wire: Wire | None = None
-        self._began = self._heard = self._asked = self._tried = -math.inf
+        self._began = self._heard = self._asked = self._tried = self._due = -math.inf
         self._sequence = self._answers = self._bad = self._bad_on_end = self._lost_links = 0
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)
         self.warmth = [ROOM_C, ROOM_C]  # degC, of the windings by their model
@@ -172,8 +173,11 @@ class HaplyDevice:
     # ------------------------------------------------------------------------------------------------- every tick
 
     def exchange(self, currents: Sequence[float]) -> DeviceSample | None:
-        """Currents (4,), A, of the brakes that the motors stand for; the newest sample."""
+        """Currents (4,), A, of the brakes that the motors stand for; the newest sample. It keeps the pace of 1 kHz."""
+        if (early := self._due - self.clock()) > SLACK_S:
+            self._sleep(min(early, TICK_S))
         now = self.clock()
+        self._due = max(self._due, now - TICK_S) + TICK_S
         try:
             if self._wire is None and now - self._tried >= AGAIN_S:
                 self._tried = now
