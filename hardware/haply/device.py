@@ -312,14 +312,14 @@ class HaplyDevice:
         return {"link": self.report()}
 
     def report(self) -> dict[str, Any]:
-        """Energies in mJ, for each motor: given (net, below zero: taken), allowed, beyond (by late ticks)."""
+        """Energies in mJ, for each motor: given (net; below zero: taken), allowed, beyond (by late ticks)."""
         return {
             "board": "HAPLY", "firmware": "not told", "samples": self._answers, "counts_per_rev": list(self._per_rev),
             "bad_answers": self._bad, "lost_links": self._lost_links,
             "given_mJ": [round(1e3 * brake.given, 3) for brake in self.brakes],
             "allowed_mJ": [round(1e3 * brake.allowance, 3) for brake in self.brakes],
             "beyond_mJ": [round(1e3 * brake.beyond, 3) for brake in self.brakes],
-            "guarded": [brake.guarded for brake in self.brakes],
+            "guarded": int(sum(brake.guarded for brake in self.brakes)),
             "winding_C": [round(warmth, 1) for warmth in self.warmth],
         }  # fmt: skip
 

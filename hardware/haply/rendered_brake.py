@@ -86,7 +86,7 @@ class RenderedBrake:
         longest = most / self._stiffness
         stretched = self._angle - self._anchor
         if abs(stretched) > longest:
-            self.guarded += affordable < holds and abs(stretched) * self._stiffness > affordable
+            self.guarded += affordable < holds
             stretched = math.copysign(longest, stretched)
             self._anchor = self._angle - stretched
         coming, half = 0.0 - self._stiffness * stretched, 0.5 * self._step

@@ -1,7 +1,8 @@
 """The bytes between a computer and a Haply board (M3): what its client library and firmware do, as facts.
 
 Sources, read and not copied: the client library HaplyHAPI 1.0.1 on PyPI (`Board`, `Device`), and the board's firmware
-Haply_M3_Firmware 1.5.0 of 2018. USB, so the baud rate means nothing. Numbers are 32-bit floats, little-endian.
+1.5.0 (Haply_Arduino_Firmware.h, and the loop of its sketch). It is USB, so the baud rate means nothing. Numbers are
+32-bit floats, little-endian.
 
     to the board    0, device: forget every motor and encoder
                     1, device, motors, direction of each, encoders, direction of each, 0, 0, and of each encoder its

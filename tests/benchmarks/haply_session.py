@@ -191,7 +191,7 @@ def main(arguments: list[str]) -> int:
     given = max(max(ran.given_J) for ran in everything)
     allowed = 1e-3 * max(everything[0].report["allowed_mJ"])
     print(f"energy: at most {1e3 * given:.3f} mJ given at any moment of a trial, {1e3 * allowed:.3f} mJ allowed; "
-          f"the guard acted {sum(sum(ran.report['guarded']) for ran in everything)} times; "
+          f"the guard acted {sum(ran.report['guarded'] for ran in everything)} times; "
           f"warmest winding {max(max(ran.report['winding_C']) for ran in everything)} degC")  # fmt: skip
     print("| feel | mock | with brakes |")
     mock, braked = feel(True), feel(False)
