@@ -35,7 +35,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     verb.set_defaults(input=MOUSE)  # as `port_of` takes it
     option = verb.add_argument
     option(
-        "--link", required=True, metavar="serial:PORT|haply:PORT|driver:FILE.py",
+        "--link", required=True, metavar="serial:PORT|driver:FILE.py",
         help="the board's port (auto: the only one on USB; socket://HOST:NUMBER: a TCP port), or a driver of your own",
     )  # fmt: skip
     option("--force", default="", metavar="netft:HOST", help="an ATI Net F/T in place of the board's force channels")
@@ -159,11 +159,15 @@ def bring_up(args: argparse.Namespace) -> int:
 def link_port(args: argparse.Namespace) -> str:
     """The port of --link. InputError: it names no real device."""
     from app.verbs.run import port_of
+    from hardware.haply import HAPLY
 
     if not (port := port_of(args)):
         raise InputError(
-            "--link: must be serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is "
-            "brought up"
+            "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
+        )
+    if port.startswith(HAPLY):
+        raise InputError(
+            "--link: bring-up checks boards with brakes and drivers of your own, no Haply (docs/haply.md)"
         )
     return port
 

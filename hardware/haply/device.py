@@ -18,7 +18,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from hardware.haply.rendered_brake import TICK_S, RenderedBrake
 from hardware.haply.wire import ANGLES, NO_TORQUE, RESET, counts_of, drive, set_up
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.samples import NO_ZERO, WINDOW, BoardSensing
-from hardware.serial_port import find_port
+from hardware.serial_port import Port, find_port
 from hardware.wire.messages import Sample, State
 
 MOTORS = (0, 2)  # joints A and B, in the order A, E, B, C
@@ -53,27 +53,12 @@ MOST_BAD = 5  # answers on end that are none: the board is lost
 MOST_KEPT = 2000  # samples that wait for `samples`
 
 
-class Wire(Protocol):
-    """An open port."""
-
-    name: str
-
-    def read(self) -> bytes:
-        """What has come; waits for 2 ms at most."""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-
-    def close(self) -> None:
-        """Leave it, with no torque."""
-
-
 class HaplyDevice:
     """A 2diy at a port. What is given for two motors is in the order A, B."""
 
     def __init__(
         self, device: Device, port: str, clock: Callable[[], float] = time.perf_counter,
-        open_port: Callable[[str], Wire] = GuardedPort, sleep: Callable[[float], None] = time.sleep,
+        open_port: Callable[[str], Port] = GuardedPort, sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
         """port: as `SerialDevice` takes it. clock, open_port, sleep: of the machine, but for tests. InputError: the
         device file is of no 2diy.
@@ -93,7 +78,7 @@ class HaplyDevice:
         self._tip, self._rows, self._mass, self._bias = (
             self._motion[name][0] for name in ("tip", "g", "mass", "bias_force")
         )
-        self._wire: Wire | None = None
+        self._wire: Port | None = None
         self._began = self._heard = self._asked = self._tried = self._due = -math.inf
         self._sequence = self._answers = self._bad = self._bad_on_end = self._lost_links = 0
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)
@@ -189,7 +174,7 @@ class HaplyDevice:
         self._sleep(TICK_S)
         return None
 
-    def _exchange(self, wire: Wire, currents: Sequence[float], now: float) -> DeviceSample | None:
+    def _exchange(self, wire: Port, currents: Sequence[float], now: float) -> DeviceSample | None:
         if now - self._asked > LATE_S:
             self._heard = now  # this host did not listen, and that is no silence
             self._forget_answers(wire)
@@ -201,7 +186,7 @@ class HaplyDevice:
         wire.write(drive(*torques))
         return self._listen(wire, now)
 
-    def _forget_answers(self, wire: Wire) -> None:
+    def _forget_answers(self, wire: Port) -> None:
         """Answers may be missing or not be ours: what acted since the last is not known."""
         may_have_acted = [*self._acted, *(torques for torques, _ in self._sent)][-1 - len(self._sent) :]
         largest = max((abs(torque) for torques in may_have_acted for torque in torques), default=0.0)
@@ -211,7 +196,7 @@ class HaplyDevice:
         for _ in range(READS):
             wire.read()
 
-    def _listen(self, wire: Wire, now: float) -> DeviceSample | None:
+    def _listen(self, wire: Port, now: float) -> DeviceSample | None:
         newest = None
         for _ in range(READS):
             self._buffer += wire.read()

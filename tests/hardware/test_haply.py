@@ -268,6 +268,20 @@ def test_a_device_that_is_unplugged_or_silent_is_lost_and_comes_back_without_hom
         assert not sample.homed and link.problem == "" and link.report()["lost_links"] == 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals; a Haply is refused there")
+def test_over_a_serial_port_a_device_that_is_unplugged_is_lost_and_its_watchdog_ends() -> None:
+    served = Served(MockHaply(DEVICE, light_hand((0.3, 0.0)), TIP))
+    link = HaplyDevice(DEVICE, served.port, clock=served.mock.now)
+    link.open()
+    link.home(TIP)
+    assert [link.exchange(FULL) for _ in range(50)][-1].homed and served.mock.plant.torques.any()
+    watchdog = link._wire._watchdog
+    served.close()
+    assert [link.exchange(FULL) for _ in range(5)][-1] is None
+    assert "the board was unplugged" in link.problem and watchdog.poll() is not None
+    link.close()
+
+
 # ----------------------------------------------------------------------------------------------------------- watchdog
 
 
