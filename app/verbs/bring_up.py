@@ -166,9 +166,7 @@ def link_port(args: argparse.Namespace) -> str:
             "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
         )
     if port.startswith(HAPLY):
-        raise InputError(
-            "--link: bring-up checks boards with brakes and drivers of your own, no Haply (docs/haply.md)"
-        )
+        raise InputError("--link: bring-up checks boards with brakes and drivers of your own, no Haply (docs/haply.md)")
     return port
 
 

@@ -310,7 +310,7 @@ class HaplyDevice:
 
     def home(self, tip: tuple[float, float]) -> None:
         """The handle is held at `tip` (m) now."""
-        if self.exchange((0.0,) * 4) is None:
+        if not any(self.exchange((0.0,) * 4) for _ in range(FIRST_READS)):
             raise DeviceError(self.problem or "the Haply did not answer: home the encoders again")
         wanted = self.sensing.pose.counts_at(tip)
         self._offset = wanted[0] - self._counts[0], wanted[2] - self._counts[1]
