@@ -8,6 +8,7 @@ from pathlib import Path
 
 from core.device_interface import DeviceError
 from core.faults import cause
+from hardware.haply.wire import NO_TORQUE
 from hardware.serial_port import Port
 
 PROCESS = Path(__file__).with_name("watchdog_process.py")
@@ -34,8 +35,10 @@ class GuardedPort(Port):
         super().write(data)
 
     def close(self) -> None:
-        """Leave the port to the watchdog, which takes the torques off and ends; then close it."""
+        """Take the torques off, as the watchdog then does again, and ends; close the port."""
         assert self._watchdog.stdin
+        with contextlib.suppress(DeviceError):  # it is gone
+            super().write(NO_TORQUE)
         self._watchdog.stdin.close()
         try:
             self._watchdog.wait(1.0)

@@ -3,7 +3,7 @@
 The hold is Hayward and Armstrong's (2000): a spring between the joint and an anchor, which is dragged along once the
 spring's torque would exceed what the brake holds now. Our choice over Dahl's equation: it depends on displacements
 alone, so it needs no velocity (which steps of 1.3 mrad a count do not give in a millisecond), and below its largest
-torque its anchor does not move at all, where Dahl's creeps with every tremor.
+torque its anchor does not move, where Dahl's creeps with every tremor: here only the guard makes it slip.
 
 A spring that is sampled gives energy: its torque belongs to a place that the joint has left. The board applies a torque
 and reads its encoders at once (`wire`), so the work of each torque between two readings is known but for the encoder's

@@ -321,11 +321,14 @@ def test_torques_go_when_the_host_stalls_leaves_or_is_killed_and_no_torque_flows
         time.sleep(0.1)  # the watchdog is there, and has spoken
         port.write(wire.drive(0.03, 0.03))
         waited(served, time.perf_counter())  # nothing is written: a stalled host
+        port.write(wire.drive(0.03, 0.03))
         port._watchdog.kill()
         port._watchdog.wait()
+        since = time.perf_counter()
         with pytest.raises(DeviceError, match="its watchdog has ended"):
             port.write(wire.drive(0.03, 0.03))
         port.close()
+        waited(served, since)
         for number in (signal.SIGKILL, signal.SIGSTOP):
             command = [sys.executable, "-c", PROGRAM, served.port, str(int(number))]
             host = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(guarded_port.__file__).parents[2])
