@@ -159,11 +159,14 @@ def bring_up(args: argparse.Namespace) -> int:
 def link_port(args: argparse.Namespace) -> str:
     """The port of --link. InputError: it names no real device."""
     from app.verbs.run import port_of
+    from hardware.haply import HAPLY
 
     if not (port := port_of(args)):
         raise InputError(
             "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
         )
+    if port.startswith(HAPLY):
+        raise InputError("--link: bring-up checks boards with brakes and drivers of your own, no Haply (docs/haply.md)")
     return port
 
 

@@ -33,9 +33,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         help=f"whose hand moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
     )  # fmt: skip
     option(
-        "--link", default="sim", metavar="sim|serial:PORT|driver:FILE.py",
+        "--link", default="sim", metavar="sim|serial:PORT|haply:PORT|driver:FILE.py",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
-        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), or "
+        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), "
+        "haply:PORT: a Haply 2diy, whose motors stand for brakes, or "
         "driver:FILE.py: hardware of another kind, by a driver of its own",
     )  # fmt: skip
     option(
@@ -118,6 +119,7 @@ def port_of(args: argparse.Namespace) -> str:
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
         return ""
+    from hardware.haply import HAPLY
     from hardware.own_driver import DRIVER
     from hardware.serial_port import is_address
 
@@ -125,29 +127,37 @@ def port_of(args: argparse.Namespace) -> str:
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (a driver of your own reads its own sensor)")
         return f"{DRIVER}{Path(args.link.removeprefix(DRIVER)).absolute()}"
-    port = args.link if is_address(args.link) else args.link.removeprefix("serial:")
+    kind = HAPLY if args.link.startswith(HAPLY) else ""
+    if kind and args.force:
+        raise InputError("--force: goes with --link serial:PORT (a Haply's driver estimates the force of the hand)")
+    port = args.link if is_address(args.link) else args.link.removeprefix(kind or "serial:")
     if not port or (port == args.link and not is_address(port)):
-        raise InputError(f"--link: must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}")
-    if "://" in port and not is_address(port):
-        raise InputError(f"--link: an address must be socket://HOST:NUMBER, not {port!r}")
+        raise InputError(
+            f"--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}"
+        )
+    if "://" in port and (kind or not is_address(port)):
+        what = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
+        raise InputError(f"--link: {what}, not {port!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
-    return port
+    return kind + port
 
 
 def reached(port: str, force: str) -> str:
     """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
     if not port:
         return ""
+    from hardware.haply import HAPLY
     from hardware.own_driver import DRIVER, load_driver
     from hardware.serial_port import find_port, is_missing
 
     if port.startswith(DRIVER):
         load_driver(port)
         return port
-    found = find_port(port)  # "auto" is looked for again for each device
+    found = find_port(port.removeprefix(HAPLY))  # "auto" is looked for again for each device
     if is_missing(found):
-        raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
+        kind = HAPLY if port.startswith(HAPLY) else "serial:"
+        raise InputError(f"--link {kind}{found}: there is no such port (phd devices lists those there are)")
     if not force:
         return port
     from hardware.sensing.net_ft import check_force

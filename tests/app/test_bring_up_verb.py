@@ -44,6 +44,7 @@ def test_an_interrupt_leaves_the_board_without_current_and_no_record(emulated: E
     ("wrong", "words"),
     [
         ({"--link": "sim"}, "only a real device is brought up"),
+        ({"--link": "haply:/dev/none"}, "--link: bring-up checks boards with brakes"),
         ({"--link": "serial:/dev/nowhere"}, "there is no such port"),
         ({"--device": "nowhere.toml"}, "nowhere.toml"),
     ],

@@ -174,13 +174,18 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
 
 
 WRONG_LINKS = [
-    (["--link", "usb"], "--link: must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'"),
+    (
+        ["--link", "usb"],
+        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'",
+    ),
     (
         ["--link", "socket://bench"],
-        "--link: must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'socket://bench'",
+        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'socket://bench'",
     ),
     (["--link", "serial:socket://bench"], "--link: an address must be socket://HOST:NUMBER, not 'socket://bench'"),
     (["--link", f"serial:{os.devnull}", "--input", "operator"], "--input operator: on the bench the force sensor"),
+    (["--link", "haply:socket://bench:9"], "--link: a Haply is at a serial port, not 'socket://bench:9'"),
+    (["--link", "haply:/dev/none"], "--link haply:/dev/none: there is no such port"),
     (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
 ]
 
