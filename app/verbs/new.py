@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import tempfile
 from pathlib import Path
 
 from app.progress import watch_compiling
@@ -39,14 +40,24 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def new_verb(args: argparse.Namespace) -> None:
+    from experiments.protocol import load_protocol
     from experiments.recording.atomic_files import make_empty_folder, write_new_files
 
     load_device(args.device, SHIPPED_FOLDER)  # InputError: there is none
     shipped = (SHIPPED_FOLDER / f"{args.device}.toml").read_text(encoding="utf-8")
     device = re.sub(r'(?m)^name = ".*"$', f'name = "{DEVICE}"', shipped, count=1)
+    files = {path.name: path.read_bytes() for path in TEMPLATES.iterdir() if path.suffix != ".py"}
+    files[f"{DEVICE}.toml"] = device.encode()
+    with tempfile.TemporaryDirectory() as folder:
+        write_new_files({Path(folder, name): content for name, content in files.items()})
+        try:
+            load_protocol(Path(folder, "experiment.toml"))
+        except InputError:
+            raise InputError(
+                f"--device: {args.device} does not reach the paths of a new experiment: copy a protocol of its own"
+            ) from None
     make_empty_folder(args.dir, "an experiment begins in a new or empty folder")
-    files = {args.dir / path.name: path.read_bytes() for path in TEMPLATES.iterdir() if path.suffix != ".py"}
-    write_new_files(files | {args.dir / f"{DEVICE}.toml": device.encode()})
+    write_new_files({args.dir / name: content for name, content in files.items()})
     print(f"{args.dir}: begin with {args.dir / 'README.md'}")
 
 

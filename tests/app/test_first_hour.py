@@ -25,7 +25,7 @@ def test_a_word_that_is_nearly_right_is_asked_about(case: str, capsys, tmp_path:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("device", [name for name in shipped_devices() if name != "haply-2diy"])  # a quarter as large
+@pytest.mark.parametrize("device", [name for name in shipped_devices() if name != "haply-2diy"])
 def test_a_new_experiment_can_be_planned_and_a_misspelt_key_of_it_is_asked_about(device: str, tmp_path: Path, capsys):
     folder = tmp_path / "mine"
     assert main(["new", str(folder), "--device", device]) == 0
@@ -36,6 +36,11 @@ def test_a_new_experiment_can_be_planned_and_a_misspelt_key_of_it_is_asked_about
     protocol.write_text(protocol.read_text().replace("blocks", "bloks"))
     assert main(["run", str(protocol), "--print-plan"]) == 2
     assert "unknown key bloks, did you mean blocks?" in capsys.readouterr().err
+
+
+def test_a_device_that_does_not_reach_the_paths_of_a_new_experiment_is_refused(tmp_path: Path, capsys):
+    assert main(["new", str(tmp_path / "mine"), "--device", "haply-2diy"]) == 2
+    assert "haply-2diy does not reach the paths" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_a_path_out_of_reach_is_refused_with_how_far_the_device_reaches(tmp_path: Path, capsys):
