@@ -4,12 +4,15 @@
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from bring_up_bench import Bringing
 
 from core.device import load_device
+from core.device_file import Encoders
 from core.files import InputError
 from experiments.bring_up.bring_up import Result
 from experiments.bring_up.record import brake_steps, content, newest_record, problem_of, state_of, write_record
@@ -79,9 +82,12 @@ def test_a_mistake_is_found_by_its_own_step_and_only_there(mistake: str) -> None
     assert not any(bringing.bench.board.currents)
 
 
-@pytest.mark.parametrize("device", ["three-brake"])
-def test_the_other_boards_pass_as_well(device: str) -> None:
-    assert not failed(Bringing(load_device(device)).run())
+def test_a_board_with_three_brakes_and_encoders_at_the_elbows_passes_as_well() -> None:
+    three = load_device("three-brake")
+    assert three.sensing
+    four = msgspec.structs.replace(three.sensing, encoders=Encoders(A=96000, E=48000, B=96000, C=48000))
+    results = Bringing(replace(three, sensing=four)).run()
+    assert not failed(results) and {"encoder E", "encoder C"} < {result.step.name for result in results}
 
 
 def test_no_hand_is_asked_to_a_braked_handle_before_watchdog_and_stop_have_passed(whole: Bringing) -> None:
