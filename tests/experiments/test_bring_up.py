@@ -3,6 +3,7 @@
 `python tests/experiments/test_bring_up.py docs/bring-up.md` writes the page.
 """
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import msgspec
 import pytest
 from bring_up_bench import Bringing
 
+from app.cli import main
 from core.device import load_device
 from core.device_file import Encoders
 from core.files import InputError
@@ -167,6 +169,26 @@ def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path:
         newest_record(tmp_path, "TEST")
 
 
+def test_phd_identify_reads_from_the_same_steps_what_one_current_shows(
+    whole: Bringing, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """The true numbers are the model's: of the torque within 30 %, of a time constant within a factor of 2."""
+    brakes = next(result for result in whole.builder.results if result.step.name == "brakes").finding.figures
+    for joint, text in brake_steps(whole.builder.results).items():
+        file = tmp_path / f"{joint}.csv"
+        file.write_text(text)
+        assert main(["identify", str(file), "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        added, rise, fall = said["numbers"]
+        recorded = [number["value"] for number in brakes[joint]["identified"]]
+        assert [number["value"] for number in said["numbers"]] == pytest.approx(recorded, rel=0.01)
+        assert "knee_A" in " ".join(said["not_seen"])
+        assert added["value"] == pytest.approx(brakes[joint]["model_N_m"], rel=0.3)
+        assert 0.5 < rise["value"] / brakes[joint]["model_rise_s"] < 2.0 and 0.01 < fall["value"] < 0.05
+        assert main(["identify", str(file), "--out", str(tmp_path / "brake.toml")]) == 2
+        assert "without --out" in capsys.readouterr().err and not (tmp_path / "brake.toml").exists()
+
+
 def test_the_drawing_of_the_jig_has_the_numbers_of_the_device_files() -> None:
     drawing = (PAGE.parent / "homing-jig.svg").read_text()
     for name in ("four-brake", "three-brake"):
@@ -194,7 +216,8 @@ three steps later. Run the verb again after mending: it begins anew. The record,
 holds what each step saw, carries a checksum and the name of who signed it; a session on that board writes into its
 journal which record it names, or why none holds (never brought up, a step failed, another firmware). The steps of the
 brakes lie beside it as files that `phd identify` reads: the time constants of the record are found from them by its
-own fit. They alone give no brake file, which takes steps to four currents at three speeds.
+own fit: the torque that 10 % add, and a time constant each way. It says what steps to one current do not show; a brake
+file takes steps to four currents at three speeds.
 
 The device page of the app (F3, *Bring up …*) leads through the same steps while a session on that device is open,
 between two trials; its record is the same.
@@ -212,7 +235,8 @@ MIDDLE = """
 *Brakes* needs every step before it. With the hand moving in circles, least squares over the friction of all joints
 gives the torque that each brake's current adds at each joint. On the emulated board, whose brakes are the model,
 single steps of 10 % come out between {low:.0f} and {high:.0f} % of the model's torque in this run: enough to tell
-which brake it is, and no calibration. Latency is watched for 60 s; in the run of the tables for 1 s.
+which brake it is, and no calibration. What `phd identify` reads from its few single steps is rougher: {added} % of the
+model's torque, {rise} of its time constant when the current rises. Latency is watched for 60 s; in the run of the tables for 1 s.
 
 ## What builders get wrong, and the step that finds it
 
@@ -222,6 +246,10 @@ failed.
 | mistake | found by | advice |
 |---|---|---|
 """
+
+
+def spread(values: list[float], form: str) -> str:
+    return f"{min(values):{form}} to {max(values):{form}}"
 
 
 def page() -> str:
@@ -236,13 +264,23 @@ def page() -> str:
         lines.append(f"| **{step.name}**: {step.title} | {step.ask} | {flows} | {needs} |")
     brakes = next(result for result in results if result.step.name == "brakes").finding.figures
     shares = [100.0 * brakes[joint]["added_N_m"] / brakes[joint]["model_N_m"] for joint in "AEBC"]
+    identified = [(brakes[joint], [number["value"] for number in brakes[joint]["identified"]]) for joint in "AEBC"]
+    added = spread([100.0 * values[0] / about["model_N_m"] for about, values in identified], ".0f")
+    rise = spread([values[1] / about["model_rise_s"] for about, values in identified], ".1f")
     rows = []
     for mistake, about in MISTAKES.items():
         found, *others = failed(Bringing(FOUR, mistake).run())
         assert not others, (mistake, found, others)
         rows.append(f"| {about.words} | {found.step.title} | {found.finding.advice} |")
         print(rows[-1], file=sys.stderr)
-    return HEAD + "\n".join(lines) + "\n" + MIDDLE.format(low=min(shares), high=max(shares)) + "\n".join(rows) + "\n"
+    return (
+        HEAD
+        + "\n".join(lines)
+        + "\n"
+        + MIDDLE.format(low=min(shares), high=max(shares), added=added, rise=rise)
+        + "\n".join(rows)
+        + "\n"
+    )
 
 
 if __name__ == "__main__":

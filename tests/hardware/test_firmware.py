@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import pytest
-from firmware_board import Image, Pipe, firmware_boards
+from firmware_board import Image, firmware_boards
 from reference_board import (
     SOURCES,
     TARGETS,
@@ -26,10 +26,8 @@ from reference_board import (
     live_alike,
     made,
     needs_compiler,
-    on_a_cortex_m4,
     recorded,
 )
-from simulated_board import SimulatedBoard
 from test_wire_dialogues import DIALOGUES, hello, hold
 from waiting import wait_until
 
@@ -38,11 +36,9 @@ from core.files import InputError
 from hardware.emulated_board.board import TICK_US
 from hardware.firmware import pin_map
 from hardware.serial_device import SerialDevice
-from hardware.wire.messages import Fault, State
 
 PAGE = SOURCES.parents[1] / "docs" / "bench-device.md"
-#: Of the NUCLEO-F446RE's image; stack and tick of the image whose plant is the clock; lines with all blank ones, without
-#: the programs for tests
+#: Of the NUCLEO-F446RE's image; stack and tick of the image whose plant is the clock; lines with all blank ones
 CEILINGS = {
     "flash, bytes": 12_288,
     "RAM, bytes, 4,096 of them for the stack": 8192,
