@@ -236,7 +236,8 @@ MIDDLE = """
 gives the torque that each brake's current adds at each joint. On the emulated board, whose brakes are the model,
 single steps of 10 % come out between {low:.0f} and {high:.0f} % of the model's torque in this run: enough to tell
 which brake it is, and no calibration. What `phd identify` reads from its few single steps is rougher: {added} % of the
-model's torque, {rise} of its time constant when the current rises. Latency is watched for 60 s; in the run of the tables for 1 s.
+model's torque, {rise} of its time constant when the current rises. Latency is watched for 60 s; in the run of the
+tables for 1 s.
 
 ## What builders get wrong, and the step that finds it
 
@@ -273,14 +274,8 @@ def page() -> str:
         assert not others, (mistake, found, others)
         rows.append(f"| {about.words} | {found.step.title} | {found.finding.advice} |")
         print(rows[-1], file=sys.stderr)
-    return (
-        HEAD
-        + "\n".join(lines)
-        + "\n"
-        + MIDDLE.format(low=min(shares), high=max(shares), added=added, rise=rise)
-        + "\n".join(rows)
-        + "\n"
-    )
+    middle = MIDDLE.format(low=min(shares), high=max(shares), added=added, rise=rise)
+    return HEAD + "\n".join(lines) + "\n" + middle + "\n".join(rows) + "\n"
 
 
 if __name__ == "__main__":
