@@ -42,6 +42,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--device", default="four-brake", metavar="NAME|PATH", help="what the board is wired to (default: four-brake)"
     )
+    option(
+        "--step", metavar="NAME", help="this step again, with those that it needs; its result goes into the "
+        "newest record of the board (default: all steps)",
+    )  # fmt: skip
     option("--by", required=True, metavar="NAME", help="who signs the record")
     option("--data-dir", **DATA_DIR)
     option(
@@ -117,8 +121,8 @@ def bring_up(args: argparse.Namespace) -> int:
     from app.verbs.run import reached
     from core.device import load_device
     from experiments.bring_up.bring_up import BringUp
-    from experiments.bring_up.record import brake_steps, content, state_of, write_record
-    from experiments.bring_up.steps import steps_for
+    from experiments.bring_up.record import brake_steps, content, to_amend, write_record
+    from experiments.bring_up.steps import steps_for, with_needs
     from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
@@ -140,6 +144,9 @@ def bring_up(args: argparse.Namespace) -> int:
         control = emulated_ports().get(real.port)
         builder = AtTheKeyboard() if control is None else EmulatedBuilder(control)
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
+        before = None
+        if args.step:
+            steps, before = with_needs(steps, args.step), to_amend(args.data_dir, device, real.report())
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
         runner = BringUp(real, builder)
         for _ in runner.run(steps):
@@ -148,10 +155,10 @@ def bring_up(args: argparse.Namespace) -> int:
         about = real.report()
     finally:
         real.close()
-    record = content(results, device, about, args.by, now())
+    record = content(results, device, about, args.by, now(), before)
     files = write_record(args.data_dir, record, brake_steps(results))
-    failed = [result.step.title for result in results if state_of(result) == "failed"]
-    verdict = "all passed" if record["passed"] else f"failed: {', '.join(failed)}"
+    missing = [step["title"] for step in record["steps"] if step["state"] != "passed"]
+    verdict = f"not passed: {', '.join(missing)}" if missing else "all passed"
     print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))
     return 0 if record["passed"] else 1
 

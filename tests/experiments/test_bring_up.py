@@ -17,8 +17,17 @@ from core.device import load_device
 from core.device_file import Encoders
 from core.files import InputError
 from experiments.bring_up.bring_up import Result
-from experiments.bring_up.record import brake_steps, content, newest_record, problem_of, state_of, write_record
-from experiments.bring_up.steps import second_hole
+from experiments.bring_up.record import (
+    brake_steps,
+    content,
+    newest_record,
+    problem_of,
+    state_of,
+    to_amend,
+    write_record,
+)
+from experiments.bring_up.step import Finding
+from experiments.bring_up.steps import second_hole, with_needs
 from experiments.identify.step_response import read_steps
 from experiments.protocol import home_of, load_protocol
 from hardware.emulated_board.builder import MISTAKES
@@ -189,6 +198,32 @@ def test_phd_identify_reads_from_the_same_steps_what_one_current_shows(
         assert "without --out" in capsys.readouterr().err and not (tmp_path / "brake.toml").exists()
 
 
+def test_a_step_is_repeated_with_those_that_it_needs_and_the_record_takes_its_result(
+    whole: Bringing, tmp_path: Path
+) -> None:
+    steps, results = whole.steps, list(whole.builder.results)
+    names = [step.name for step in with_needs(steps, "supply back")]
+    assert names == ["quiet", "currents", "stop", "supply back"]
+    assert [step.name for step in with_needs(steps, "brakes")] == [step.name for step in steps][1:-1], "all but two"
+    with pytest.raises(InputError, match="no step 'encoder E'; its steps are board, quiet"):
+        with_needs(steps, "encoder E")
+    about = whole.link.report() | {"board": "TEST", "firmware": "1.0.0"}
+    with pytest.raises(InputError, match="no record of this board"):
+        to_amend(tmp_path, FOUR, about)
+    stop = [step.name for step in steps].index("stop")
+    results[stop] = results[stop]._replace(finding=Finding(False, "every brake keeps its current"))
+    first = content(results, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00")
+    write_record(tmp_path, first, {})
+    again = [result for result in whole.builder.results if result.step.name in names]
+    later = "2026-01-02T00:00:00.000+00:00"
+    second = content(again, FOUR, about, "B. Builder", later, to_amend(tmp_path, FOUR, about))
+    assert not first["passed"] and second["passed"]
+    assert [step["name"] for step in second["steps"]] == [step.name for step in steps]
+    assert [step["name"] for step in second["steps"] if (step["time"], step["by"]) == (later, "B. Builder")] == names
+    with pytest.raises(InputError, match=r"firmware 1\.0\.0, not 1\.1\.0"):
+        to_amend(tmp_path, FOUR, about | {"firmware": "1.1.0"})
+
+
 def test_the_drawing_of_the_jig_has_the_numbers_of_the_device_files() -> None:
     drawing = (PAGE.parent / "homing-jig.svg").read_text()
     for name in ("four-brake", "three-brake"):
@@ -212,12 +247,14 @@ current, with no hand at the handle; the only step with a hand at a braked handl
 watchdog and emergency stop have passed. Ctrl+C, a failed step, an unplugged cable: every end is zero current.
 
 A step whose conditions have not passed is not done ("needs" below), so that a mistake is found where it is and not
-three steps later. Run the verb again after mending: it begins anew. The record, `DATA/bring-up/BOARD-TIME.json`,
-holds what each step saw, carries a checksum and the name of who signed it; a session on that board writes into its
-journal which record it names, or why none holds (never brought up, a step failed, another firmware). The steps of the
-brakes lie beside it as files that `phd identify` reads: the time constants of the record are found from them by its
-own fit: the torque that 10 % add, and a time constant each way. It says what steps to one current do not show; a brake
-file takes steps to four currents at three speeds.
+three steps later. After mending run the verb again, which begins anew, or with `--step NAME` (names: below) that step
+alone, with those that it needs; its result goes into the newest record of the board.
+
+The record, `DATA/bring-up/BOARD-TIME.json`, holds what each step saw, when and signed by whom, and carries a checksum;
+a session on that board writes into its journal which record it names, or why none holds (never brought up, a step
+failed, another firmware). The steps of the brakes lie beside it as files that `phd identify` reads: the time constants
+of the record are found from them by its own fit: the torque that 10 % add, and a time constant each way. It says what
+steps to one current do not show; a brake file takes steps to four currents at three speeds.
 
 The device page of the app (F3, *Bring up …*) leads through the same steps while a session on that device is open,
 between two trials; its record is the same.
