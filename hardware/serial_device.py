@@ -23,7 +23,7 @@ from core.faults import after, cause, cause_of
 from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.handshake import check_hello, limits_of, rewire_emulated, shortened, wired_to
-from hardware.own_driver import DRIVER, load_driver
+from hardware.own_driver import DRIVER, own_device
 from hardware.sensing.board_clock import FreshnessWatch
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NET_FT, NetFT
@@ -482,6 +482,6 @@ class SerialDevice:
 def device_at(device: Device, where: str) -> RealDevice:
     """The real device that a text asks for: a port, "PORT netft:HOST", or a driver's file. It is not opened yet."""
     if where.startswith(DRIVER):
-        return load_driver(where)(device)
+        return own_device(device, where)
     port, _, host = where.partition(f" {NET_FT}")
     return SerialDevice(device, port, host)

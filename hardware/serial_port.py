@@ -176,7 +176,8 @@ def link_of(name: str) -> Link:
     """What a port is, by its name and who it is on USB."""
     if is_address(name):
         return Link("TCP")
-    identity = usb_ports().get(os.path.realpath(name) if name.startswith("/dev/") else name)
+    name = name if sys.platform == "win32" else os.path.realpath(name)  # there ports are no files
+    identity = usb_ports().get(name)
     if identity is None:
         return Link("pseudo-terminal" if name.startswith("/dev/pts/") else f"UART at {BAUD:,} baud")
     if identity[:2] in ST_LINKS:

@@ -1,6 +1,7 @@
 """`phd bring-up`: one check after another on a device that has just been wired, with a record that sessions name."""
 
 import argparse
+import json
 import queue
 import sys
 import threading
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
+from core.device_interface import DeviceError
+from core.faults import cause_of
 from core.files import InputError
 from experiments.inputs import MOUSE
 
@@ -126,8 +129,11 @@ def bring_up(args: argparse.Namespace) -> int:
     from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
+    from hardware.own_driver import OwnDevice
     from hardware.serial_device import device_at
 
+    if not args.by.strip():
+        raise InputError("--by: must be the name of who signs the record")
     device = load_device(args.device)
     link = reached(link_port(args), args.force)
     if device.castor:
@@ -154,11 +160,22 @@ def bring_up(args: argparse.Namespace) -> int:
         results = runner.results
         about = real.report()
     finally:
-        real.close()
+        try:
+            real.close()
+        except DeviceError as error:
+            say(f"{cause_of(error)}: the device is not closed; make sure that no brake has current")
+    if isinstance(real, OwnDevice) and real.failed:
+        raise InputError(f"{real.failed}; no record is written")
     record = content(results, device, about, args.by, now(), before)
-    files = write_record(args.data_dir, record, brake_steps(results))
-    missing = [step["title"] for step in record["steps"] if step["state"] != "passed"]
-    verdict = f"not passed: {', '.join(missing)}" if missing else "all passed"
+    try:
+        files = write_record(args.data_dir, record, brake_steps(results))
+    except (InputError, OSError):
+        print(json.dumps(record))  # what cannot be written is not lost
+        raise
+    not_passed = [(step["name"], step["state"]) for step in record["steps"] if step["state"] != "passed"]
+    failed = [name for name, state in not_passed if state == "failed"]
+    verdict = f"failed: {', '.join(failed) or 'none'}; not done: {len(not_passed) - len(failed)} steps"
+    verdict = verdict if not_passed else "all passed"
     print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))
     return 0 if record["passed"] else 1
 
@@ -176,7 +193,9 @@ def link_port(args: argparse.Namespace) -> str:
 
 def make_folder(data_dir: Path) -> None:
     """InputError before anything is done, rather than after ten minutes."""
+    from experiments.bring_up.record import FOLDER
     from experiments.recording.atomic_files import refusing
 
-    with refusing(data_dir, "cannot be used"):
-        data_dir.mkdir(parents=True, exist_ok=True)
+    for folder in (data_dir, data_dir / FOLDER):
+        with refusing(folder, "cannot be used"):
+            folder.mkdir(parents=True, exist_ok=True)

@@ -36,7 +36,7 @@ def content(
 ) -> Content:
     """The record. about: the device's report at the end.
 
-    before: an earlier record, in which these results take the places of their steps.
+    before: an earlier record, in which the steps that were done take the places of theirs.
     """
     found = [
         {
@@ -47,7 +47,7 @@ def content(
         }
         for result in results
     ]  # fmt: skip
-    anew = {step["name"]: step for step in found}
+    anew = {step["name"]: step for step in found if not before or step["state"] != "not done"}
     steps = [anew.pop(step["name"], step) for step in before["steps"]] if before else []
     steps += anew.values()
     known = {key: about.get(key) for key in ("board", "firmware", "protocol", "starts", "counts_per_rev")}
@@ -66,7 +66,7 @@ def brake_steps(results: list[Result]) -> dict[str, str]:
 
 def write_record(data_dir: Path, record: dict[str, Any], steps: dict[str, str]) -> list[Path]:
     """Write the record, and beside it the brakes' current steps; the files. InputError: they cannot be written."""
-    stamp = re.sub(r"\D", "", record["time"])[:14]
+    stamp = re.sub(r"\D", "", record["time"])[:17]  # ms
     name = f"{_plain(record['board'])}-{stamp}"
     files = {data_dir / FOLDER / f"{name}.json": sealed(record)}
     files |= {data_dir / FOLDER / f"{name}-steps-{joint}.csv": text.encode() for joint, text in steps.items()}

@@ -66,7 +66,7 @@ def own_device(hand: EmulatedHand) -> tuple[RealDevice, EmulatedBus]:
 
 
 def test_the_template_has_every_method_of_a_real_device_and_is_short() -> None:
-    device = device_at(DEVICE, f"driver:{FILE}")
+    device = load_driver(f"driver:{FILE}")(DEVICE)
     names = {name for kind in (AnyDevice, RealDevice) for name in (*vars(kind), *kind.__annotations__)}
     missing = {name for name in names if name[0] != "_" and name not in {*dir(type(device)), *vars(device)}}
     assert missing == set()
