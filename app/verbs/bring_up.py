@@ -174,8 +174,9 @@ def bring_up(args: argparse.Namespace) -> int:
         raise
     not_passed = [(step["name"], step["state"]) for step in record["steps"] if step["state"] != "passed"]
     failed = [name for name, state in not_passed if state == "failed"]
-    verdict = f"failed: {', '.join(failed) or 'none'}; not done: {len(not_passed) - len(failed)} steps"
-    verdict = verdict if not_passed else "all passed"
+    undone = [name for name, state in not_passed if state != "failed"]
+    words = [f"{what}: {', '.join(names)}" for what, names in (("failed", failed), ("not done", undone)) if names]
+    verdict = "; ".join(words) or "all passed"
     print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))
     return 0 if record["passed"] else 1
 
