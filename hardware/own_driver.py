@@ -15,7 +15,15 @@ from core.files import InputError
 DRIVER = "driver:"  # begins such a link
 FUNCTION = "new_device"  # of the file: takes the device of the device file, returns the real one, not opened yet
 #: of the driver's methods what they return where it has failed; of the others it is an error that is told
-FAILED: dict[str, Any] = {"exchange": None, "samples": [], "begin": None, "stop": None, "report": {}, "end_record": {}}
+FAILED: dict[str, Any] = {
+    "exchange": None,
+    "samples": [],
+    "begin": None,
+    "stop": None,
+    "report": {},
+    "end_record": {},
+    "close": None,
+}
 PAUSE_S = 0.004  # of an exchange with a driver that has failed
 
 
@@ -105,3 +113,8 @@ class OwnDevice:
         if name in ("report", "end_record") and not isinstance(result, dict):
             raise TypeError(f"{name}() must give a dict, not {type(result).__name__}")
         return result
+
+
+def own_failure(device: RealDevice) -> str:
+    """What the file of a driver did wrong, one sentence; "": nothing, or it is no such device."""
+    return device.failed if isinstance(device, OwnDevice) else ""

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
-from core.device_interface import DeviceError
-from core.faults import cause_of
 from core.files import InputError
 from experiments.inputs import MOUSE
 
@@ -129,7 +127,7 @@ def bring_up(args: argparse.Namespace) -> int:
     from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
-    from hardware.own_driver import OwnDevice
+    from hardware.own_driver import own_failure
     from hardware.serial_device import device_at
 
     if not args.by.strip():
@@ -151,7 +149,7 @@ def bring_up(args: argparse.Namespace) -> int:
         builder = AtTheKeyboard() if control is None else EmulatedBuilder(control)
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
         before = None
-        if args.step:
+        if args.step is not None:
             steps, before = with_needs(steps, args.step), to_amend(args.data_dir, device, real.report())
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
         runner = BringUp(real, builder)
@@ -160,25 +158,25 @@ def bring_up(args: argparse.Namespace) -> int:
         results = runner.results
         about = real.report()
     finally:
-        try:
-            real.close()
-        except DeviceError as error:
-            say(f"{cause_of(error)}: the device is not closed; make sure that no brake has current")
-    if isinstance(real, OwnDevice) and real.failed:
-        raise InputError(f"{real.failed}; no record is written")
+        broken = own_failure(real)
+        real.close()
+        if not broken and own_failure(real):
+            say(f"{own_failure(real)}: the device is not closed; make sure that no brake has current")
+    if broken:
+        raise InputError(f"{broken}; no record is written")
     record = content(results, device, about, args.by, now(), before)
     try:
         files = write_record(args.data_dir, record, brake_steps(results))
     except (InputError, OSError):
         print(json.dumps(record))  # what cannot be written is not lost
         raise
-    not_passed = [(step["name"], step["state"]) for step in record["steps"] if step["state"] != "passed"]
-    failed = [name for name, state in not_passed if state == "failed"]
-    undone = [name for name, state in not_passed if state != "failed"]
-    words = [f"{what}: {', '.join(names)}" for what, names in (("failed", failed), ("not done", undone)) if names]
-    verdict = "; ".join(words) or "all passed"
-    print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))
+    print_result(args, record, "\n".join([f"{verdict_on(record['steps'])}; signed by {args.by}", *map(str, files)]))
     return 0 if record["passed"] else 1
+
+
+def verdict_on(steps: list[dict[str, Any]]) -> str:
+    names = {state: [step["name"] for step in steps if step["state"] == state] for state in ("failed", "not done")}
+    return "; ".join(f"{state}: {', '.join(which)}" for state, which in names.items() if which) or "all passed"
 
 
 def link_port(args: argparse.Namespace) -> str:
