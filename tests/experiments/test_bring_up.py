@@ -81,6 +81,8 @@ def whole() -> Bringing:
 def test_a_good_board_passes_every_step(whole: Bringing) -> None:
     assert [state_of(result) for result in whole.builder.results] == ["passed"] * len(whole.steps)
     assert not any(whole.bench.board.currents)
+    stop = next(result.finding for result in whole.builder.results if result.step.name == "stop")
+    assert stop.figures == {"reported": True} and "the board reports the stop" in stop.saw
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
