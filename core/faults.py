@@ -47,6 +47,10 @@ FAULTS = {
         f"Home the encoders and take the zero of the force anew, {ALLOW}; its firmware must count every power-up.",
     ),
     "host-request": FaultWords("stopped by the host or the emergency stop", "Allow the brakes again when it is safe."),
+    "emergency-stop": FaultWords(
+        "the emergency stop has cut the supply of the brakes",
+        "Release it, press the start button of the supply, then allow the brakes again.",
+    ),
     "unknown": FaultWords("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
     # of the line to the board
     "no-sample": FaultWords("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),

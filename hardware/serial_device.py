@@ -25,12 +25,12 @@ from core.mechanism import JOINTS
 from hardware.handshake import check_hello, limits_of, rewire_emulated, shortened, wired_to
 from hardware.haply import HAPLY
 from hardware.haply.device import HaplyDevice
-from hardware.own_driver import DRIVER, load_driver
+from hardware.own_driver import DRIVER, own_device
 from hardware.sensing.board_clock import FreshnessWatch
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.net_ft import CHANNELS, COUNT_UN, NET_FT, NetFT
 from hardware.sensing.samples import ZERO_SAMPLES, BoardSensing, fault_words, zero_of
-from hardware.serial_port import Identity, Port, find_port, identity_of
+from hardware.serial_port import Identity, Port, find_port, identity_of, link_of
 from hardware.wire import messages as m
 from hardware.wire.frames import FrameCounts, FrameDecoder, encode_frame
 from hardware.wire.messages import Four, Hello, Refusal, joints_of
@@ -221,6 +221,7 @@ class SerialDevice:
         self._watch = FreshnessWatch()  # of the present connection
         self._taken: deque[DeviceSample] = deque(maxlen=MOST_KEPT)  # since `samples` was called
         self._identity: Identity | None = None
+        self._link = ""  # what carries the bytes, in words
 
     @property
     def problem(self) -> str:
@@ -240,7 +241,7 @@ class SerialDevice:
         try:
             load_kernels(self.device)
             self.port = find_port(self.port)
-            self._identity = identity_of(self.port)
+            self._identity, self._link = identity_of(self.port), link_of(self.port).words
             self._begin(self._reach())
         except (DeviceError, InputError) as error:
             if self._force_sensor:
@@ -431,7 +432,7 @@ class SerialDevice:
 
     def report(self) -> dict:
         """Counters since `open`, clock model (offset, drift, residual of host time over board time), and the zero."""
-        report = self.health.report(self.sensing, self._reached and self._reached.connection)
+        report = self.health.report(self.sensing, self._reached and self._reached.connection) | {"link": self._link}
         return report | ({"force_sensor": self._force_sensor.report()} if self._force_sensor else {})
 
     def home(self, tip: tuple[float, float]) -> None:
@@ -486,7 +487,7 @@ def device_at(device: Device, where: str) -> RealDevice:
     It is not opened yet.
     """
     if where.startswith(DRIVER):
-        return load_driver(where)(device)
+        return own_device(device, where)
     if where.startswith(HAPLY):
         return HaplyDevice(device, where.removeprefix(HAPLY))
     port, _, host = where.partition(f" {NET_FT}")

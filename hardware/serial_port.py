@@ -28,7 +28,13 @@ try:
 except ImportError:  # Windows has none
     TerminalError = OSError  # type: ignore[misc,assignment]
 
-BAUD = 921_600  # means nothing to a USB port
+BAUD = 921_600  # what any adapter of a UART to USB carries, and the least for a sample a millisecond
+#: Clocks of ST-LINK/V2-1 (36 MHz) and board (42 MHz) both divide to it exactly; 921,600 they miss by 0.2 and -0.9 %
+ST_LINK_BAUD = 2_000_000
+#: (vendor, product) of the serial port of an ST-LINK/V2-1 or V3: a UART, though USB calls it a port of the board's own
+ST_LINKS = {(0x0483, product) for product in (0x374B, 0x3752, 0x374E, 0x374F, 0x3753)}
+#: vendor of an adapter of a UART to USB -> its name; others on USB are ports of a board's own, which know no baud rate
+ADAPTERS = {0x0403: "FTDI", 0x10C4: "CP210x", 0x1A86: "CH34x", 0x067B: "PL2303"}
 READ_S = 0.002  # longest wait for the first byte
 WRITE_S = 0.004
 CLOSE_S = 0.5  # after which a close that hangs is left to itself
@@ -39,6 +45,13 @@ _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIPE, er
 _WINDOWS_REFUSED = re.compile(r"could not open port .*: \w+\((\d+),")
 #: what pyserial raises when the other end is gone
 _DEAD = (serial.SerialException, OSError, TerminalError)
+
+
+class Link(NamedTuple):
+    """What carries the bytes of a port."""
+
+    words: str
+    baud: int = BAUD
 
 
 class Identity(NamedTuple):
@@ -82,7 +95,8 @@ class Port:
             raise DeviceError(cause("port", name=name, what="an address must be socket://HOST:NUMBER"))
         try:
             wait_s = 0.0 if self._tcp else READ_S
-            self._serial = serial.serial_for_url(name, BAUD, timeout=wait_s, write_timeout=WRITE_S, exclusive=True)
+            baud = link_of(name).baud
+            self._serial = serial.serial_for_url(name, baud, timeout=wait_s, write_timeout=WRITE_S, exclusive=True)
             if self._tcp:
                 with socket.fromfd(self._serial.fileno(), socket.AF_INET, socket.SOCK_STREAM) as end:
                     limit_buffers(end)
@@ -156,6 +170,21 @@ def identity_of(name: str) -> Identity | None:
     ports = usb_ports()
     found = ports.get(name)
     return found if found is not None and list(ports.values()).count(found) == 1 else None
+
+
+def link_of(name: str) -> Link:
+    """What a port is, by its name and who it is on USB."""
+    if is_address(name):
+        return Link("TCP")
+    name = name if sys.platform == "win32" else os.path.realpath(name)  # there ports are no files
+    identity = usb_ports().get(name)
+    if identity is None:
+        return Link("pseudo-terminal" if name.startswith("/dev/pts/") else f"UART at {BAUD:,} baud")
+    if identity[:2] in ST_LINKS:
+        return Link(f"UART at {ST_LINK_BAUD:,} baud, by an ST-LINK", ST_LINK_BAUD)
+    if adapter := ADAPTERS.get(identity.vendor):
+        return Link(f"UART at {BAUD:,} baud, by an adapter ({adapter})")
+    return Link("USB")
 
 
 def find_port(wanted: str, identity: Identity | None = None) -> str:

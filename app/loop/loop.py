@@ -256,9 +256,9 @@ class Loop:
             return
         problem = ""
         for file in self._devices:
-            device = self._make_device(file, self.port)
             self.ring.control.loop_beat = self._now_ns()  # one that does not answer takes more than a second
             try:
+                device = self._make_device(file, self.port)
                 device.open()
             except InputError as error:
                 problem = problem or cause_of(error)

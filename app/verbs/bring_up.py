@@ -1,6 +1,7 @@
 """`phd bring-up`: one check after another on a device that has just been wired, with a record that sessions name."""
 
 import argparse
+import json
 import queue
 import sys
 import threading
@@ -42,6 +43,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--device", default="four-brake", metavar="NAME|PATH", help="what the board is wired to (default: four-brake)"
     )
+    option(
+        "--step", metavar="NAME", help="this step again, with those that it needs; its result goes into the "
+        "newest record of the board (default: all steps)",
+    )  # fmt: skip
     option("--by", required=True, metavar="NAME", help="who signs the record")
     option("--data-dir", **DATA_DIR)
     option(
@@ -117,13 +122,16 @@ def bring_up(args: argparse.Namespace) -> int:
     from app.verbs.run import reached
     from core.device import load_device
     from experiments.bring_up.bring_up import BringUp
-    from experiments.bring_up.record import brake_steps, content, state_of, write_record
-    from experiments.bring_up.steps import steps_for
+    from experiments.bring_up.record import brake_steps, content, to_amend, write_record
+    from experiments.bring_up.steps import steps_for, with_needs
     from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
+    from hardware.own_driver import own_failure
     from hardware.serial_device import device_at
 
+    if not args.by.strip():
+        raise InputError("--by: must be the name of who signs the record")
     device = load_device(args.device)
     link = reached(link_port(args), args.force)
     if device.castor:
@@ -140,6 +148,9 @@ def bring_up(args: argparse.Namespace) -> int:
         control = emulated_ports().get(real.port)
         builder = AtTheKeyboard() if control is None else EmulatedBuilder(control)
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
+        before = None
+        if args.step is not None:
+            steps, before = with_needs(steps, args.step), to_amend(args.data_dir, device, real.report())
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
         runner = BringUp(real, builder)
         for _ in runner.run(steps):
@@ -147,13 +158,25 @@ def bring_up(args: argparse.Namespace) -> int:
         results = runner.results
         about = real.report()
     finally:
+        broken = own_failure(real)
         real.close()
-    record = content(results, device, about, args.by, now())
-    files = write_record(args.data_dir, record, brake_steps(results))
-    failed = [result.step.title for result in results if state_of(result) == "failed"]
-    verdict = "all passed" if record["passed"] else f"failed: {', '.join(failed)}"
-    print_result(args, record, "\n".join([f"{verdict}; signed by {args.by}", *map(str, files)]))
+        if not broken and own_failure(real):
+            say(f"{own_failure(real)}: the device is not closed; make sure that no brake has current")
+    if broken:
+        raise InputError(f"{broken}; no record is written")
+    record = content(results, device, about, args.by, now(), before)
+    try:
+        files = write_record(args.data_dir, record, brake_steps(results))
+    except (InputError, OSError):
+        print(json.dumps(record))  # what cannot be written is not lost
+        raise
+    print_result(args, record, "\n".join([f"{verdict_on(record['steps'])}; signed by {args.by}", *map(str, files)]))
     return 0 if record["passed"] else 1
+
+
+def verdict_on(steps: list[dict[str, Any]]) -> str:
+    names = {state: [step["name"] for step in steps if step["state"] == state] for state in ("failed", "not done")}
+    return "; ".join(f"{state}: {', '.join(which)}" for state, which in names.items() if which) or "all passed"
 
 
 def link_port(args: argparse.Namespace) -> str:
@@ -172,7 +195,9 @@ def link_port(args: argparse.Namespace) -> str:
 
 def make_folder(data_dir: Path) -> None:
     """InputError before anything is done, rather than after ten minutes."""
+    from experiments.bring_up.record import FOLDER
     from experiments.recording.atomic_files import refusing
 
-    with refusing(data_dir, "cannot be used"):
-        data_dir.mkdir(parents=True, exist_ok=True)
+    for folder in (data_dir, data_dir / FOLDER):
+        with refusing(folder, "cannot be used"):
+            folder.mkdir(parents=True, exist_ok=True)

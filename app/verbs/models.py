@@ -45,11 +45,12 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "step_index (tells repeats apart, which are averaged), in the order in which they were measured. Steps at one\n"
         "speed give Eq. (2) and a constant time constant. With some\n"
         "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
-        "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
+        "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5. Steps\n"
+        "between two currents alone, as those of phd bring-up, give the torque between them and two time constants.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
     ).add_argument  # fmt: skip
     option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
-    option("--out", type=Path, required=True, metavar="BRAKE.toml", help="a new brake file")
+    option("--out", type=Path, metavar="BRAKE.toml", help="a new brake file (default: the numbers are printed alone)")
     option("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
     option("--name", help="the brake's name (default: that of the file)")
     option(
@@ -142,18 +143,22 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.fit import ByHand
     from experiments.identify.identify import identify, summary, with_zero
+    from experiments.identify.two_currents import NOT_SEEN, TwoCurrents, summary_of
 
     given = ByHand(args.omega_0, args.backlash_deg, args.knee)
     asked = args.steps, args.out, args.name, args.figures, given
-    found, brake, figures = with_progress("identifying", identify, *asked)
+    done = with_progress("identifying", identify, *asked)
+    if isinstance(done, TwoCurrents):
+        about = summary_of(done)
+        lines = [f"{args.steps}: {done.steps} steps between two currents; no brake file comes of them"]
+        lines += table_of(about["numbers"], 24)
+        lines += ["intervals are of the scatter of the steps; an error that all share is not in them"]
+        lines += [f"not seen: {what} ({why})" for what, why in NOT_SEEN.items()]
+        return print_result(args, about, "\n".join(lines))
+    found, brake, figures = done
     fit = summary(found)
-    lines = [
-        f"{args.out}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}",
-        f"{'':12}{'value':>12}{'95 % interval':>26}",
-    ]
-    for row in fit["parameters"]:
-        interval = "withheld" if row["low"] is None else f"{row['low']:#.4g} .. {row['high']:#.4g}"
-        lines.append(f"{row['name']:12}{row['value']:#12.4g}{interval:>26}  {row['unit']}")
+    lines = [f"{args.out or args.steps}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}"]
+    lines += table_of(fit["parameters"], 12)
     lines += [
         f"omega_0     {found.omega_0_rpm:12.5g}{'':26}  rpm, {fit['omega_0_by']}",
         f"k_2 is the drag without current{with_zero(found)}",
@@ -164,8 +169,17 @@ def identify_verb(args: argparse.Namespace) -> None:
     if found.set_aside:
         lines.append(f"without a clear transient, not used for Eq. (4): {', '.join(fit['set_aside'])}")
     files = [str(path) for path in figures]
-    result = {"brake": brake.name, "out": str(args.out), "figures": files} | fit
+    result = {"brake": brake.name, "out": args.out and str(args.out), "figures": files} | fit
     print_result(args, result, "\n".join([*lines, *files]), fit["warnings"])
+
+
+def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
+    """Names (of this width), values and 95 % intervals, as lines."""
+    lines = [f"{'':{width}}{'value':>12}{'95 % interval':>26}"]
+    for row in numbers:
+        interval = "withheld" if row["low"] is None else f"{row['low']:#.4g} .. {row['high']:#.4g}"
+        lines.append(f"{row['name']:{width}}{row['value']:#12.4g}{interval:>26}  {row['unit']}")
+    return lines
 
 
 def figures_verb(args: argparse.Namespace) -> None:

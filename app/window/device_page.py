@@ -72,7 +72,7 @@ STATES = {
     "BOOT": "starting", "IDLE": "idle: waits for the limits", "READY": "ready: no current",
     "ACTIVE": "active: currents may flow", "FAULT": "fault: no current until it is reset",
 }  # fmt: skip
-BOARD = ("Device", "Board", "Port", "Firmware", "State", "Fault", "Encoders", "Force sensor")
+BOARD = ("Device", "Board", "Port", "Link", "Firmware", "State", "Fault", "Encoders", "Force sensor")
 SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", "Round trip", "Delay")
 #: name -> counters, as they are shown
 LINK = {
@@ -182,6 +182,7 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
         shown["all"] = grouped(counts["samples"] + counts["lost"])
         figures |= {name: text.format_map(shown) for name, text in LINK.items()}
         figures["Firmware"] = f"{report.get('firmware', NOTHING)}, protocol {report.get('protocol', NOTHING)}"
+        figures["Link"] = report.get("link", "")
         if report.get("round_trip_s") is not None:
             figures["Round trip"] = f"{1e3 * report['round_trip_s']:.1f} ms at best"
         if ticks := report.get("delay_ticks"):

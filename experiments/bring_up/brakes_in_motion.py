@@ -8,6 +8,7 @@ joint:
     u_jk = 1 while brake k has current and if it resists at joint j.
 """
 
+import contextlib
 import math
 from typing import Any, NamedTuple
 
@@ -15,11 +16,13 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from core.brake import time_constant, torque_gain
+from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.simulator.state import pack_brakes, pack_mechanism
 from experiments.bring_up.step import NO_CURRENT, SHARE, Finding, Four, Seen
-from experiments.identify.step_response import COLUMNS, Step, time_constant_of_step
+from experiments.identify.step_response import COLUMNS, Step
+from experiments.identify.two_currents import identify_two_currents, summary_of
 
 HALF_S, TIMES = 1.03, 3  # on, then off, so often for each brake; about half a circle, which turns each joint
 LASTS_S = 4 * TIMES * 2.0 * HALF_S
@@ -145,7 +148,7 @@ def steps_of(motion: Motion, torques: Torques, braked: list[int], k: int, level:
 
 
 def steps_text(steps: list[Step]) -> str:
-    """The steps as a file for `phd identify`, which asks for more currents and speeds than these; "": none."""
+    """The steps as a file for `phd identify`; "": none."""
     rows = [
         (f"{t:.3f}", f"{step.current_from:g}", f"{step.current_to:g}", step.speed_rpm, f"{torque:.5f}", number)
         for number, step in enumerate(steps)
@@ -174,10 +177,9 @@ def judge_brakes(seen: Seen) -> Finding:
         words.append(f"{joint} {added:.2f} N m (model {model:.2f})")
         if rises := [step for step in steps if step.rising]:
             rate = math.pi / 30.0 * float(np.mean([step.speed_rpm for step in rises]))
-            expected = float(time_constant(record, k, level, rate, True))
-            mean = Step(0.0, level, rises[0].speed_rpm, rises[0].t, np.mean([step.torque for step in rises], axis=0))
-            found = time_constant_of_step(mean, expected)[0]
-            about |= {"time_constant_s": None if math.isnan(found) else found, "model_time_constant_s": expected}
+            about["model_rise_s"] = float(time_constant(record, k, level, rate, True))
+        with contextlib.suppress(InputError):  # no steps both ways, or no torque: `added_N_m` says so
+            about["identified"] = summary_of(identify_two_currents(steps, joint))["numbers"]
         figures[joint] = about
         strongest = JOINTS[torques.joints[place]]
         if strongest != joint and torques.added[place] > LEAST * model:

@@ -66,15 +66,15 @@ class BringUp:
         try:
             for step in steps:
                 passed = [result.step.name for result in self.results if result.finding.passed]
-                begun = self._device.clock()
-                why = f"not done: {self._device.problem}" if self._device.problem else why_not(step, passed)
-                if why:
+                begun, lost = self._device.clock(), self._device.problem
+                if why := f"not done: {lost}" if lost else why_not(step, passed):
                     result = Result(step, False, Finding(False, why), 0.0)
                 else:
                     finding = yield from self._try(step)
                     result = Result(step, True, finding, self._device.clock() - begun)
                 self.results.append(result)
-                self._builder.show(result)
+                if not lost:  # said once, by the step in which it was lost
+                    self._builder.show(result)
         finally:
             with contextlib.suppress(DeviceError):
                 self._device.exchange(NO_CURRENT)
@@ -117,7 +117,7 @@ class BringUp:
             self._sleep(step.silent_s)
             for _ in range(50):
                 self._exchange(NO_CURRENT, may_fault=True)
-        if not self._rows:
+        if len(self._rows) < 2:
             raise Unfit("no sample came")
         self._device.exchange(NO_CURRENT)
         self._about = self._report()

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from core.faults import cause
 from core.mechanism import JOINTS
 from experiments.bring_up.step import SHARE, Finding, Four, Point, Seen
 
@@ -282,8 +283,15 @@ def judge_stop(seen: Seen) -> Finding:
         advice = "Release the stop, press start, and repeat; press it after the step has asked for it, not before."
         return Finding(False, "no current flowed before the stop was pressed", advice)
     names = [JOINTS[i] for i, none in zip(seen.braked, gone, strict=True) if not none]
+    told = seen.rows[-1].sample.fault == cause("emergency-stop")
     if not names:
-        return Finding(True, "no brake has current, though 10 % are asked for")
+        saw = "no brake has current, though 10 % are asked for; the board "
+        saw += (
+            "reports the stop, and takes off the currents too: measure that every amplifier has lost its supply"
+            if told
+            else "does not report the stop"
+        )
+        return Finding(True, saw, figures={"reported": told})
     advice = f"Put the supply of the amplifier of {', '.join(names)} behind the contacts of the emergency stop."
     if len(names) == len(gone):
         return Finding(False, "every brake keeps its current", f"{advice} If you did not press it: repeat.")

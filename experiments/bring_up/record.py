@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from core.device import Device
 from core.files import InputError
@@ -12,6 +12,7 @@ from experiments.session.checksums import CHECKSUM, read_sealed, sealed
 
 FOLDER = "bring-up"  # in the data folder; no participant's name begins so (sub-..)
 FORMAT = 1
+Content: TypeAlias = dict[str, Any]  # of a record, as JSON holds it
 
 
 class Written(NamedTuple):
@@ -30,21 +31,30 @@ def state_of(result: Result) -> str:
     return "passed" if result.finding.passed else "failed" if result.done else "not done"
 
 
-def content(results: list[Result], device: Device, about: dict[str, Any], by: str, time: str) -> dict[str, Any]:
-    """The record, as JSON holds it. about: the device's report at the end."""
-    steps = [
+def content(
+    results: list[Result], device: Device, about: Content, by: str, time: str, before: Content | None = None
+) -> Content:
+    """The record. about: the device's report at the end.
+
+    before: an earlier record, in which the steps that were done take the places of theirs.
+    """
+    found = [
         {
-            "name": result.step.name, "title": result.step.title, "asked": result.step.ask, "state": state_of(result),
-            "saw": result.finding.saw, "advice": result.finding.advice, "took_s": round(result.took_s, 1),
+            "name": result.step.name, "title": result.step.title, "time": time, "by": by,
+            "asked": result.step.ask, "state": state_of(result), "saw": result.finding.saw,
+            "advice": result.finding.advice, "took_s": round(result.took_s, 1),
             "figures": {key: value for key, value in result.finding.figures.items() if key != "steps"},
         }
         for result in results
     ]  # fmt: skip
+    anew = {step["name"]: step for step in found if not before or step["state"] != "not done"}
+    steps = [anew.pop(step["name"], step) for step in before["steps"]] if before else []
+    steps += anew.values()
     known = {key: about.get(key) for key in ("board", "firmware", "protocol", "starts", "counts_per_rev")}
     return {
         "format": FORMAT, "time": time, "signed_by": by, "device": device.name, **known,
         "current_limits_A": [float(most) for most in device.brakes.current_max],
-        "passed": all(result.finding.passed for result in results), "steps": steps,
+        "passed": all(step["state"] == "passed" for step in steps), "steps": steps,
     }  # fmt: skip
 
 
@@ -56,7 +66,7 @@ def brake_steps(results: list[Result]) -> dict[str, str]:
 
 def write_record(data_dir: Path, record: dict[str, Any], steps: dict[str, str]) -> list[Path]:
     """Write the record, and beside it the brakes' current steps; the files. InputError: they cannot be written."""
-    stamp = re.sub(r"\D", "", record["time"])[:14]
+    stamp = re.sub(r"\D", "", record["time"])[:17]  # ms
     name = f"{_plain(record['board'])}-{stamp}"
     files = {data_dir / FOLDER / f"{name}.json": sealed(record)}
     files |= {data_dir / FOLDER / f"{name}-steps-{joint}.csv": text.encode() for joint, text in steps.items()}
@@ -68,23 +78,38 @@ def _plain(board: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9_.]", "_", board or "") or "board"
 
 
+def newest_content(data_dir: Path, board: str) -> tuple[Path, Content] | None:
+    """The newest record of a board, file and content; None: there is none. InputError: it was damaged."""
+    found = [(file, read_sealed(file)) for file in (data_dir / FOLDER).glob(f"{_plain(board)}-*.json")]
+    return max((one for one in found if one[1].get("board") == board), key=lambda one: one[1]["time"], default=None)
+
+
 def newest_record(data_dir: Path, board: str) -> Written | None:
-    """The newest record of a board; None: there is none. InputError: it was damaged."""
-    found = []
-    for file in (data_dir / FOLDER).glob(f"{_plain(board)}-*.json"):
-        about = read_sealed(file)
-        if about.get("board") == board:
-            found.append((about["time"], file, about))
-    if not found:
+    """The same, as a session names it."""
+    if (newest := newest_content(data_dir, board)) is None:
         return None
-    time, file, about = max(found, key=lambda one: one[0])
+    file, about = newest
     try:
         return Written(
-            f"{FOLDER}/{file.name}", about[CHECKSUM], about["signed_by"], time, about["passed"],
+            f"{FOLDER}/{file.name}", about[CHECKSUM], about["signed_by"], about["time"], about["passed"],
             about.get("firmware") or "", {step["title"]: step["state"] for step in about["steps"]},
         )  # fmt: skip
     except (KeyError, TypeError) as error:
         raise InputError(f"{file}: is no record of a bring-up ({error})") from None
+
+
+def to_amend(data_dir: Path, device: Device, about: Content) -> Content:
+    """The record that a repeated step goes into. InputError: this board has none for this device and firmware."""
+    newest = newest_content(data_dir, about.get("board") or "")
+    if newest is None:
+        raise InputError(f"--step: {data_dir} has no record of this board; run phd bring-up without --step first")
+    file, before = newest
+    for key, now in (("device", device.name), ("firmware", about.get("firmware"))):
+        if before.get(key) != now:
+            raise InputError(
+                f"--step: {file} is of {key} {before.get(key)}, not {now}; run phd bring-up without --step"
+            )
+    return before
 
 
 def problem_of(record: Written | None, firmware: str) -> str:

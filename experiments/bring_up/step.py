@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core.device import Device
-from core.device_interface import DeviceSample
+from core.device_interface import DeviceError, DeviceSample
 
 Four = tuple[float, float, float, float]
 Point = tuple[float, float]
@@ -50,7 +50,10 @@ class Seen(NamedTuple):
     def turned(self) -> dict[str, float]:
         """Joint with an encoder -> how far it has turned, rad, counter-clockwise."""
         first, last = (np.array(self.rows[k].sample.counts) for k in (0, -1))
-        moved = (last - first) * 2.0 * math.pi / np.array(self.about["counts_per_rev"])
+        counts_per_rev = self.about.get("counts_per_rev", ())
+        if len(counts_per_rev) != len(first):
+            raise DeviceError(f"the device reports counts_per_rev {counts_per_rev} for {len(first)} encoders")
+        moved = (last - first) * 2.0 * math.pi / np.array(counts_per_rev)
         return dict(zip(self.about["encoders"], moved.tolist(), strict=True))
 
 

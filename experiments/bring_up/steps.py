@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.device import Device
+from core.files import InputError
 from core.workspace import tip_is_free
 from experiments.bring_up.brakes_in_motion import LASTS_S, in_turn, judge_brakes
 from experiments.bring_up.checks import (
@@ -113,6 +114,16 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
              f"Let go of the handle, and leave it for {latency_s:g} s.", {"do": "let go"}, needs=("board",))
     )  # fmt: skip
     return found
+
+
+def with_needs(steps: Sequence[Step], name: str) -> list[Step]:
+    """A step and every step that it needs, in their order. InputError: there is no such step."""
+    if name not in (names := [step.name for step in steps]):
+        raise InputError(f"--step: this device has no step {name!r}; its steps are {', '.join(names)}")
+    wanted = {name}
+    for step in reversed(steps):
+        wanted |= set(step.needs) if step.name in wanted else set()
+    return [step for step in steps if step.name in wanted]
 
 
 def why_not(step: Step, passed: Sequence[str]) -> str:

@@ -19,6 +19,7 @@ from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
+from experiments.identify.two_currents import TwoCurrents, has_two_currents, identify_two_currents
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -29,27 +30,41 @@ BACKLASH_DEG = 0.75  # assumed where none is given
 
 
 def identify(
-    steps_path: Path, out: Path, name: str | None, figures: Path | None, given: ByHand, progress: Progress = no_progress
-) -> tuple[Identification, BrakeFile, list[Path]]:
-    """Read the steps, fit, and write the brake file and, into a folder, the figures; all or nothing.
+    steps_path: Path,
+    out: Path | None,
+    name: str | None,
+    figures: Path | None,
+    given: ByHand,
+    progress: Progress = no_progress,
+) -> tuple[Identification, BrakeFile, list[Path]] | TwoCurrents:
+    """Read the steps, fit, and write the brake file (out) and, into a folder, the figures; all or nothing.
 
-    InputError, and nothing written, if a file exists already or the steps do not determine a number.
+    Steps between two currents alone make neither: what they show is returned. InputError, and nothing written, if a
+    file exists already or the steps do not determine a number.
     """
-    refuse_existing_files([out])
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"{out}: cannot be created (its folder does not exist)")
+    if out is not None:
+        refuse_existing_files([out])
+        if not out.absolute().parent.is_dir():
+            raise InputError(f"{out}: cannot be created (its folder does not exist)")
     steps = read_steps(steps_path)
     progress(0.4)
+    if has_two_currents(steps):
+        if out is not None or figures is not None:
+            raise InputError(
+                f"{steps_path}: steps between two currents alone make no brake file and no figure (Eq. (2) takes four "
+                "currents); without --out and --figures phd identify prints what they show"
+            )
+        return identify_two_currents(steps, steps_path.name)
     found = identify_steps(steps, steps_path.name, given)
-    text = brake_text(found, out.stem if name is None else name)
+    text = brake_text(found, (out or steps_path).stem if name is None else name)
     progress(0.6)
     drawn: dict[Path, bytes] = {}
     if figures is not None:
         from experiments.identify.figures import draw_identification  # matplotlib takes a second to load
 
         drawn = draw_identification(found, figures)
-    write_new_files({**drawn, out: text.encode()})
-    return found, _brake(text, str(out)), list(drawn)
+    write_new_files({**drawn, out: text.encode()} if out else drawn)
+    return found, _brake(text, str(out or steps_path)), list(drawn)
 
 
 def _brake(text: str, where: str) -> BrakeFile:

@@ -28,6 +28,7 @@ class Readings(NamedTuple):
     force: tuple[int, ...] = ()  # counts, one a channel
     current_mA: Four = ZERO  # measured
     encoder_good: tuple[bool, ...] = (True, True, True, True)
+    supply_cut: bool = False  # an emergency stop beside the board has cut the amplifiers' supply
 
 
 #: The Hello of a board with two encoders, four brakes and a force sensor, at its start.
@@ -257,6 +258,8 @@ class Board:
                 self._low_at_start = False
             return b""
         self._sequence = (self._sequence + 1) % WRAP
+        if readings.supply_cut:  # so that no current comes back with the supply
+            self._fail(BoardEvent.STOP, Fault.HOST_REQUEST)
         self._watch(now_us)
         if now_us - self._heard_us >= SILENCE_US and self.state != State.ACTIVE and self.streaming:
             self._change(BoardEvent.SILENCE)
@@ -378,7 +381,7 @@ class Board:
 
     def _check(self, readings: Readings) -> None:
         """Conditions that latch a fault in Ready and Active, and keep one from being reset."""
-        self._standing = False
+        self._standing = readings.supply_cut
         for fault, detail in self._inputs.conditions(readings, self.limits):
             self._standing = True
             if self.state != State.IDLE and not self.faults & fault:
@@ -395,7 +398,7 @@ class Board:
             echo=self._fresh.last,
             board_us=now_us,
             state=self.state,
-            flags=self.homed | self._flags,
+            flags=self.homed | self._flags | (Flag.CUT if r.supply_cut else 0),
             faults=self.faults,
             cause=self.cause,
             counts=tuple(_int32(r.counts[i] + self._offset[i]) for i in self._encoders),

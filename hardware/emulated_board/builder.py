@@ -232,7 +232,8 @@ MISTAKES = {
     "dead-watchdog": Mistake("the firmware never looks at its watchdog", watchdog=False),
     "stop-not-wired": Mistake("the emergency stop is not in the supply", stop=lambda flowing, asked: asked),
     "stop-misses-B": Mistake(
-        "the emergency stop does not cut the amplifier at B", stop=lambda flowing, asked: (0, 0, asked[2], 0)
+        "the emergency stop does not cut the amplifier at B, and no contact tells the board",
+        stop=lambda flowing, asked: (0, 0, asked[2], 0),
     ),
     "crossed-brakes": Mistake("the plugs of brakes A and E are exchanged", brakes=lambda i: exchanged(i, 0, 1)),
     "slipping-brake": Mistake("the clamp of brake A slips on its shaft", brakes=lambda i: scaled(i, 0, 0.0)),
@@ -264,7 +265,8 @@ class BuiltDevice(EmulatedDevice):
         readings = super().sense(self._in_brakes(), faults)
         shown = mistake.measured(self._flowing) if mistake.measured else self._flowing
         noise = (read - true for read, true in zip(readings.current_mA, self._in_brakes(), strict=True))
-        readings = readings._replace(current_mA=tuple(a + b for a, b in zip(shown, noise, strict=True)))
+        cut = not self.hand.supply and mistake.stop is None
+        readings = readings._replace(current_mA=tuple(a + b for a, b in zip(shown, noise, strict=True)), supply_cut=cut)
         return mistake.readings(readings, self._random) if mistake.readings else readings
 
     def advance(self, currents: Four) -> None:

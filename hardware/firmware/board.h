@@ -30,13 +30,11 @@ void force_begin(void);
 void force_read(phd_readings *readings);    /* force */
 void brakes_begin(void);
 void brakes_read(phd_readings *readings);   /* current_mA */
-void brakes_set(const uint16_t current_mA[PHD_JOINTS]); /* at once */
-void brakes_enable(bool may_flow);          /* the amplifiers' inhibit, beside the currents */
+void brakes_enable(bool may_flow);          /* the amplifiers' inhibit, beside the currents: phd_set_currents */
 
-/* The host's port. A frame is sent whole or not at all, and nobody waits for it. */
+/* The host's port, which has phd_send as well. */
 void host_begin(void);
 size_t host_read(uint8_t *bytes, size_t most);
-void host_send(const uint8_t *frame, size_t n);
 void host_poll(void);
 
 void watchdog_begin(void); /* hardware: it resets the processor if it is not fed for 10 ms */

@@ -3,36 +3,21 @@
 
 phd_board board;
 
-static void set_currents(void *context, const uint16_t current_mA[PHD_JOINTS])
-{
-    (void)context;
-    brakes_set(current_mA);
-}
-
-static void send(void *context, const uint8_t *frame, size_t n)
-{
-    (void)context;
-    host_send(frame, n);
-}
-
 static void tick(void)
 {
-    phd_readings readings = {{0}, {0}, {0}, {false}};
+    phd_readings readings = {{0}, {0}, {0}, {false}, false};
     uint64_t now_us = clock_us();
-    bool cut = supply_is_cut();
     encoders_read(&readings);
     force_read(&readings);
     brakes_read(&readings);
-    if (cut)
-        phd_board_stop(&board); /* so that no current comes back when the e-stop is released */
+    readings.supply_cut = supply_is_cut();
     phd_board_tick(&board, &readings, now_us);
-    brakes_enable(!cut && (board.state == PHD_READY || board.state == PHD_ACTIVE));
-    lights_show(board.state, cut);
+    brakes_enable(board.state == PHD_READY || board.state == PHD_ACTIVE);
+    lights_show(board.state, readings.supply_cut);
 }
 
 int main(void)
 {
-    static const phd_hardware hardware = {set_currents, send, 0};
     brakes_off();
     clock_begin();
     supply_story story = supply_begin();
@@ -41,7 +26,7 @@ int main(void)
     force_begin();
     brakes_begin();
     host_begin();
-    phd_board_power_up(&board, capability(), &hardware, story.starts, story.after_brown_out, clock_us());
+    phd_board_power_up(&board, capability(), story.starts, story.after_brown_out, clock_us());
     watchdog_begin();
     for (;;) {
         uint8_t bytes[64];

@@ -1,14 +1,9 @@
 #include "phd_board.h"
 
-#define SAME PHD_SAME
-#define REFUSED PHD_IS_REFUSED
-#define IGNORED PHD_IGNORED
-#define NONE PHD_NOT_SEEN
-#define BOOT PHD_BOOT
-#define IDLE PHD_IDLE
-#define READY PHD_READY
-#define ACTIVE PHD_ACTIVE
-#define FAULT PHD_FAULT
+#include <string.h>
+
+enum { SAME = PHD_SAME, REFUSED = PHD_IS_REFUSED, IGNORED = PHD_IGNORED, NONE = PHD_NOT_SEEN };
+enum { BOOT = PHD_BOOT, IDLE = PHD_IDLE, READY = PHD_READY, ACTIVE = PHD_ACTIVE, FAULT = PHD_FAULT };
 
 const uint8_t phd_states[PHD_EVENTS][PHD_STATES] = {
     /*                       Boot     Idle     Ready   Active   Fault */
@@ -29,39 +24,125 @@ const uint8_t phd_states[PHD_EVENTS][PHD_STATES] = {
     [PHD_ON_BROWN_OUT]   = {BOOT,    BOOT,    BOOT,   BOOT,    BOOT}, /* the supply does it: phd_board_power_up */
 };
 
+/* ------------------------------------------------------------------ messages, byte by byte: little-endian, no padding */
+
+/* The next number of so many bytes; `at` moves behind it. */
+static uint64_t get(const uint8_t **at, size_t bytes)
+{
+    uint64_t value = 0;
+    for (size_t i = 0; i < bytes; i++)
+        value |= (uint64_t)(*at)[i] << (8 * i);
+    *at += bytes;
+    return value;
+}
+
+/* A message is put together in board->out. */
+static void put(phd_board *board, size_t bytes, uint64_t value)
+{
+    for (size_t i = 0; i < bytes; i++)
+        board->out[board->out_n++] = (uint8_t)(value >> (8 * i));
+}
+
+static void begin(phd_board *board, uint8_t type)
+{
+    board->out_n = 0;
+    put(board, 1, type);
+}
+
+static void put_bytes(phd_board *board, const void *from, size_t n)
+{
+    memcpy(board->out + board->out_n, from, n);
+    board->out_n += n;
+}
+
+static void send(phd_board *board)
+{
+    uint8_t frame[PHD_MAX_FRAME];
+    phd_send(frame, phd_encode_frame(board->out, board->out_n, frame));
+}
+
+static void send_hello(phd_board *board)
+{
+    const phd_capability *of = &board->capability;
+    begin(board, PHD_HELLO);
+    put(board, 1, PHD_VERSION);
+    put(board, 1, board->state);
+    put(board, 2, board->faults);
+    put(board, 2, board->cause);
+    put_bytes(board, of->firmware, sizeof of->firmware);
+    put(board, 1, of->encoders);
+    put(board, 1, of->brakes);
+    put(board, 1, of->force_channels);
+    put(board, 2, PHD_SAMPLE_HZ);
+    put(board, 2, PHD_WATCHDOG_MS);
+    for (size_t i = 0; i < PHD_JOINTS; i++)
+        put(board, 4, of->counts_per_rev[i]);
+    for (size_t i = 0; i < PHD_JOINTS; i++)
+        put(board, 2, of->current_max_mA[i]);
+    put(board, 4, of->force_unit);
+    put(board, 4, (uint32_t)of->force_full_scale);
+    put(board, 4, board->starts);
+    put_bytes(board, of->device, sizeof of->device);
+    put_bytes(board, of->serial, sizeof of->serial);
+    send(board);
+}
+
+/* Counts and measured currents are sent as two's complement. */
+static void send_sample(phd_board *board, uint64_t now_us)
+{
+    const phd_readings *read = &board->readings;
+    begin(board, PHD_SAMPLE);
+    put(board, 4, board->sequence);
+    put(board, 4, board->freshness.last);
+    put(board, 8, now_us);
+    put(board, 1, board->state);
+    put(board, 1, (uint8_t)(board->homed | board->flags | (read->supply_cut ? PHD_FLAG_CUT : 0)));
+    put(board, 2, board->faults);
+    put(board, 2, board->cause);
+    for (size_t i = 0; i < PHD_JOINTS; i++)
+        if (board->capability.encoders >> i & 1)
+            put(board, 4, (uint32_t)read->counts[i] + board->offset[i]);
+    for (size_t k = 0; k < board->capability.force_channels; k++)
+        put(board, 4, (uint32_t)read->force[k]);
+    for (size_t i = 0; i < PHD_JOINTS; i++)
+        if (board->capability.brakes >> i & 1)
+            put(board, 2, (uint16_t)read->current_mA[i]);
+    send(board);
+    board->flags &= (uint8_t)~PHD_FLAG_LATE;
+}
+
+static void refuse(phd_board *board, uint8_t type, uint8_t reason)
+{
+    begin(board, PHD_REFUSED);
+    board->counts.refused++;
+    put(board, 1, type);
+    put(board, 1, reason);
+    send(board);
+}
+
+static void report(phd_board *board, uint64_t now_us)
+{
+    begin(board, PHD_FAULT_REPORT);
+    board->reported = board->faults;
+    put(board, 2, board->faults);
+    put(board, 2, board->cause);
+    put(board, 1, board->detail);
+    put(board, 8, now_us);
+    send(board);
+}
+
 /* --------------------------------------------------------------------------------------------------- what it does */
 
 static void drive(phd_board *board, const uint16_t current_mA[PHD_JOINTS])
 {
-    for (size_t i = 0; i < PHD_JOINTS; i++)
-        board->current_mA[i] = current_mA[i];
-    board->hardware.set_currents(board->hardware.context, board->current_mA);
+    memcpy(board->current_mA, current_mA, sizeof board->current_mA);
+    phd_set_currents(board->current_mA);
 }
 
 static void drive_zero(phd_board *board)
 {
     static const uint16_t zero[PHD_JOINTS];
     drive(board, zero);
-}
-
-static void send(phd_board *board, const uint8_t *payload, size_t n)
-{
-    uint8_t frame[PHD_MAX_FRAME];
-    board->hardware.send(board->hardware.context, frame, phd_encode_frame(payload, n, frame));
-}
-
-static void refuse(phd_board *board, uint8_t type, uint8_t reason)
-{
-    uint8_t payload[PHD_MAX_PAYLOAD];
-    board->counts.refused++;
-    send(board, payload, phd_pack_refused(payload, type, reason));
-}
-
-static void report(phd_board *board, uint64_t now_us)
-{
-    uint8_t payload[PHD_MAX_PAYLOAD];
-    board->reported = board->faults;
-    send(board, payload, phd_pack_fault_report(payload, board->faults, board->cause, board->detail, now_us));
 }
 
 /* Go where the table says; false where the event is refused in this state. Currents flow in Active alone. */
@@ -77,12 +158,10 @@ static bool change(phd_board *board, enum phd_event event)
 
 static void disconnect(phd_board *board)
 {
-    static const phd_limits no_limits;
-    static const phd_freshness nothing_came;
     drive_zero(board);
-    board->limits = no_limits;
+    memset(&board->limits, 0, sizeof board->limits);
+    memset(&board->freshness, 0, sizeof board->freshness);
     board->connected = false;
-    board->freshness = nothing_came;
     board->commanded_us = 0;
     board->flags = 0;
 }
@@ -96,86 +175,108 @@ static void latch(phd_board *board, uint16_t fault, uint8_t detail)
     board->faults |= fault;
 }
 
-void phd_board_power_up(phd_board *board, const phd_capability *capability, const phd_hardware *hardware,
-                        uint32_t starts, bool after_brown_out, uint64_t now_us)
+void phd_board_power_up(phd_board *board, const phd_capability *capability, uint32_t starts, bool after_brown_out,
+                        uint64_t now_us)
 {
-    static const phd_board nothing;
-    *board = nothing; /* PHD_BOOT is 0 */
+    memset(board, 0, sizeof *board); /* PHD_BOOT is 0 */
     board->capability = *capability;
-    board->hardware = *hardware;
     board->starts = starts;
     board->after_brown_out = after_brown_out;
     board->started_us = board->heard_us = now_us;
     board->detail = PHD_NO_DETAIL;
-    phd_decoder_init(&board->decoder);
-    phd_watch_init(&board->watch);
     disconnect(board);
 }
 
 /* --------------------------------------------------------------------------------------------- what it is told */
 
-static void command(phd_board *board, const phd_request *request, uint64_t now_us)
+static void command(phd_board *board, const uint8_t *at, uint64_t now_us)
 {
-    if (request->mode > 1) {
-        refuse(board, request->type, PHD_BAD_VALUE);
+    uint32_t sequence = (uint32_t)get(&at, 4);
+    uint64_t host_us = get(&at, 8);
+    uint8_t mode = (uint8_t)get(&at, 1);
+    if (mode > 1) {
+        refuse(board, PHD_COMMAND, PHD_BAD_VALUE);
         return;
     }
-    enum phd_age age = phd_freshness_judge(&board->freshness, request->sequence, request->host_us, now_us);
+    enum phd_age age = phd_freshness_judge(&board->freshness, sequence, host_us, now_us);
     if (age == PHD_OLD) {
         board->counts.old++;
         return;
     }
-    if (age == PHD_LATE && request->mode == 1) { /* off is obeyed however late */
+    if (age == PHD_LATE && mode == 1) { /* off is obeyed however late */
         board->counts.late++;
         board->flags |= PHD_FLAG_LATE;
         return;
     }
-    if (!change(board, request->mode == 1 ? PHD_ON_COMMAND_ON : PHD_ON_COMMAND_OFF)) {
-        refuse(board, request->type, PHD_WRONG_STATE);
+    if (!change(board, mode == 1 ? PHD_ON_COMMAND_ON : PHD_ON_COMMAND_OFF)) {
+        refuse(board, PHD_COMMAND, PHD_WRONG_STATE);
         return;
     }
-    board->freshness.last = request->sequence;
+    board->freshness.last = sequence;
     board->freshness.taken = true;
     board->commanded_us = now_us;
     if (board->state != PHD_ACTIVE)
         return;
     uint16_t current_mA[PHD_JOINTS];
-    bool clamped = false;
+    board->flags &= (uint8_t)~PHD_FLAG_CLAMPED;
     for (size_t i = 0; i < PHD_JOINTS; i++) {
         uint16_t most = board->capability.brakes >> i & 1 ? board->limits.current_mA[i] : 0;
-        current_mA[i] = request->current_mA[i] < most ? request->current_mA[i] : most;
-        clamped = clamped || current_mA[i] != request->current_mA[i];
+        current_mA[i] = (uint16_t)get(&at, 2);
+        if (current_mA[i] > most) {
+            current_mA[i] = most;
+            board->flags |= PHD_FLAG_CLAMPED;
+        }
     }
     drive(board, current_mA);
-    board->flags = (uint8_t)((board->flags & ~PHD_FLAG_CLAMPED) | (clamped ? PHD_FLAG_CLAMPED : 0));
+}
+
+static void set_limits(phd_board *board, const uint8_t *at)
+{
+    phd_limits *limits = &board->limits;
+    begin(board, PHD_LIMITS);
+    board->connected = true;
+    for (size_t i = 0; i < PHD_JOINTS; i++) {
+        uint16_t asked = (uint16_t)get(&at, 2), most = board->capability.current_max_mA[i];
+        limits->current_mA[i] = asked < most ? asked : most;
+        put(board, 2, limits->current_mA[i]);
+    }
+    for (size_t i = 0; i < PHD_JOINTS; i++) {
+        limits->speed_counts_s[i] = (uint32_t)get(&at, 4);
+        put(board, 4, limits->speed_counts_s[i]);
+    }
+    send(board);
+}
+
+static void home(phd_board *board, const uint8_t *at)
+{
+    uint8_t joints = (uint8_t)get(&at, 1);
+    begin(board, PHD_HOMED);
+    put(board, 1, joints);
+    for (size_t i = 0; i < PHD_JOINTS; i++) {
+        uint32_t counts = (uint32_t)get(&at, 4);
+        put(board, 4, counts);
+        if (joints >> i & 1)
+            board->offset[i] = counts - (uint32_t)board->readings.counts[i];
+    }
+    board->homed |= joints;
+    send(board);
 }
 
 /* Obey a message other than Command, which the table allows in this state, and answer. */
-static void obey(phd_board *board, const phd_request *request, uint64_t now_us)
+static void obey(phd_board *board, uint8_t type, const uint8_t *at, uint64_t now_us)
 {
-    uint8_t payload[PHD_MAX_PAYLOAD];
-    switch (request->type) {
+    switch (type) {
     case PHD_ASK_HELLO:
         disconnect(board);
-        send(board, payload, phd_pack_hello(payload, &board->capability, board->state, board->faults, board->cause,
-                                            board->starts));
-        if (request->version != PHD_VERSION)
-            refuse(board, request->type, PHD_OTHER_VERSION);
+        send_hello(board);
+        if (*at != PHD_VERSION)
+            refuse(board, type, PHD_OTHER_VERSION);
         break;
     case PHD_SET_LIMITS:
-        board->limits = request->limits;
-        for (size_t i = 0; i < PHD_JOINTS; i++)
-            if (board->limits.current_mA[i] > board->capability.current_max_mA[i])
-                board->limits.current_mA[i] = board->capability.current_max_mA[i];
-        board->connected = true;
-        send(board, payload, phd_pack_limits(payload, &board->limits));
+        set_limits(board, at);
         break;
     case PHD_HOME:
-        for (size_t i = 0; i < PHD_JOINTS; i++)
-            if (request->joints >> i & 1)
-                board->offset[i] = request->counts[i] - (uint32_t)board->readings.counts[i];
-        board->homed |= request->joints;
-        send(board, payload, phd_pack_homed(payload, request->joints, request->counts));
+        home(board, at);
         break;
     case PHD_RESET_FAULT:
         if (board->faults != 0)
@@ -185,7 +286,10 @@ static void obey(phd_board *board, const phd_request *request, uint64_t now_us)
         report(board, now_us);
         break;
     case PHD_HEARTBEAT:
-        send(board, payload, phd_pack_heartbeat_reply(payload, request->token, now_us));
+        begin(board, PHD_HEARTBEAT_REPLY);
+        put(board, 4, get(&at, 4));
+        put(board, 8, now_us);
+        send(board);
         break;
     case PHD_STOP:
         latch(board, PHD_FAULT_HOST_REQUEST, PHD_NO_DETAIL);
@@ -197,21 +301,22 @@ static void obey(phd_board *board, const phd_request *request, uint64_t now_us)
     }
 }
 
-static void take(phd_board *board, const phd_request *request, uint64_t now_us)
+/* Take in a message: its type and, at `at`, its fields. */
+static void take(phd_board *board, uint8_t type, const uint8_t *at, uint64_t now_us)
 {
     static const uint8_t event_of[] = { /* by type, from AskHello (1) to Bye (8); Command has two */
         0, PHD_ON_HELLO, PHD_ON_LIMITS, 0, PHD_ON_HOME, PHD_ON_RESET, PHD_ON_HEARTBEAT, PHD_ON_STOP, PHD_ON_BYE,
     };
-    if (request->type == PHD_COMMAND)
-        command(board, request, now_us);
-    else if (request->type == PHD_HOME && (request->joints == 0 || (request->joints & ~board->capability.encoders)))
-        refuse(board, request->type, PHD_BAD_VALUE);
-    else if (request->type == PHD_RESET_FAULT && board->faults != 0 && board->standing)
-        refuse(board, request->type, PHD_FAULT_STANDS);
-    else if (!change(board, (enum phd_event)event_of[request->type]))
-        refuse(board, request->type, PHD_WRONG_STATE);
+    if (type == PHD_COMMAND)
+        command(board, at, now_us);
+    else if (type == PHD_HOME && (*at == 0 || (*at & ~board->capability.encoders)))
+        refuse(board, type, PHD_BAD_VALUE);
+    else if (type == PHD_RESET_FAULT && board->faults != 0 && board->standing)
+        refuse(board, type, PHD_FAULT_STANDS);
+    else if (!change(board, (enum phd_event)event_of[type]))
+        refuse(board, type, PHD_WRONG_STATE);
     else
-        obey(board, request, now_us);
+        obey(board, type, at, now_us);
 }
 
 /* A tick's time may be a little before that of bytes that came while it waited: that is no time, not 2^64 us. */
@@ -231,27 +336,21 @@ static void watchdog(phd_board *board, uint64_t now_us)
 
 void phd_board_receive(phd_board *board, const uint8_t *bytes, size_t n, uint64_t now_us)
 {
+    static const uint8_t lengths[] = {0, 2, 25, 22, 18, 1, 5, 1, 1}; /* of each type, from AskHello (1) to Bye (8) */
+    const uint8_t *payload = board->decoder.bytes;
     for (size_t i = 0; i < n; i++) {
-        phd_request request;
-        size_t payload = phd_decode(&board->decoder, bytes[i]);
-        if (payload == 0)
+        size_t length = phd_decode(&board->decoder, bytes[i]);
+        if (length == 0)
             continue;
-        if (!phd_unpack(board->decoder.bytes, payload, &request)) {
+        if (payload[0] < PHD_ASK_HELLO || payload[0] > PHD_BYE || length != lengths[payload[0]]) {
             board->counts.not_understood++;
             continue;
         }
         watchdog(board, now_us);
         board->heard_us = now_us;
         if (board->state != PHD_BOOT)
-            take(board, &request, now_us);
+            take(board, payload[0], payload + 1, now_us);
     }
-}
-
-void phd_board_stop(phd_board *board)
-{
-    change(board, PHD_ON_STOP);
-    if (board->state != PHD_BOOT)
-        latch(board, PHD_FAULT_HOST_REQUEST, PHD_NO_DETAIL);
 }
 
 /* ----------------------------------------------------------------------------------------------- each millisecond */
@@ -260,30 +359,13 @@ static void check(phd_board *board)
 {
     phd_condition found[PHD_MAX_CONDITIONS];
     size_t n = phd_watch_look(&board->watch, &board->capability, &board->limits, &board->readings, found);
-    board->standing = n > 0;
+    board->standing = n > 0 || board->readings.supply_cut;
     for (size_t k = 0; k < n; k++) {
         if (board->state == PHD_IDLE || (board->faults & found[k].fault))
             continue;
         change(board, PHD_ON_CONDITION);
         latch(board, found[k].fault, found[k].detail);
     }
-}
-
-static void send_sample(phd_board *board, uint64_t now_us)
-{
-    uint8_t payload[PHD_MAX_PAYLOAD];
-    phd_sample sample = {
-        .sequence = board->sequence, .echo = board->freshness.last, .board_us = now_us, .state = board->state,
-        .flags = board->homed | board->flags, .faults = board->faults, .cause = board->cause,
-    };
-    for (size_t i = 0; i < PHD_JOINTS; i++) {
-        sample.counts[i] = (uint32_t)board->readings.counts[i] + board->offset[i];
-        sample.current_mA[i] = (uint16_t)board->readings.current_mA[i];
-    }
-    for (size_t k = 0; k < PHD_MAX_FORCE; k++)
-        sample.force[k] = (uint32_t)board->readings.force[k];
-    send(board, payload, phd_pack_sample(payload, &board->capability, &sample));
-    board->flags &= (uint8_t)~PHD_FLAG_LATE;
 }
 
 void phd_board_tick(phd_board *board, const phd_readings *readings, uint64_t now_us)
@@ -299,6 +381,10 @@ void phd_board_tick(phd_board *board, const phd_readings *readings, uint64_t now
         return;
     }
     board->sequence++;
+    if (readings->supply_cut) { /* so that no current comes back with the supply */
+        change(board, PHD_ON_STOP);
+        latch(board, PHD_FAULT_HOST_REQUEST, PHD_NO_DETAIL);
+    }
     watchdog(board, now_us);
     if (board->connected && board->state != PHD_ACTIVE && since(board->heard_us, now_us) >= PHD_SILENCE_US) {
         change(board, PHD_ON_SILENCE);

@@ -1,4 +1,4 @@
-#include "phd_frames.h"
+#include "phd_board.h"
 
 uint32_t phd_crc32(const uint8_t *data, size_t n)
 {
@@ -34,12 +34,6 @@ size_t phd_encode_frame(const uint8_t *payload, size_t n, uint8_t frame[PHD_MAX_
     frame[code_at] = (uint8_t)(at - code_at);
     frame[at++] = 0;
     return at;
-}
-
-void phd_decoder_init(phd_decoder *decoder)
-{
-    static const phd_decoder fresh = {{0}, 0, false, 0, 0, 0, 0};
-    *decoder = fresh;
 }
 
 /* Undo COBS in place; the length that is left, 0 where a code points beyond the end. No byte may be zero. */

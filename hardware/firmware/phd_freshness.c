@@ -1,4 +1,4 @@
-#include "phd_freshness.h"
+#include "phd_board.h"
 
 enum phd_age phd_freshness_judge(phd_freshness *freshness, uint32_t sequence, uint64_t host_us, uint64_t now_us)
 {

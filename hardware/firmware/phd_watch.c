@@ -1,10 +1,4 @@
-#include "phd_watch.h"
-
-void phd_watch_init(phd_watch *watch)
-{
-    static const phd_watch fresh;
-    *watch = fresh;
-}
+#include "phd_board.h"
 
 /* The distance of a number in two's complement from zero: right for the most negative one as well. */
 static uint32_t magnitude(uint32_t value)

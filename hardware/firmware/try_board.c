@@ -4,8 +4,7 @@
  *   'P' u32 starts, u8 after brown-out, u64 us, u8 encoders, u8 brakes, u8 force channels, u8 x 3 firmware,
  *       u32 x 4 counts per revolution, u16 x 4 largest current, u32 force unit, i32 full scale, 24 + 16 bytes of text
  *   'R' u64 us, u16 n, n bytes from the host
- *   'T' u64 us, i32 x 4 counts, i32 x 6 force, i16 x 4 current, u8 bits of good encoders
- *   'S' the emergency stop was pressed
+ *   'T' u64 us, i32 x 4 counts, i32 x 6 force, i16 x 4 current, u8 bits of good encoders, 16: supply cut
  *   'F' flush what was said so far; not answered itself
  * After each, on stdout:
  *   u8 state, u16 faults, u16 cause, u16 x 4 currents as the drivers were set, u8 homed, u32 x 8 counters,
@@ -16,14 +15,12 @@
 
 #include "phd_board.h"
 
-typedef struct {
+static phd_board board;
+static struct {
     uint16_t current_mA[PHD_JOINTS];
     uint8_t sent[1u << 16];
     size_t n;
-} outputs;
-
-static phd_board board;
-static outputs out;
+} out;
 
 static void stop(int status, const char *why)
 {
@@ -58,27 +55,24 @@ static void must_be_safe(void)
     }
 }
 
-static void set_currents(void *context, const uint16_t current_mA[PHD_JOINTS])
+void phd_set_currents(const uint16_t current_mA[PHD_JOINTS])
 {
-    outputs *set = context;
     for (size_t i = 0; i < PHD_JOINTS; i++)
-        set->current_mA[i] = current_mA[i];
+        out.current_mA[i] = current_mA[i];
     must_be_safe();
 }
 
-static void send(void *context, const uint8_t *frame, size_t n)
+void phd_send(const uint8_t *frame, size_t n)
 {
-    outputs *to = context;
     must_be_safe(); /* before anything is said about it */
-    if (n == 0 || n > PHD_MAX_FRAME || to->n + n > sizeof to->sent)
+    if (n == 0 || n > PHD_MAX_FRAME || out.n + n > sizeof out.sent)
         stop(4, "a frame of no length, or too many");
     for (size_t i = 0; i < n; i++)
-        to->sent[to->n++] = frame[i];
+        out.sent[out.n++] = frame[i];
 }
 
 static void power_up(void)
 {
-    static const phd_hardware hardware = {set_currents, send, &out};
     phd_capability made_of;
     uint32_t starts = (uint32_t)get(4);
     bool after_brown_out = get(1) != 0;
@@ -98,7 +92,7 @@ static void power_up(void)
         made_of.device[i] = (char)get(1);
     for (size_t i = 0; i < sizeof made_of.serial; i++)
         made_of.serial[i] = (char)get(1);
-    phd_board_power_up(&board, &made_of, &hardware, starts, after_brown_out, now_us);
+    phd_board_power_up(&board, &made_of, starts, after_brown_out, now_us);
 }
 
 static void receive(void)
@@ -124,6 +118,7 @@ static void tick(void)
     unsigned good = (unsigned)get(1);
     for (size_t i = 0; i < PHD_JOINTS; i++)
         readings.encoder_good[i] = good >> i & 1;
+    readings.supply_cut = good >> PHD_JOINTS & 1;
     phd_board_tick(&board, &readings, now_us);
 }
 
@@ -156,8 +151,6 @@ int main(void)
             receive();
         else if (what == 'T')
             tick();
-        else if (what == 'S')
-            phd_board_stop(&board);
         else if (what == 'F')
             fflush(stdout);
         else

@@ -12,7 +12,7 @@ from core.faults import FAULTS, cause
 from core.files import InputError
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
-from hardware.wire.messages import Fault, Hello, Sample, joints_of
+from hardware.wire.messages import Fault, Flag, Hello, Sample, joints_of
 
 Vector = tuple[float, float]
 
@@ -89,7 +89,7 @@ class BoardSensing:
             current=(current[0], current[1], current[2], current[3]),
             closed=pose.closed,
             homed=sample.flags & encoders == encoders,
-            fault=fault_words(sample.cause) or self.fault,
+            fault=cause("emergency-stop") if sample.flags & Flag.CUT else fault_words(sample.cause) or self.fault,
         )
 
 

@@ -49,6 +49,7 @@ class Flag(IntFlag):
 
     CLAMPED = 16  # the last command asked for more than a limit
     LATE = 32  # a command that had waited too long was not obeyed since the last sample
+    CUT = 64  # an emergency stop beside the board has cut the amplifiers' supply
 
 
 Four = tuple[int, ...]  # for each joint, in the order A, E, B, C

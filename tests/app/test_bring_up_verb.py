@@ -1,5 +1,7 @@
 """`phd bring-up` as a program of its own, on an emulated board in real time."""
 
+import io
+import re
 import signal
 import subprocess
 import sys
@@ -47,11 +49,37 @@ def test_an_interrupt_leaves_the_board_without_current_and_no_record(emulated: E
         ({"--link": "haply:/dev/none"}, "--link: bring-up checks boards with brakes"),
         ({"--link": "serial:/dev/nowhere"}, "there is no such port"),
         ({"--device": "nowhere.toml"}, "nowhere.toml"),
+        ({"--by": " "}, "--by: must be the name"),
     ],
 )
 def test_what_cannot_be_brought_up_is_refused(wrong: dict[str, str], words: str, capsys: pytest.CaptureFixture) -> None:
     asked = {"--link": "serial:/dev/nowhere", "--by": "A. Builder"} | wrong
     assert words in refusal(capsys, "bring-up", *(word for pair in asked.items() for word in pair))
+
+
+CARD = """
+class Card(Bus):
+    def exchange(self, currents_mA):
+        raise RuntimeError("the card fell over")
+def new_device(device):
+    return OwnDevice(device, Card())
+"""
+
+
+def test_a_driver_that_fails_gives_one_sentence_with_its_line_and_no_record(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    driver, data = tmp_path / "my_card.py", tmp_path / "data"
+    driver.write_text((ROOT / "docs" / "examples" / "own_device.py").read_text() + CARD)
+    asked = ("bring-up", "--link", f"driver:{driver}", "--by", "A. Builder", "--data-dir", str(data))
+    assert main(asked) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert re.search(r"my_card\.py, line \d+: RuntimeError: the card fell over; no record is written", said)
+    assert not list((data / "bring-up").iterdir())
+    (data / "bring-up").rmdir()
+    (data / "bring-up").touch()
+    assert "bring-up: cannot be used" in refusal(capsys, *asked), "before anything is asked of the builder"
 
 
 def test_an_emulated_board_without_a_builder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -126,7 +126,7 @@ class Core:
 
     def send(self, frame: bytes) -> None:
         """By the firmware."""
-        self.port.host_send(frame, ctypes.c_size_t(len(frame)))
+        self.port.phd_send(frame, ctypes.c_size_t(len(frame)))
         self.port.host_poll()
 
 

@@ -1,6 +1,7 @@
 """The template of docs/write-your-own-device.md: with its bus filled in, it is brought up and runs a trial."""
 
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from real_bench import PATH, TIP, Late, drawn
 from app.emulated_operator import EmulatedOperator
 from core import tick_log
 from core.device import load_device
-from core.device_interface import AnyDevice, RealDevice
+from core.device_interface import AnyDevice, DeviceError, RealDevice
 from core.files import InputError
 from core.path import build_path
 from experiments.bring_up.bring_up import BringUp
@@ -66,7 +67,7 @@ def own_device(hand: EmulatedHand) -> tuple[RealDevice, EmulatedBus]:
 
 
 def test_the_template_has_every_method_of_a_real_device_and_is_short() -> None:
-    device = device_at(DEVICE, f"driver:{FILE}")
+    device = load_driver(f"driver:{FILE}")(DEVICE)
     names = {name for kind in (AnyDevice, RealDevice) for name in (*vars(kind), *kind.__annotations__)}
     missing = {name for name in names if name[0] != "_" and name not in {*dir(type(device)), *vars(device)}}
     assert missing == set()
@@ -121,7 +122,14 @@ def test_the_template_runs_a_trial_of_the_paper() -> None:
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("", "has no function new_device"), ("import nothing_of_that_name", "cannot be loaded"), (None, "must name a")],
+    [
+        ("", "has no function new_device"),
+        ("import nothing_of_that_name", "cannot be loaded"),
+        ("import sys; sys.exit(3)", "cannot be loaded: SystemExit: 3"),
+        (None, "must name a"),
+        ("def new_device(device): raise ValueError('no such card')", "driver.py, line 1: ValueError: no such card"),
+        ("def new_device(device): return None", "what new_device returns has no begin, close"),
+    ],
 )
 def test_a_driver_that_is_none_is_refused(text: str | None, words: str, tmp_path: Path) -> None:
     file = tmp_path / "driver.py"
@@ -129,3 +137,58 @@ def test_a_driver_that_is_none_is_refused(text: str | None, words: str, tmp_path
         file.write_text(text)
     with pytest.raises(InputError, match=words):
         device_at(DEVICE, f"driver:{file}")
+
+
+BUS = """
+class Card(Bus):
+    ticks = 0
+    def exchange(self, currents_mA):
+        self.ticks += 1
+        {fails}
+        return 1000 * self.ticks, (0, 0), (0,) * 6, tuple(currents_mA), 0
+def new_device(device):
+    return OwnDevice(device, Card())
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("{fails}", "if self.ticks == 20: 1 / 0", r"driver\.py, line \d+: ZeroDivisionError"),
+        ("{fails}", "if self.ticks == 20: return 1, 2", "ValueError: not enough values"),
+        ("return taken", "return None", "TypeError"),
+        ("return taken", "return [1]", "samples.. must give a list of DeviceSample"),
+    ],
+)
+def test_a_driver_that_fails_is_a_device_that_is_lost_for_good(
+    right: str, wrong: str, words: str, tmp_path: Path
+) -> None:
+    """Nothing of it escapes into the loop; whatever is asked of it later, it is not asked again."""
+    file = tmp_path / "driver.py"
+    file.write_text((FILE.read_text() + BUS).replace(right, wrong, 1).replace("{fails}", "pass"))
+    device = device_at(DEVICE, f"driver:{file}")
+    device.open()
+    for _ in range(30):
+        sample = device.exchange((0.1, 0.0, 0.0, 0.0))
+        taken = device.samples()
+    assert re.search(words, device.problem) and sample is None and taken == []
+    asked = device._driver.bus.ticks
+    device.exchange((0.1, 0.0, 0.0, 0.0))
+    device.stop()
+    assert device.report() == {} and device._driver.bus.ticks == asked
+    with pytest.raises(DeviceError, match=words):
+        device.home(TIP)
+
+
+def test_a_driver_that_cannot_be_opened_or_has_not_all_that_it_needs_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "driver.py"
+    for right, wrong, words in (
+        ("    def open(self):\n", "    def open(self):\n        raise OSError('none')\n", "line 32: OSError: none"),
+        ("    def zero(self):", "    def nothing(self):", "returns has no zero"),
+        ('force_channels = "my bus", "AB", 6', 'n = "my bus", "AB", 6', "once open it has no force_channels"),
+    ):
+        text = FILE.read_text()
+        assert text.count(right) == 1
+        file.write_text(text.replace(right, wrong))
+        with pytest.raises(InputError, match=words):
+            device_at(DEVICE, f"driver:{file}").open()

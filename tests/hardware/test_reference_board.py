@@ -24,12 +24,13 @@ from reference_board import (
     on_this_machine,
     recorded,
 )
+from simulated_board import samples
 from test_board_states import SEEN, happen, in_state
 from test_wire_frames import damage, host_frames
 
 from hardware.emulated_board.board import TICK_US
 from hardware.wire.frames import encode_frame
-from hardware.wire.messages import WATCHDOG_US, Fault, Heartbeat, State
+from hardware.wire.messages import WATCHDOG_US, Fault, Flag, Heartbeat, Refusal, ResetFault, State
 
 
 @pytest.fixture(scope="module", params=TARGETS)
@@ -100,6 +101,29 @@ def test_a_tick_that_was_read_before_the_bytes_that_came_meanwhile_is_no_silence
         bench.now_us -= 1400
         bench.tick()
     assert live_alike(program, [bench.board])[-1].state == (State.ACTIVE if mode else State.READY)
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.READY, State.ACTIVE, State.FAULT])
+def test_the_emergency_stop_is_told_and_latched_until_it_is_released(program: Program, state: State) -> None:
+    bench = recorded()
+    bench.start()
+    if state != State.IDLE:
+        bench.connect()
+    if state in (State.ACTIVE, State.FAULT):
+        bench.command()
+    if state == State.FAULT:
+        bench.tick(60)
+    assert bench.state == state
+    cause = bench.board.cause or Fault.HOST_REQUEST
+    said = samples(bench.tick(2, supply_cut=True))
+    assert bench.state == State.FAULT and bench.board.cause == cause and not any(bench.board.currents)
+    assert all(sample.flags & Flag.CUT for sample in said) and len(said) == 2 * (state != State.IDLE)
+    assert bench.tell(ResetFault())[0].reason == Refusal.FAULT_STANDS
+    bench.tick(supply_cut=False)
+    assert bench.state == State.FAULT
+    bench.tell(ResetFault())
+    assert bench.state == State.IDLE
+    live_alike(program, [bench.board])
 
 
 def test_every_limit_lies_where_it_lies_in_python(program: Program) -> None:

@@ -30,15 +30,14 @@ CPP = {
 CALLER = """
 #include "phd_board.h"
 static phd_board board;
-static void set(void *, const uint16_t *) {}
-static void send(void *, const uint8_t *, size_t) {}
+void phd_set_currents(const uint16_t *) {}
+void phd_send(const uint8_t *, size_t) {}
 int main()
 {
     phd_capability made_of = phd_capability();
-    phd_hardware hardware = {set, send, 0};
     phd_readings readings = phd_readings();
     uint8_t byte = 0;
-    phd_board_power_up(&board, &made_of, &hardware, 1, false, 0);
+    phd_board_power_up(&board, &made_of, 1, false, 0);
     phd_board_receive(&board, &byte, 1, 1);
     phd_board_tick(&board, &readings, PHD_TICK_US);
     return board.state + (int)phd_crc32(&byte, 0) + phd_states[PHD_ON_HELLO][PHD_BOOT] - PHD_IGNORED;

@@ -1,18 +1,23 @@
 """Which serial port is opened, and found again after the cable was out."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import serial
 from simulated_bench import DEVICE, Bench, BenchWire
 
+from core.device_interface import DeviceError
 from core.files import InputError
 from hardware.serial_device import SerialDevice
-from hardware.serial_port import find_port, usb_ports
+from hardware.serial_port import ST_LINK_BAUD, Port, find_port, link_of, usb_ports
 
 
-def usb(name: str, serial: str | None = "B-7", location: str | None = None, product: int = 1) -> SimpleNamespace:
+def usb(
+    name: str, serial: str | None = "B-7", location: str | None = None, product: int = 1, vendor: int = 0x1209
+) -> SimpleNamespace:
     """A port as pyserial lists it."""
-    return SimpleNamespace(device=name, vid=0x1209, pid=product, serial_number=serial, location=location)
+    return SimpleNamespace(device=name, vid=vendor, pid=product, serial_number=serial, location=location)
 
 
 class Listed:
@@ -99,3 +104,38 @@ def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_n
     with pytest.raises(InputError, match="ttyACM0: another device has this name now"):
         find_port("/dev/ttyACM0", board)
     assert find_port("/dev/ttyS0") == find_port("/dev/ttyS0", board._replace(serial="gone")) == "/dev/ttyS0"
+
+
+@pytest.mark.parametrize(
+    ("port", "vendor", "product", "words", "baud"),
+    [
+        ("/dev/ttyACM0", 0x1209, 0x0001, "USB", 921_600),
+        ("/dev/ttyACM0", 0x0483, 0x5740, "USB", 921_600),  # a board's own port, of the same maker as the ST-LINK
+        ("/dev/ttyACM0", 0x0483, 0x374B, "UART at 2,000,000 baud, by an ST-LINK", 2_000_000),
+        ("/dev/ttyUSB0", 0x0403, 0x6001, "UART at 921,600 baud, by an adapter (FTDI)", 921_600),
+        ("/dev/ttyUSB1", 0x10C4, 0xEA60, "UART at 921,600 baud, by an adapter (CP210x)", 921_600),
+        ("/dev/ttyS0", None, None, "UART at 921,600 baud", 921_600),
+        ("/dev/pts/3", None, None, "pseudo-terminal", 921_600),
+        ("socket://127.0.0.1:4000", None, None, "TCP", 921_600),
+    ],
+)
+def test_the_port_says_what_carries_the_bytes_and_at_which_baud_rate_it_is_opened(
+    port: str, vendor: int | None, product: int, words: str, baud: int, listed: Listed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed(*([usb(port, vendor=vendor, product=product)] if vendor else []))
+    opened = []
+
+    def opens(name: str, rate: int, **how) -> None:
+        opened.append((name, rate))
+        raise serial.SerialException("not there")
+
+    monkeypatch.setattr("hardware.serial_port.serial.serial_for_url", opens)
+    with pytest.raises(DeviceError):
+        Port(port)
+    assert opened == [(port, baud)] and link_of(port).words == words
+
+
+def test_the_firmware_s_uart_has_the_rate_of_the_port_that_it_is_wired_to() -> None:
+    """Its clock of 42 MHz divides to it exactly, as the ST-LINK's of 36 MHz does."""
+    uart = (Path(__file__).resolve().parents[2] / "hardware" / "firmware" / "stm32f4" / "host_uart.c").read_text()
+    assert f"BAUD = {ST_LINK_BAUD} }}" in uart and 42_000_000 % ST_LINK_BAUD == 36_000_000 % ST_LINK_BAUD == 0

@@ -120,7 +120,7 @@ def told_bytes(data: bytes, now_us: int) -> bytes:
 
 def told_tick(readings: Readings, now_us: int) -> bytes:
     force = (*readings.force, 0, 0, 0, 0, 0, 0)[:6]
-    good = sum(1 << i for i in range(4) if readings.encoder_good[i])
+    good = sum(1 << i for i in range(4) if readings.encoder_good[i]) | 16 * readings.supply_cut
     return struct.pack("<cQ4i6i4hB", b"T", now_us, *readings.counts, *force, *readings.current_mA, good)
 
 
@@ -262,6 +262,7 @@ class RandomHost:
             else (force,) * self.bench.board.hello.force_channels,
             tuple(rng.choice([current, 0, 50]) if current == 0 else current for _ in range(4)),
             tuple(good or rng.random() < 0.5 for _ in range(4)),
+            rng.random() < (0.9 if last.supply_cut else 0.002),
         )  # fmt: skip
 
     def live(self, steps: int) -> RecordedBoard:

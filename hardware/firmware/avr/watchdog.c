@@ -13,15 +13,13 @@ static phd_board board;
 static uint16_t driven_mA;
 static uint64_t now_us;
 
-static void set_currents(void *context, const uint16_t current_mA[PHD_JOINTS])
+void phd_set_currents(const uint16_t current_mA[PHD_JOINTS])
 {
-    (void)context;
     driven_mA = current_mA[0];
 }
 
-static void keep_to_itself(void *context, const uint8_t *frame, size_t n)
+void phd_send(const uint8_t *frame, size_t n) /* keeps it to itself */
 {
-    (void)context;
     (void)frame;
     (void)n;
 }
@@ -62,8 +60,7 @@ static uint16_t start(void)
         .encoders = 5, .brakes = 15, .counts_per_rev = {96000, 0, 96000, 0}, .force_unit = 1000,
         .current_max_mA = {1000, 1000, 1000, 1000}, .force_full_scale = 66700,
     };
-    static const phd_hardware hardware = {set_currents, keep_to_itself, NULL};
-    phd_board_power_up(&board, &made_of, &hardware, 1, false, now_us);
+    phd_board_power_up(&board, &made_of, 1, false, now_us);
     return ticks_until(PHD_IDLE, 2000);
 }
 

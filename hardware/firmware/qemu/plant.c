@@ -8,10 +8,11 @@
  *   an answer ends with u16 bytes sent to the host, u32 deepest stack (bytes), u32 clocks that it took. */
 #include "board.h"
 #include "registers.h"
-#include "start.h"
 #include "uart.h"
 
-enum { BAUD = 921600, CLOCKS = 0xFFFFFF };
+enum { BAUD = 921600, CLOCKS = 0xFFFFFF, PAINT = 0x5AFE5AFE };
+
+extern uint32_t stack_bottom, stack_top;
 
 static uart host, plant;
 static phd_decoder decoder;
@@ -82,6 +83,23 @@ static const uint8_t *hear(void)
     return 0;
 }
 
+/* What of the stack is not in use yet: nearly all, for it is called first of all in main. */
+static void paint_stack(void)
+{
+    uint32_t *here;
+    __asm volatile("mov %0, sp" : "=r"(here));
+    for (uint32_t *to = &stack_bottom; to < here - 16; to++)
+        *to = PAINT;
+}
+
+static uint32_t stack_deepest(void) /* bytes that were ever in use since reset */
+{
+    const uint32_t *at = &stack_bottom;
+    while (at < &stack_top && *at == PAINT)
+        at++;
+    return (uint32_t)(&stack_top - at) * 4;
+}
+
 static void answer(void)
 {
     uint8_t payload[PHD_MAX_PAYLOAD], *at = payload;
@@ -115,6 +133,7 @@ static void begin_step(uint64_t us)
 
 void clock_begin(void)
 {
+    paint_stack();
     RCC_APB1ENR |= BIT(17) | BIT(18); /* USART2, USART3 */
     SYST_RVR = CLOCKS;
     SYST_CSR = 5; /* counts the processor's clock, and interrupts nobody */
@@ -122,7 +141,6 @@ void clock_begin(void)
     uart_begin(&host, USART2, APB1_HZ, BAUD);
     NVIC_ENABLE(IRQ_USART2);
     NVIC_ENABLE(IRQ_USART3);
-    phd_decoder_init(&decoder);
 }
 
 uint64_t clock_us(void)
@@ -158,6 +176,7 @@ bool tick_is_due(void)
         newest.current_mA[i] = (int16_t)get(&at, 2);
     for (size_t i = 0; i < PHD_JOINTS; i++)
         newest.encoder_good[i] = *at >> i & 1;
+    newest.supply_cut = *at >> PHD_JOINTS & 1;
     return true;
 }
 
@@ -198,7 +217,7 @@ const phd_capability *capability(void)
 
 bool supply_is_cut(void)
 {
-    return false;
+    return newest.supply_cut;
 }
 
 void encoders_read(phd_readings *readings)
@@ -206,7 +225,7 @@ void encoders_read(phd_readings *readings)
     *readings = newest; /* what the others read stands in it as well */
 }
 
-void brakes_set(const uint16_t current_mA[PHD_JOINTS])
+void phd_set_currents(const uint16_t current_mA[PHD_JOINTS])
 {
     for (size_t i = 0; i < PHD_JOINTS; i++)
         driven[i] = current_mA[i];
@@ -215,7 +234,7 @@ void brakes_set(const uint16_t current_mA[PHD_JOINTS])
 void brakes_off(void)
 {
     static const uint16_t zero[PHD_JOINTS];
-    brakes_set(zero);
+    phd_set_currents(zero);
 }
 
 void host_poll(void)
@@ -230,7 +249,7 @@ size_t host_read(uint8_t *bytes, size_t most)
     return n;
 }
 
-void host_send(const uint8_t *frame, size_t n)
+void phd_send(const uint8_t *frame, size_t n)
 {
     uart_send(&host, frame, n);
     sent += n;

@@ -76,7 +76,7 @@ void brakes_read(phd_readings *readings)
     unmasked(before);
 }
 
-void brakes_set(const uint16_t current_mA[PHD_JOINTS])
+void phd_set_currents(const uint16_t current_mA[PHD_JOINTS])
 {
     uint32_t before = masked(); /* the loop does not come between */
     for (unsigned i = 0; i < PHD_JOINTS; i++) {

@@ -16,14 +16,9 @@ void on_systick(void)
 /* Wait until the bits of a register are set; a clock that never comes leaves the lights dark and the brakes off. */
 static void until(volatile uint32_t *at, uint32_t bits)
 {
-#ifndef EMULATED /* the emulator has no such registers */
-    for (uint32_t n = 0; (*at & bits) != bits; n++)
+    for (uint32_t n = 0; !EMULATED && (*at & bits) != bits; n++)
         while (n >= PATIENCE)
             brakes_off();
-#else
-    (void)at;
-    (void)bits;
-#endif
 }
 
 void clock_begin(void)

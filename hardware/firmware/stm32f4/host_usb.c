@@ -7,7 +7,7 @@
 enum { DATA = 1, NOTES = 2, PACKET = 64, FIFO_WORDS = 128 };
 enum { GET_STATUS, CLEAR_FEATURE, SET_ADDRESS = 5, GET_DESCRIPTOR, GET_CONFIGURATION = 8, SET_CONFIGURATION,
        GET_INTERFACE, SET_INTERFACE };                                     /* requests of USB, */
-enum { SET_LINE_CODING = 0x20, GET_LINE_CODING, SET_LINE_STATE, SEND_BREAK }; /* and of CDC */
+enum { SET_LINE_CODING = 0x20, GET_LINE_CODING, SET_LINE_STATE }; /* and of CDC */
 
 static const uint8_t device[18] = {
     18, 1, 0x00, 2, 2, 0, 0, PACKET, 0x09, 0x12, 0x01, 0x00, 0x00, 1, 1, 2, 3, 1, /* 1209:0001 is for tests */
@@ -23,7 +23,7 @@ static const uint8_t configuration[67] = {
 };
 
 static ring in, out;
-static uint8_t setup[8], coding[7] = {0x00, 0x10, 0x0E, 0, 0, 0, 8}; /* 921,600 baud, which means nothing */
+static uint8_t setup[8], coding[7] = {0x00, 0x10, 0x0E, 0, 0, 0, 8}; /* 921,600 baud, which means nothing here */
 static uint8_t configured;
 
 static void change(uint32_t at, uint32_t clear, uint32_t set)
@@ -66,10 +66,10 @@ static void listen(unsigned endpoint)
     change(DOEPCTL(endpoint), 0, EP_ENABLE | EP_CLEAR_NAK);
 }
 
-static void empty_fifos(void)
+static void core_reset(uint32_t what)
 {
-    otg_set(GRSTCTL, 16u << 6 | BIT(5) | BIT(4)); /* all */
-    for (unsigned n = 0; otg_get(GRSTCTL) & (BIT(5) | BIT(4)) && n < 100000; n++) {
+    otg_set(GRSTCTL, what);
+    for (unsigned n = 0; otg_get(GRSTCTL) & (BIT(5) | BIT(4) | BIT(0)) && n < 100000; n++) {
     }
 }
 
@@ -125,13 +125,11 @@ static void answer(void)
             refuse();
         return;
     case GET_STATUS:
+    case GET_INTERFACE: /* of one byte, which is all that is asked for */
         reply(nothing, 2);
         return;
     case GET_CONFIGURATION:
         reply(&configured, 1);
-        return;
-    case GET_INTERFACE:
-        reply(nothing, 1);
         return;
     case GET_LINE_CODING:
         reply(coding, sizeof coding);
@@ -155,7 +153,6 @@ static void answer(void)
             change(setup[4] & 0x80 ? DIEPCTL(setup[4] & 3u) : DOEPCTL(setup[4] & 3u), 0, EP_DATA0);
         break;
     case SET_INTERFACE:
-    case SEND_BREAK:
         break;
     default:
         refuse();
@@ -195,8 +192,6 @@ static void receive(void)
         if (endpoint == 0)
             listen(0);
         break;
-    default:
-        break;
     }
 }
 
@@ -209,7 +204,7 @@ static void start_anew(void)
     otg_set(DIEPTXF0, 32u << 16 | FIFO_WORDS);
     otg_set(DIEPTXF1, FIFO_WORDS << 16 | (FIFO_WORDS + 32));
     otg_set(DIEPTXF2, 16u << 16 | (2 * FIFO_WORDS + 32));
-    empty_fifos();
+    core_reset(16u << 6 | BIT(5) | BIT(4)); /* all FIFOs are emptied */
     listen(0);
 }
 
@@ -217,9 +212,7 @@ void host_begin(void)
 {
     otg_clock();
     otg_set(GUSBCFG, BIT(6)); /* its own transceiver */
-    otg_set(GRSTCTL, BIT(0));
-    for (unsigned n = 0; otg_get(GRSTCTL) & BIT(0) && n < 100000; n++) {
-    }
+    core_reset(BIT(0));
     otg_set(GUSBCFG, BIT(6) | BIT(30) | 6u << 10); /* a device, whatever a pin says */
     for (volatile uint32_t n = 0; n < 1000000; n++) { /* 25 ms and more until that holds */
     }
@@ -266,7 +259,7 @@ size_t host_read(uint8_t *bytes, size_t most)
     return ring_take_most(&in, bytes, most);
 }
 
-void host_send(const uint8_t *frame, size_t n)
+void phd_send(const uint8_t *frame, size_t n)
 {
     if (configured)
         ring_put_whole(&out, frame, n);

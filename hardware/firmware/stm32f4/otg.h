@@ -20,7 +20,6 @@ enum {
 };
 /* Of an endpoint to the host (IN), and from it (OUT) */
 #define DIEPCTL(n) (0x900u + 0x20u * (n))
-#define DIEPINT(n) (0x908u + 0x20u * (n))
 #define DIEPTSIZ(n) (0x910u + 0x20u * (n))
 #define DTXFSTS(n) (0x918u + 0x20u * (n))
 #define DOEPCTL(n) (0xB00u + 0x20u * (n))

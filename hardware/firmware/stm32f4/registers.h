@@ -7,6 +7,10 @@
 #define REG(address) (*(volatile uint32_t *)(address))
 #define BIT(n) (UINT32_C(1) << (n))
 
+#ifndef EMULATED /* 1: the emulator has no clock tree and no number of the chip, and its timers know no encoder */
+#define EMULATED 0
+#endif
+
 /* Reset and clock control, power, flash */
 #define RCC_CR REG(0x40023800)
 #define RCC_PLLCFGR REG(0x40023804)
@@ -22,11 +26,7 @@
 #define FLASH_OPTKEYR REG(0x40023C08)
 #define FLASH_SR REG(0x40023C0C)
 #define FLASH_OPTCR REG(0x40023C14)
-#ifndef EMULATED
-#define UNIQUE_ID(n) REG(0x1FFF7A10 + 4 * (n))
-#else
-#define UNIQUE_ID(n) UINT32_C(0) /* the emulator has none */
-#endif
+#define UNIQUE_ID(n) (EMULATED ? 0 : REG(0x1FFF7A10 + 4 * (n)))
 
 /* Pins; port: 0 is A */
 #define GPIO_MODER(port) REG(0x40020000 + 0x400 * (uint32_t)(port))
@@ -46,11 +46,7 @@ enum { TIM2 = 0x40000000, TIM3 = 0x40000400, TIM4 = 0x40000800, TIM5 = 0x40000C0
 #define TIM_CCMR1(tim) REG((tim) + 0x18)
 #define TIM_CCMR2(tim) REG((tim) + 0x1C)
 #define TIM_CCER(tim) REG((tim) + 0x20)
-#ifndef EMULATED
-#define TIM_CNT(tim) REG((tim) + 0x24)
-#else
-#define TIM_CNT(tim) UINT32_C(0) /* the emulator's count the time, and know no encoder */
-#endif
+#define TIM_CNT(tim) (EMULATED ? 0 : REG((tim) + 0x24))
 #define TIM_ARR(tim) REG((tim) + 0x2C)
 #define TIM_RCR(tim) REG((tim) + 0x30)
 #define TIM_CCR(tim, n) REG((tim) + 0x34 + 4 * (uint32_t)(n)) /* n from 0 */

@@ -1,12 +1,9 @@
 /* From reset to main, and the table of interrupts. */
 #include "board.h"
 #include "registers.h"
-#include "start.h"
 
-extern uint32_t data_begin, data_end, data_image, bss_begin, bss_end, stack_bottom, stack_top;
+extern uint32_t data_begin, data_end, data_image, bss_begin, bss_end, stack_top;
 int main(void);
-
-enum { PAINT = 0x5AFE5AFE };
 
 /* Nothing is left to trust: no current, until the hardware watchdog starts the board anew. */
 static void fault(void)
@@ -23,20 +20,8 @@ void reset(void)
         *to = *from++;
     for (uint32_t *to = &bss_begin; to < &bss_end; to++)
         *to = 0;
-    uint32_t *here;
-    __asm volatile("mov %0, sp" : "=r"(here));
-    for (uint32_t *to = &stack_bottom; to < here - 16; to++)
-        *to = PAINT;
     main();
     fault();
-}
-
-uint32_t stack_deepest(void)
-{
-    const uint32_t *at = &stack_bottom;
-    while (at < &stack_top && *at == PAINT)
-        at++;
-    return (uint32_t)(&stack_top - at) * 4;
 }
 
 #define OR_FAULT __attribute__((weak, alias("fault")))
