@@ -75,6 +75,11 @@ FAULTS = {
         "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
         "See that the hand is free and well.",
     ),
+    "controller-failed": FaultWords(
+        "the file of the controller failed: an index beyond its array, an error that it raises, or a decision that it "
+        "does not have",
+        "Check the file with phd check-controller.",
+    ),
     "brakes-off": FaultWords("brakes off: {why}", "Allow the brakes again when it is safe."),
     # of this computer
     "server-silent": FaultWords(

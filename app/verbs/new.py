@@ -7,7 +7,7 @@ from pathlib import Path
 from app.progress import watch_compiling
 from app.verbs.common import add_verb, print_result, summary_text
 from core.device import SHIPPED_FOLDER, load_device
-from core.files import InputError, read_text
+from core.files import InputError
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
 DEVICE = "my-device"
@@ -52,13 +52,13 @@ def new_verb(args: argparse.Namespace) -> None:
 
 def check_controller_verb(args: argparse.Namespace) -> int:
     from core.control.own_file import read_own
+    from core.own_files import read_own_text
     from experiments.study.controller_check import check_controller
 
     given = dict(map(_setting, args.set))
-    if args.file.suffix != ".py":
-        raise InputError(f"{args.file}: must be a Python file")
+    text = read_own_text(args.file.parent, args.file.name)
     watch_compiling()
-    found = check_controller(read_own(args.file.stem, read_text(args.file)), given)
+    found = check_controller(read_own(args.file.stem, text), given)
     print_result(args, found, summary_text(found))
     return 1 if found["broken"] else 0
 

@@ -37,7 +37,7 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
     load_kernels()
     protocol = load_protocol()
     try:
-        preset = make_preset(own.name, own.name, given, own)
+        preset = make_preset(own.name, f"{own.name}.py", given, own)
     except ValueError as error:
         raise InputError(f"{own.name}.py: {error}") from None
     began = time.perf_counter()

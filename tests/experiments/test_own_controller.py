@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from own_files import DAMPER, FREE, PROTOCOL, own_experiment
 from protocols import protocol_of
 
 from core import tick_log
@@ -27,32 +28,12 @@ from experiments.study.unrecorded import person_of, run_trial, switched_on, tria
 from experiments.trial.population import load_population
 
 ROOT = Path(__file__).resolve().parents[2]
-DAMPER = (ROOT / "docs/examples/protocols/damper.py").read_text()
 SHIPPED = Path(sdof.__file__).read_text()
-PROTOCOL = """
-name = "dampers"
-provenance = "assumed"
-devices = ["three-brake"]
-blocks = 1
-[[path]]
-kind = "segment"
-start_m = [-0.05, 0.40]
-end_m = [0.05, 0.40]
-[[controller]]
-name = "Damper"
-algorithm = "damper.py"
-parameters = {damping_N_s_m = 500.0}
-[[controller]]
-name = "Free"
-kind = "none"
-"""
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    (tmp_path / "damper.py").write_text(DAMPER)
-    (tmp_path / "mine.toml").write_text(PROTOCOL)
-    return tmp_path / "mine.toml"
+    return own_experiment(tmp_path)
 
 
 def ticks(preset: Preset) -> np.ndarray:
@@ -66,7 +47,7 @@ def ticks(preset: Preset) -> np.ndarray:
 
 
 def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
-    own = make_preset("Mine", "mine", {"gap_m": 0.003}, read_own("mine", SHIPPED))
+    own = make_preset("Mine", "mine.py", {"gap_m": 0.003}, read_own("mine", SHIPPED))
     shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.003})), ticks(own)
     words = [np.array(preset.decisions, dtype=object)[rows[:, tick_log.DECISION].astype(int)]
              for preset, rows in ((make_preset("SDOF", "sdof", {}), shipped), (own, other))]  # fmt: skip
@@ -84,7 +65,7 @@ def test_a_study_replays_and_names_its_decisions_and_the_file_is_in_its_folder(f
     assert (recordings[1].text("decision") == "damped").any()
     stored = preset_from_json(json.loads(json.dumps(recordings[1].metadata["preset"])))
     assert stored == protocol.controllers[1] and stored.own and stored.own.text == DAMPER
-    (file.parent / "damper.py").unlink()
+    (file.parent / "my_damper.py").unlink()
     assert replay(recordings[1].path)["equal"], "from the folder alone"
     assert replay(recordings[2].path, Replacement(controller=1))["after"]["controller"] == "1 Damper"
 
@@ -143,23 +124,23 @@ def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
 ])  # fmt: skip
 def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
-        make_controller(make_preset("Damper", "damper", {}, read_own("damper", text)), 30.0)
+        make_controller(make_preset("Damper", "damper.py", {}, read_own("damper", text)), 30.0)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("change, wanted", [
-    (("damper.py", "../damper.py"), "name of a Python file"),
-    (("damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
-    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'damper'"),
-    (('algorithm = "damper.py"', ""), "needs either kind or algorithm"),
+    (("my_damper.py", "../my_damper.py"), "name of a Python file"),
+    (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
+    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'my_damper.py'"),
+    (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
 ])  # fmt: skip
 def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):
-    file.write_text(PROTOCOL.replace(*change))
+    file.write_text((PROTOCOL + FREE).replace(*change))
     with pytest.raises(InputError, match=wanted):
         load_protocol(file)
 
 
 def test_the_papers_protocol_is_stored_as_before():
-    assert "algorithms" not in protocol_to_json(load_protocol())
+    assert "code" not in protocol_to_json(load_protocol())
     assert set(preset_to_json(load_protocol().controllers[2])) >= {"name", "kind", "gap_m"}
     assert protocol_of(load_protocol().text).controllers[2].own is None

@@ -129,6 +129,10 @@ def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_ar
     path = tmp_path / "trials.csv"
     lines = table_bytes([FULL]).decode().splitlines()
     path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
+    assert read_table(path) == [replace(FULL, own={"energy": 0.5})], "a number is a measure of a file of one's own"
+    append_row(path, ROW)
+    assert read_table(path) == [replace(FULL, own={"energy": 0.5}), ROW]
+    path.write_text(f"{lines[0]},remark\n{lines[1]},well\n")
     assert read_table(path) == [FULL]
     with pytest.raises(InputError, match="would lose"):
         append_row(path, ROW)
