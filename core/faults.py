@@ -76,8 +76,8 @@ FAULTS = {
         "See that the hand is free and well.",
     ),
     "controller-failed": FaultWords(
-        "the file of the controller failed: an index beyond its array, an error that it raises, or a decision that it "
-        "does not have",
+        "the file of the controller failed: it used an index beyond its array, raised an error, or answered a "
+        "decision that it does not have",
         "Check the file with phd check-controller.",
     ),
     "brakes-off": FaultWords("brakes off: {why}", "Allow the brakes again when it is safe."),

@@ -26,9 +26,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
         verbs, "check-controller", check_controller_verb, "check a controller of your own against the laws of all\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
         "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a law is broken.",
-        "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
+        "phd check-controller my_damper.py --set damping_N_s_m=300", prints="what was found",
     ).add_argument  # fmt: skip
-    option("file", type=Path, metavar="FILE.py", help="declares ALGORITHM as docs/examples/protocols/damper.py does")
+    option("file", type=Path, metavar="FILE.py", help="declares ALGORITHM as docs/examples/protocols/my_damper.py does")
     option("--set", action="append", default=[], metavar="NAME=NUMBER", help="a parameter of it (default: its own)")
     option = add_verb(
         verbs, "completion", completion_verb, "print what makes a shell complete the verbs and options of phd\n"

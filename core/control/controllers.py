@@ -221,7 +221,7 @@ decide_at = Caller(_sample)
 
 @kernel
 def decide_in_own_file(controller, field, tick):
-    """As the file of its own decides, which was compiled alone; `FAILED` where it raised an error or answers nonsense.
+    """As the file of its own decides, which was compiled alone; `FAILED` where it raised an error or has no such code.
 
     What the brakes can take is afterwards as it was, whatever the file has written there.
     """
@@ -232,7 +232,7 @@ def decide_in_own_file(controller, field, tick):
     code = decide_at(controller.address, controller, field, tick)
     for i in range(4):
         most[i], there[i] = kept[i], kept[4 + i]
-    if not 0 <= code < OWN + MOST_WORDS:
+    if code == FAILED:
         release(tick.current)
         return FAILED
     return code + len(DECISIONS) - OWN if code >= OWN else code

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import Algorithm, Parameter
+from core.control.algorithm import OWN, Algorithm, Parameter
 from core.files import InputError
 from core.kernels import INTERPRETED, kernel
-from core.kernels.by_address import Caller
+from core.kernels.by_address import FAILED, Caller
 from core.own_files import NAME, check_own_name, run_own
 
 MOST_PARAMETERS = 8  # of any algorithm: the kernels take as many numbers of each
@@ -101,11 +101,14 @@ def address_in(own: OwnFile, caller: Caller) -> int:
 
 
 def _compiled(own: OwnFile, caller: Caller) -> int:
-    decide: Any = algorithm_in(own).decide
+    algorithm = algorithm_in(own)
+    decide: Any = algorithm.decide
+    end = OWN + len(algorithm.decisions)
 
     @kernel
     def decide_in_file(controller, field, tick):
-        return np.int64(decide(controller, field, tick))
+        code = np.int64(decide(controller, field, tick))
+        return code if 0 <= code < end else np.int64(FAILED)
 
     if INTERPRETED:
         return caller.address_of(decide_in_file)

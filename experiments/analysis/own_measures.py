@@ -54,18 +54,24 @@ class InFile:
         module = run_own(self.file, self.text).__name__
         try:
             value = measure.of(movement)
-            is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-            number = float(value) if is_number else math.nan
+            number = _number(value)
         except (Exception, SystemExit) as error:  # whatever the file does wrong
             raise MeasureFailed(f"{self.file}.py: {self.name}: {what_failed(error, module)}") from None
         if value is None:
             return None
-        if not is_number:
+        if number is None:
             words = " ".join(f"{type(value).__name__} {value!r}".split())[:60]
             raise MeasureFailed(f"{self.file}.py: {self.name}: answered no number ({words})")
         if not math.isfinite(number):
             raise MeasureFailed(f"{self.file}.py: {self.name}: answered {number}, which is no finite number")
         return number
+
+
+def _number(value: object) -> float | None:
+    """An answer as a float; None: it is no number. A truth is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return None
+    return float(value)
 
 
 @functools.cache

@@ -216,6 +216,7 @@ class StudyRun:
             ) from error
         if row.failed:
             self.failed.append(row)
+        trial.refuse_failed_controller()  # it is kept, as aborted
         self.done["trials"] += 1
         self.done["in_doubt"] += bool(trial.outcome()["warnings"])  # its energy ledger contradicts its motion
 

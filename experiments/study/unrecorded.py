@@ -104,11 +104,15 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
 
 
 def run_trial(trial: Trial) -> np.ndarray:
-    """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room."""
+    """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room.
+
+    InputError if the file of its controller failed.
+    """
     blocks = [_BLOCK[: trial.run(_BLOCK)]]
     while not trial.finished:
         block = np.empty((BLOCK_TICKS, tick_log.WIDTH))
         blocks.append(block[: trial.run(block)])
+    trial.refuse_failed_controller()
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 

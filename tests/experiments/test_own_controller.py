@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
+from exports import rows as csv_rows
 from own_files import DAMPER, FREE, PROTOCOL, own_experiment
 from protocols import protocol_of
 
@@ -24,8 +26,10 @@ from experiments.session.session import Participant, Session, preset_from_json, 
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
+from experiments.study.sweep import load_sweep, run_sweep
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.population import load_population
+from experiments.trial.trial import SimulatedTrial
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = Path(sdof.__file__).read_text()
@@ -36,14 +40,17 @@ def file(tmp_path: Path) -> Path:
     return own_experiment(tmp_path)
 
 
-def ticks(preset: Preset) -> np.ndarray:
-    """A trial with this controller."""
+def new_trial(preset: Preset) -> SimulatedTrial:
     paper = load_protocol()
-    trial = trial_of(
+    return trial_of(
         paper, person_of(load_population(), 1, 1), 1, PlannedTrial(1, 1, "four-brake", 2, 1, 1),
         switched_on(paper.device("four-brake"), paper), preset,
     )  # fmt: skip
-    return run_trial(trial).copy()
+
+
+def ticks(preset: Preset) -> np.ndarray:
+    """A trial with this controller."""
+    return run_trial(new_trial(preset)).copy()
 
 
 def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
@@ -107,12 +114,38 @@ def test_a_saved_variant_takes_the_file_along(file: Path, tmp_path: Path):
     assert again.own and again.own.text == DAMPER and again.values == protocol.controllers[1].values
 
 
-def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
-    lines = "tick.current[0], tick.current[1] = -1.0, math.nan", "tick.current[2], tick.current[3] = math.inf, 1e9"
-    wild = DAMPER.replace("    if best < 0:", "".join(f"    {line}\n" for line in lines) + "    if best < 9:", 1)
-    wild = wild.replace("return NONE", "return DAMPED")
-    found = check_controller(read_own("wild", wild.replace("from core.k", "import math\n\nfrom core.k", 1)), {})
+WILD = """
+    if controller.values[1] == 0.0:
+        tick.brakes.current_max[0], tick.brakes.present[1] = 100.0, 1.0
+        tick.current[0], tick.current[1], tick.current[2], tick.current[3] = 50.0, math.nan, math.inf, -1.0
+        return DAMPED
+    if controller.values[1] == 1.0:
+        tick.current[int(controller.values[1]) + 3] = 1e9
+    if controller.values[1] == 2.0:
+        tick.current[int(controller.values[1]) - 7] = 1e9
+    if controller.values[1] == 3.0:
+        raise ValueError("this cannot be")
+    if controller.values[1] == 4.0:
+        return DAMPED + 1
+    if controller.values[1] == 5.0:
+        actuate(tick, 7, 1.0)
+"""
+
+
+def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_without_current():
+    head, body = DAMPER.replace("from core.k", "import math\n\nfrom core.k", 1).split('speed."""\n')
+    own = read_own("wild", f'{head}speed."""{WILD}{body}')
+    found = check_controller(own, {"damping_N_s_m": 0.0})
     assert not found["broken"] and found["trials"] == 8
+    for which in range(1, 6):
+        preset = make_preset("Wild", "wild.py", {"damping_N_s_m": which}, own)
+        with pytest.raises(InputError, match="wild.py: the file of the controller failed"):
+            ticks(preset)
+    trial = new_trial(preset)
+    rows = np.empty((9000, tick_log.WIDTH))
+    rows = rows[: trial.run(rows)]
+    assert trial.finished and trial.outcome()["status"] == "aborted" and "failed" in trial.outcome()["reason"]
+    assert not rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].any() and np.isfinite(rows[:, tick_log.TIP_X]).all()
 
 
 @pytest.mark.parametrize("text, wanted", [
@@ -121,11 +154,41 @@ def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
     ("x = 1", "must have ALGORITHM"),
     (DAMPER.replace("@kernel\n", ""), "write @kernel above it"),
     (DAMPER.replace("return DAMPED", "return tick.nothing"), "damper.py: does not compile"),
+    (DAMPER.replace("best, most = -1, 0.0", "tick.g[0, 0] = 1.0"), "damper.py: does not compile: .*readonly array"),
+    (DAMPER.replace("(GAP_M, DAMPING)", "GAP_M"), "must be a tuple of Parameter"),
+    (DAMPER.replace("(GAP_M, DAMPING)", "(DAMPING, DAMPING)"), "each of another name"),
+    (DAMPER.replace('"damping_N_s_m"', '"dämpfung"'), "letters .a to z., digits and _, not 'dämpfung'"),
+    (DAMPER.replace("200.0, (10.0, 2000.0)", '"200", (10.0, 2000.0)'), "must be numbers"),
+    (DAMPER.replace('("damped",)', '("damped")'), 'decisions must be a tuple of texts: .."damped",.'),
 ])  # fmt: skip
 def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
         make_controller(make_preset("Damper", "damper.py", {}, read_own("damper", text)), 30.0)
     assert "\n" not in str(refused.value)
+
+
+def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path, monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+    file.write_text(f'measure = "my_measure.py"\n{PROTOCOL}{FREE}')
+    (sweep := file.with_name("sweep.toml")).write_text("""
+        name = "own"
+        protocol = "mine.toml"
+        operators = 1
+        repetitions = 1
+        [[controller]]
+        algorithm = "my_damper.py"
+        parameters = {damping_N_s_m = [50.0, 500.0]}
+    """)
+    summary = run_sweep(load_sweep(sweep), file.parent / "out")
+    rows = csv_rows(file.parent / "out/sweep.csv")
+    assert [(r["kind"], r["damping_N_s_m"], r["controller_name"]) for r in rows] == [
+        ("my_damper.py", "50.0", "my_damper.py, gap 0 mm, damping 50 N s/m"), ("my_damper.py", "500.0", "Damper"),
+    ]  # fmt: skip
+    assert float(rows[0]["late_error_mm"]) > float(rows[1]["late_error_mm"]) > 0.0
+    assert any(said.startswith("Late error: damping_N_s_m of my_damper.py") for said in summary["moves_most"])
+    sweep.write_text(sweep.read_text().replace("damping_N_s_m", "damping"))
+    with pytest.raises(InputError, match="sweep.toml: controller: damping is not for 'my_damper.py'"):
+        load_sweep(sweep)
 
 
 @pytest.mark.parametrize("change, wanted", [

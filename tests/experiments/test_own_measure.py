@@ -95,7 +95,7 @@ def test_the_recordings_alone_give_the_same_table_and_verify_tells_a_changed_cel
     table = study.folder / "kept/sub-01/ses-01/trials.csv"
     value = repr(read_table(table)[0].own["late_error_mm"])
     table.write_text(table.read_text().replace(value, "7.25"))
-    assert any("late_error_mm is 7.25" in fault for fault in verify(study.folder / "kept")["faults"])
+    assert any("late_error_mm is 7.25" in fault["fault"] for fault in verify(study.folder / "kept")["faults"])
     measures = replay(study.out / read_table(study.out / "trials.csv")[0].recording)["metrics"]
     assert measures["late_error_mm"]["change"] == 0.0
 
