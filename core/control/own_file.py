@@ -6,6 +6,7 @@ The text of the file travels with its controller (`Preset.own`); how it is run: 
 import functools
 import hashlib
 import math
+import re
 import threading
 from typing import Any, NamedTuple
 
@@ -117,5 +118,6 @@ def _compiled(own: OwnFile, caller: Caller) -> int:
     try:
         return caller.address_of(decide_in_file)
     except NumbaError as error:
-        said = [line.strip() for line in str(error).splitlines() if line.strip()]
+        plain = re.sub(r"\x1b\[[\d;]*m", "", str(error))  # without numba's colours, and how far it had come
+        said = [line.strip() for line in plain.splitlines() if line.strip() and "mode pipeline" not in line]
         raise InputError(f"{own.name}.py: does not compile: {' '.join(said[:4])}") from None

@@ -58,7 +58,5 @@ def test_every_library_that_the_program_imports_is_one_that_it_asks_for():
                 names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 imported |= {name.partition(".")[0]: file for name in names}
     others = imported.keys() - sys.stdlib_module_names - {*PACKAGES, "phd"}
-    missing = {
-        name: imported[name] for name in others if name in known and asked.isdisjoint(map(named, known[name]))
-    }
+    missing = {name: imported[name] for name in others if name in known and asked.isdisjoint(map(named, known[name]))}
     assert missing == {} and {"numpy", "numba", "PySide6"} <= others
