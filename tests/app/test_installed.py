@@ -8,7 +8,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from setuptools import Distribution
+
+Distribution = pytest.importorskip("setuptools").Distribution  # Python from 3.12 on has it no more
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("core", "hardware", "experiments", "app")

@@ -1,4 +1,4 @@
-"""A controller in a file of its own through the real processes: a session's trial, and Try with its slider."""
+"""A controller and a measure in files of their own through the real processes: a trial of a session, and Try."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from app.ipc.messages import Setup
 
 
 def test_a_session_and_try_run_a_controller_of_ones_own(tmp_path: Path) -> None:
-    protocol = own_experiment(tmp_path, PROTOCOL)
+    protocol = own_experiment(tmp_path, f'measure = "my_measure.py"\n{PROTOCOL}')
     with live_window(Setup(tmp_path / "data", str(protocol), hand="operator", sync=False)) as window:
         window.until_stage(m.NO_SESSION)
         window.client.send(m.SetSandbox())
@@ -23,5 +23,6 @@ def test_a_session_and_try_run_a_controller_of_ones_own(tmp_path: Path) -> None:
         window.until_stage(m.READY)
         window.client.send(m.Start())
         (row,) = window.until(lambda s: s.rows).rows
+        assert row.own["late_error_mm"] > 0.0 and row.failed == {}
         recording = window.recording(row.run)
         assert recording.whole and (recording.text("decision") == "damped").sum() > 100
