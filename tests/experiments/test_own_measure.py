@@ -9,8 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 from own_files import FREE, MEASURE, PROTOCOL, own_experiment
+from refusals import refusal
 
 import phd
+from app.cli import main
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.chart_figures import draw
@@ -119,6 +121,15 @@ def test_power_asks_for_it_by_name_and_another_process_has_the_same_function(stu
     assert pickle.loads(pickle.dumps(metric)) == metric and pickle.loads(pickle.dumps(METRICS[0])) is METRICS[0]
     with pytest.raises(InputError, match="there is no 'late'; there are path_error_m, .*late_error_mm"):
         measure_of("late", study.protocol)
+
+
+def test_the_plan_names_the_file_and_every_parameter_and_refuses_a_file_that_cannot_be_used(tmp_path, capsys):
+    text = f'measure = "my_measure.py"\n{PROTOCOL}'.replace("500.0", "200.0")
+    assert main(["run", str(own_experiment(tmp_path, text)), "--print-plan", "--participant", "01"]) == 0
+    said = capsys.readouterr().out
+    assert "Damper (gap 0 mm, damping 200 N s/m, my_damper.py, sha256 " in said and "my_measure.py, sha256 " in said
+    file = own_experiment(tmp_path, text, my_measure="MEASURES = ()")
+    assert "my_measure.py: must have MEASURES" in refusal(capsys, "run", file, "--print-plan")
 
 
 def test_names_of_columns_are_taken():

@@ -171,6 +171,9 @@ def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often
     row, ticks = result(PLAN[0]), movement(1, "AEB", 1.0)
     ticks[:, tick_log.ARM_FORCE_MAX] = 40.0
     assert trial_flags(row, ticks) == []
+    assert trial_flags(replace(row, failed={"a": "my.py: a: no"}), None) == [
+        "my.py: a: no: the trial has no such measure"
+    ]
     ticks[200:300, tick_log.ARM_FORCE_MAX] = 0.0
     (flag,) = trial_flags(row, ticks)
     assert "left the picture once" in flag
