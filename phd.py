@@ -13,7 +13,7 @@ is imported.
 
 import tempfile
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,11 @@ from core.device import Device, load_device
 from core.files import InputError
 from experiments.analysis.charts import boxes as _boxes
 from experiments.analysis.metrics import BY_NAME, Metric
+from experiments.analysis.own_measures import own_metrics, recorded_metrics
 from experiments.analysis.statistics import Result, configurations_of
 from experiments.analysis.statistics import statistics as _statistics
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table
-from experiments.export.files import RECORDING
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, own_columns, read_table
+from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
 from experiments.session.files import TABLE
@@ -78,13 +79,17 @@ def run_study(
     people = load_population(population)
     load_kernels()
     chosen = with_low_gain_found(load_protocol(protocol, devices=devices, **overrides), people)
-    return _trials(row for row, _ in study_trials(chosen, people, operators))
+    return _trials(
+        (row for row, _ in study_trials(chosen, people, operators)), {m.name: m.unit for m in own_metrics(chosen)}
+    )
 
 
 def load_trials(folder: str | Path) -> pd.DataFrame:
     """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value."""
     path = Path(folder)
-    return _trials(read_table(path / TABLE if path.is_dir() else path))
+    rows = read_table(path / TABLE if path.is_dir() else path)
+    sessions = sorted(path.glob("sub-*/ses-*")) if own_columns(rows) else []
+    return _trials(rows, {name: entry.unit for name, entry in own_columns_described(sessions).items()})
 
 
 def load_recording(file: str | Path) -> pd.DataFrame:
@@ -118,13 +123,14 @@ def replay(file: str | Path, controller: int | None = None, device: str | None =
     frame = pd.DataFrame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])
     for warning in summary["warnings"]:
         warnings.warn(warning, stacklevel=2)
-    frame.attrs = {"units": {name: BY_NAME[name].unit for name in frame.index}, "summary": summary}
+    measures = BY_NAME | {metric.name: metric for metric in recorded_metrics(read_recording(file).metadata)}
+    frame.attrs = {"units": {name: measures[name].unit for name in frame.index}, "summary": summary}
     return frame
 
 
 def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
     """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit."""
-    rows, metric = _rows(trials), _metric(measure)
+    rows, metric = _rows(trials), _metric(measure, trials)
     found = _boxes(rows, metric, configurations_of(rows))
     index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
     frame = pd.DataFrame([box._asdict() for box in found.values()], index=index).sort_index()
@@ -140,21 +146,35 @@ def statistics(trials: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(_statistics(_rows(trials)), columns=list(Result._fields))
 
 
-def _metric(name: str) -> Metric:
-    if name not in BY_NAME:
-        raise InputError(f"there is no measure {name!r}; there are {', '.join(BY_NAME)}")
-    return BY_NAME[name]
+def _metric(name: str, trials: pd.DataFrame) -> Metric:
+    known = [*BY_NAME, *_own_columns(trials)]
+    if name not in known:
+        raise InputError(f"there is no measure {name!r}; there are {', '.join(known)}")
+    unit = trials.attrs.get("units", {}).get(name, "")
+    return BY_NAME.get(name) or Metric(name, unit, name, name, name, lambda _: None, unit)
 
 
-def _trials(rows: Iterable[TrialRow]) -> pd.DataFrame:
-    frame = pd.DataFrame([{name: getattr(row, name) for name in COLUMNS} for row in rows], columns=list(COLUMNS))
-    measured = [name for name in COLUMNS if DICTIONARY[name].unit or name in BY_NAME]
+def _trials(rows: Iterable[TrialRow], own: Mapping[str, str]) -> pd.DataFrame:
+    """own: unit of each measure of the experiment's own file."""
+    rows = list(rows)
+    units = {name: DICTIONARY[name].unit for name in COLUMNS} | dict.fromkeys(own_columns(rows), "") | dict(own)
+    frame = pd.DataFrame([{name: row.value(name) for name in units} for row in rows], columns=list(units))
+    measured = [name for name, unit in units.items() if unit or name in BY_NAME or name not in COLUMNS]
     frame[measured] = frame[measured].astype(float)
-    frame.attrs = {"units": {name: DICTIONARY[name].unit for name in COLUMNS}}
+    frame.attrs = {"units": units}
     return frame
 
 
+def _own_columns(trials: pd.DataFrame) -> list[str]:
+    """Numbers beside the columns of trials.csv: measures of the experiment's own file, or of the notebook."""
+    return [str(name) for name in trials.select_dtypes("number") if name not in COLUMNS]
+
+
 def _rows(trials: pd.DataFrame) -> list[TrialRow]:
-    known = [name for name in COLUMNS if name in trials]
-    plain = trials[known].astype(object).where(trials[known].notna(), None)
-    return [TrialRow(**record) for record in plain.to_dict("records")]
+    known, own = [name for name in COLUMNS if name in trials], _own_columns(trials)
+    plain = trials[known].astype(object).where(trials[known].notna(), None).to_dict("records")
+    beside = trials[own].to_dict("records") if own else [{}] * len(plain)
+    return [
+        TrialRow(**record, own={name: value for name, value in more.items() if pd.notna(value)})
+        for record, more in zip(plain, beside, strict=True)
+    ]

@@ -82,6 +82,11 @@ FAULTS = {
         "a hand pushed with more than {force:g} N for {time:g} s against a full lock: the brakes let go",
         "See that the hand is free and well.",
     ),
+    "controller-failed": FaultWords(
+        "the file of the controller failed: it used an index beyond its array, raised an error, or answered a "
+        "decision that it does not have",
+        "Check the file with phd check-controller.",
+    ),
     "brakes-off": FaultWords("brakes off: {why}", "Allow the brakes again when it is safe."),
     # of this computer
     "server-silent": FaultWords(

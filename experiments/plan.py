@@ -263,6 +263,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
         "participant sees": [_seen(protocol)],
         "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
+        "measures": [_file_text(name, protocol.code[name]) for name in [protocol.measure] if name],
         "questionnaire": [f"after each {protocol.questionnaire.each}"] if protocol.questionnaire.on else [],
     }
     lines = [
@@ -312,7 +313,11 @@ def _controller_text(preset: Preset) -> str:
     about = [
         f"{parameter.word} {grouped(parameter.scale * value)} {parameter.unit}".rstrip()
         for parameter, value in zip(preset.algorithm.parameters, preset.values, strict=True)
-        if value != parameter.default
+        if preset.own or value != parameter.default
     ]
-    about += [f"{preset.kind}.py, sha256 {preset.own.digest[:12]}"] if preset.own else []
+    about += [_file_text(preset.kind, preset.own.text)] if preset.own else []
     return f"{preset.name} ({', '.join(about)})" if about else preset.name
+
+
+def _file_text(name: str, text: str) -> str:
+    return f"{name}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:12]}"

@@ -23,6 +23,7 @@ from core.device import Device, build_device, inline_devices, load_device
 from core.drawn_path import read_path
 from core.files import InputError, from_plain, parse_toml, read_text, shipped_names, shipped_or_file
 from core.obstacles import build_obstacles, nearest_obstacle
+from core.own_files import read_own_text
 from core.path import Path as PathAhead
 from core.path import PathFile, build_path, outline, point_at
 from core.workspace import free_tips, tip_is_free
@@ -71,7 +72,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
     paths: dict[int, PathFile]
     drawn: dict[int, str]  # what became of the drawings among them, by number
     drawings: dict[str, str]  # their files in full
-    algorithms: dict[str, str]  # the files of controllers that are not shipped, in full
+    code: dict[str, str]  # the Python files of controllers and measures that are not shipped, in full
     controllers: dict[int, Preset]
     trial: TrialRules
     language_text: str  # in full
@@ -190,7 +191,7 @@ def read_protocol(
 ) -> Protocol:
     """A protocol from the text of its file, which stands in `folder`; `where` names it. Else as `load_protocol`.
 
-    to_come: texts of algorithms' files that are not in the folder yet, by name.
+    to_come: texts of Python files that are not in the folder yet, by name.
     """
     file = parse_toml(text, ProtocolFile, where)
     overrides = {name: value for name, value in asked.items() if value is not None}
@@ -208,12 +209,12 @@ def read_protocol(
     drawings = {name: read_text(folder / name) for entry in file.path if isinstance(name := entry.get("file"), str)}
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
-    algorithms = {
-        name: to_come.get(name) or read_text(folder / name)
-        for name in dict.fromkeys(controller.algorithm for controller in file.controller)
+    code = {
+        name: to_come.get(name) or read_own_text(folder, name)
+        for name in dict.fromkeys([*(controller.algorithm for controller in file.controller), file.measure])
         if name
     }
-    return _checked(file, _Contents(text, words, pictures, drawings, algorithms), found, overrides, where)
+    return _checked(file, _Contents(text, words, pictures, drawings, code), found, overrides, where)
 
 
 def read_picture(path: Path, where: str) -> bytes:
@@ -250,7 +251,7 @@ class _Contents(NamedTuple):
     language: str
     pictures: dict[str, bytes]
     drawings: dict[str, str]
-    algorithms: dict[str, str]
+    code: dict[str, str]
 
 
 def _checked(
@@ -260,7 +261,7 @@ def _checked(
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
     _refuse_duplicates([device.name for _, device in devices], f"{where}: devices: two devices")
-    presets = [_preset(controller, contents.algorithms, where) for controller in file.controller]
+    presets = [_preset(controller, contents.code, where) for controller in file.controller]
     _refuse_duplicates([preset.name for preset in presets], f"{where}: controller: two controllers")
     numbers = [controller.number for controller in file.controller]
     controllers = _numbered(numbers, presets, f"{where}: controller")
@@ -296,14 +297,14 @@ def _checked(
     )  # fmt: skip
     return Protocol(
         text=contents.text, overrides=dict(overrides), devices=tuple(device for _, device in devices), paths=paths,
-        drawn=drawn, drawings=contents.drawings, algorithms=contents.algorithms, controllers=controllers,
+        drawn=drawn, drawings=contents.drawings, code=contents.code, controllers=controllers,
         language_text=contents.language, pictures=contents.pictures, **settings,
     )  # fmt: skip
 
 
-def _preset(controller: ControllerFile, algorithms: Mapping[str, str], where: str) -> Preset:
+def _preset(controller: ControllerFile, code: Mapping[str, str], where: str) -> Preset:
     try:
-        return controller.preset(algorithms)
+        return controller.preset(code)
     except ValueError as error:
         raise InputError(f"{where}: controller {controller.name}: {error}") from None
 
@@ -407,7 +408,7 @@ def check_reach(devices: Iterable[tuple[str, Device]], paths: Mapping[int, PathF
 def presets_of(protocol: Protocol) -> list[Preset]:
     """The controllers of the protocol's file, without assumptions and options."""
     file = parse_toml(protocol.text, ProtocolFile, protocol.name)
-    return [controller.preset(protocol.algorithms) for controller in file.controller]
+    return [controller.preset(protocol.code) for controller in file.controller]
 
 
 def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
@@ -427,7 +428,7 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
         ],
         **({"language": protocol.language_text} if protocol.language not in shipped_languages() else {}),
         **({"drawings": protocol.drawings} if protocol.drawings else {}),
-        **({"algorithms": protocol.algorithms} if protocol.algorithms else {}),
+        **({"code": protocol.code} if protocol.code else {}),
         **({"pictures": {k: b64encode(v).decode() for k, v in protocol.pictures.items()}} if protocol.pictures else {}),
     }
 
@@ -441,7 +442,7 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
     words = about.get("language") or language_text(file.language, Path())
     pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
-    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}), about.get("algorithms", {}))
+    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}), about.get("code", {}))
     return _checked(file, contents, devices, about["overrides"], f"{where}: protocol")
 
 

@@ -4,7 +4,6 @@ Lengths in m, forces in N, times in s, gains in N s/m. The keys of `Settings` me
 and in an experiment that was checked (`experiments.protocol.Protocol`).
 """
 
-import re
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
@@ -161,6 +160,7 @@ class Settings(Table, frozen=True, kw_only=True):
     export: Export = Export()
     consent: Consent | None = None  # asked of each participant before the form
     form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
+    measure: str = ""  # a Python file beside the protocol's, with measures beside the shipped ones
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
@@ -196,8 +196,6 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
             raise ValueError(f"{self.name}: needs either kind or algorithm")
         if self.kind is not None and self.parameters:
             raise ValueError(f"{self.name}: parameters are for an algorithm in a file of its own")
-        if self.algorithm is not None and not re.fullmatch(r"[A-Za-z]\w*\.py", self.algorithm):
-            raise ValueError(f"{self.name}: algorithm must be the name of a Python file, not {self.algorithm!r}")
         if self.algorithm is None:
             self.preset({})
 
@@ -210,7 +208,7 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
         if self.algorithm is None:
             return make_preset(self.name, str(self.kind), given)
         own = read_own(self.algorithm.removesuffix(".py"), files[self.algorithm])
-        return make_preset(self.name, own.name, given | self.parameters, own)
+        return make_preset(self.name, self.algorithm, given | self.parameters, own)
 
 
 class ProtocolFile(Settings, frozen=True, kw_only=True):

@@ -74,19 +74,22 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
     changed = strength != 1.0 or backlash_deg is not None
     changed = changed or device.name not in shipped_devices() or load_device(device.name).text != device.text
     files, changed_device = _device_files(file, device, strength, backlash_deg) if changed else ({}, device)
-    beside = re.sub(r"\W", "_", file.stem) + "_"
-    algorithms = {f"{beside}{name}": text for name, text in protocol.algorithms.items()}
+    renamed = {
+        name: f"{name.removesuffix('.py')}_{re.sub('[^A-Za-z0-9]', '_', file.stem)}.py" for name in protocol.code
+    }
+    code = {renamed[name]: text for name, text in protocol.code.items()}
     content |= {
         "name": file.stem,
         "rules": variant.rules,
         "devices": [f"{file.stem}-device.toml" if files else device.name],
         "path": [paths[variant.path] | ({"blend_width_m": blend_width} if blend_width else {})],
-        "controller": [_controller(number, preset, beside) for number, preset in variant.controllers.items()],
+        "controller": [_controller(number, preset, renamed) for number, preset in variant.controllers.items()],
         "mouse": msgspec.to_builtins(variant.mouse),
+        "measure": renamed.get(protocol.measure),
     }
     text = protocol_text(content)
-    read_protocol(text, file.parent, str(file), [changed_device], algorithms)
-    files |= algorithms | {file.name: text}
+    read_protocol(text, file.parent, str(file), [changed_device], code)
+    files |= code | {file.name: text}
     try:
         write_new_files({file.parent / name: made.encode() for name, made in files.items()})
     except OSError as error:
@@ -127,8 +130,8 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
-    """A protocol's file so that it needs no other: no devices, instructions, translation; drawings as points."""
-    left_out = ("instruction", "device", "brake")
+    """A protocol's file so that it needs no other: no devices, instructions, translation, measures; paths as points."""
+    left_out = ("instruction", "device", "brake", "measure")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
     for place, entry in enumerate(content["path"], start=1):
         if entry["kind"] == DRAWING:
@@ -139,11 +142,11 @@ def _without_files(protocol: Protocol) -> dict[str, Any]:
     return content
 
 
-def _controller(number: int, preset: Preset, beside: str) -> dict[str, Any]:
-    """beside: how the names of the files begin that stand beside the protocol."""
+def _controller(number: int, preset: Preset, renamed: Mapping[str, str]) -> dict[str, Any]:
+    """renamed: what Python files beside the protocol are called now."""
     about = {"number": number, "name": preset.name}
     if preset.own is not None:
-        return about | {"algorithm": f"{beside}{preset.kind}.py", "parameters": preset.named}
+        return about | {"algorithm": renamed[preset.kind], "parameters": preset.named}
     return about | {"kind": preset.kind, **preset.named}
 
 

@@ -177,10 +177,12 @@ def protocol_of(args: argparse.Namespace) -> "Protocol":
 
 
 def print_plan(args: argparse.Namespace) -> None:
+    from experiments.analysis.own_measures import own_metrics
     from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)
+    own_metrics(protocol)  # InputError: its own measures cannot be used
     participant = args.participant or free_participant(data_dir_of(args), protocol.participants)
     if is_person(args.input):
         protocol.refuse_stranger(participant)

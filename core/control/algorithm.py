@@ -152,6 +152,8 @@ def torque_for_force(force, g_x, g_y):
 @kernel
 def actuate(tick, i, force):
     """Current on brake i for a tip force (N); the others stay as they are."""
+    if not 0 <= i < 4:
+        raise IndexError("actuate: there is no such brake")
     torque = torque_for_force(force, tick.g[i, 0], tick.g[i, 1])
     tick.current[i] = current_for_torque(tick.brakes, i, torque)
 

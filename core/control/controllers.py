@@ -44,7 +44,7 @@ from core.control.rule_sets import rule_set
 from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_round, new_memory
 from core.files import InputError
 from core.kernels import kernel
-from core.kernels.by_address import Caller
+from core.kernels.by_address import FAILED, Caller
 from core.mechanism import no_brakes
 from core.obstacles import nearest_obstacle
 from core.simulator.state import pack_brakes
@@ -93,7 +93,7 @@ class Preset(NamedTuple):
     """One row of Table I, or of a protocol's own table of controllers."""
 
     name: str
-    kind: str  # of its algorithm; of one in a file of its own, the file's name
+    kind: str  # of its algorithm; of one in a file of its own, the file's name, "my_damper.py"
     values: tuple[float, ...] = ()  # of the algorithm's parameters, in their order
     own: OwnFile | None = None  # the file
 
@@ -208,9 +208,11 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
 
 
 def _sample() -> tuple[Controller, Field, Tick]:
-    """Arguments of `decide`, of the types that every device and trial gives them."""
+    """Arguments of `decide`, of the types that every device and trial gives them; g and mass are not to be written."""
     seen, brakes = Seen(*[0.0] * 6), pack_brakes(no_brakes(), backlash=True)[0]
-    tick = Tick(seen, np.zeros((4, 2)), np.zeros(3), brakes, new_memory(), np.zeros(4))
+    g, mass = np.zeros((4, 2)), np.zeros(3)
+    g.flags.writeable = mass.flags.writeable = False
+    tick = Tick(seen, g, mass, brakes, new_memory(), np.zeros(4))
     return make_controller(Preset("none", "none"), 1.0), NO_FIELD, tick
 
 
@@ -219,10 +221,20 @@ decide_at = Caller(_sample)
 
 @kernel
 def decide_in_own_file(controller, field, tick):
-    """As the file of its own decides, which was compiled alone."""
+    """As the file of its own decides, which was compiled alone; `FAILED` where it raised an error or has no such code.
+
+    What the brakes can take is afterwards as it was, whatever the file has written there.
+    """
     if controller.address == 0:  # it came from another process: `with_address` was forgotten
-        return NOT_FINITE
+        return FAILED
+    most, there = tick.brakes.current_max, tick.brakes.present
+    kept = most[0], most[1], most[2], most[3], there[0], there[1], there[2], there[3]
     code = decide_at(controller.address, controller, field, tick)
+    for i in range(4):
+        most[i], there[i] = kept[i], kept[4 + i]
+    if code == FAILED:
+        release(tick.current)
+        return FAILED
     return code + len(DECISIONS) - OWN if code >= OWN else code
 
 
@@ -250,7 +262,8 @@ def _decide_within_limits(controller, field, tick):
 def decide(controller, path, tick):
     """One tick of control (`Tick`): writes its currents, updates its memory; returns the decision code and the field.
 
-    Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN.
+    Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN. `FAILED`: a
+    controller in a file of its own did not decide.
     """
     seen, memory, rules = tick.seen, tick.memory, controller.rules
     release(tick.current)

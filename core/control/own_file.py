@@ -1,26 +1,22 @@
-"""Controllers in files of their own: `algorithm = "damper.py"` in a protocol, declared as the shipped ones are.
+"""Controllers in files of their own: `algorithm = "my_damper.py"` in a protocol, declared as the shipped ones are.
 
-The text of the file travels with its controller (`Preset.own`), so that a session, its recordings and every process
-have the very code that ran. A file is run as Python: open experiments only of people whom you would let run a program.
+The text of the file travels with its controller (`Preset.own`); how it is run: `core.own_files`.
 """
 
 import functools
 import hashlib
-import importlib.util
-import os
-import sys
-import tempfile
-from pathlib import Path
-from types import ModuleType
+import math
+import re
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import Algorithm
+from core.control.algorithm import OWN, Algorithm, Parameter
 from core.files import InputError
 from core.kernels import INTERPRETED, kernel
-from core.kernels.by_address import Caller
-from core.kernels.cache import cache_folder
+from core.kernels.by_address import FAILED, Caller
+from core.own_files import NAME, check_own_name, run_own
 
 MOST_PARAMETERS = 8  # of any algorithm: the kernels take as many numbers of each
 MOST_WORDS = 8  # decisions of its own
@@ -51,62 +47,47 @@ def algorithm_in(own: OwnFile) -> Algorithm:
 
 @functools.cache
 def _algorithm(name: str, text: str) -> Algorithm:
-    module = _run_as_module(name, text)
-    algorithm = getattr(module, "ALGORITHM", None)
     where = f"{name}.py"
+    check_own_name(where)
+    algorithm = getattr(run_own(name, text), "ALGORITHM", None)
     if not isinstance(algorithm, Algorithm):
-        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), as docs/examples/protocols/damper.py has")
-    names = [parameter.name for parameter in algorithm.parameters]
+        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), as docs/examples/protocols/my_damper.py has")
+    if reason := _why_not(algorithm):
+        raise InputError(f"{where}: ALGORITHM: {reason}")
+    return algorithm._replace(kind=where)
+
+
+def _why_not(algorithm: Algorithm) -> str:
+    """Why an algorithm of a file cannot be used; "": it can."""
+    parameters, words = algorithm.parameters, algorithm.own
+    if not isinstance(parameters, tuple) or not all(isinstance(parameter, Parameter) for parameter in parameters):
+        return "its parameters must be a tuple of Parameter(..): (PARAMETER,) for a single one"
+    for parameter in parameters:
+        if not isinstance(parameter.name, str) or not NAME.fullmatch(parameter.name):
+            return f"a parameter's name must be of letters (a to z), digits and _, not {parameter.name!r}"
+        if not all(isinstance(text, str) and text.isprintable() for text in (parameter.word, parameter.unit)):
+            return f"{parameter.name}: word and unit must be text"
+        default = 0.0 if parameter.default is None else parameter.default
+        if not _numbers(default, parameter.scale, *parameter.slider) or not 0.0 <= default < math.inf:
+            return f"{parameter.name}: scale, default and slider must be numbers, the default finite and not negative"
+    names = [parameter.name for parameter in parameters]
     if len(set(names)) < len(names) or len(names) > MOST_PARAMETERS:
-        raise InputError(f"{where}: may have up to {MOST_PARAMETERS} parameters, each of another name")
+        return f"it may have up to {MOST_PARAMETERS} parameters, each of another name"
+    if not isinstance(words, tuple) or not all(isinstance(word, str) and word.isprintable() for word in words):
+        return 'its decisions must be a tuple of texts: ("damped",) for a single one'
     if len(algorithm.decisions) > MOST_WORDS:
-        raise InputError(f"{where}: may have up to {MOST_WORDS} decisions of its own, not {len(algorithm.decisions)}")
+        return f"it may have up to {MOST_WORDS} decisions of its own, not {len(algorithm.decisions)}"
     if not callable(algorithm.decide) or not INTERPRETED and not hasattr(algorithm.decide, "entry"):
-        raise InputError(f"{where}: decide must be a kernel: write @kernel above it")
-    return algorithm._replace(kind=name)
+        return "decide must be a kernel: write @kernel above it"
+    return ""
 
 
-def _run_as_module(name: str, text: str) -> ModuleType:
-    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-    module_name = f"phd_own_{name}_{digest}"
-    if module_name in sys.modules:
-        return sys.modules[module_name]
-    path = _place(f"{name}-{digest}.py", text)
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None and spec.loader is not None  # a path that ends in .py has both
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:  # whatever the file does wrong
-        del sys.modules[module_name]
-        raise InputError(f"{name}.py: cannot be run: {_line(error, path)}{type(error).__name__}: {error}") from None
-    return module
-
-
-def _place(name: str, text: str) -> Path:
-    """A file with this text beside the compiled kernels: numba keeps machine code by the file that it is of."""
-    folder = (cache_folder() or Path(tempfile.mkdtemp(prefix="phd-own-"))) / "own"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    path = folder / name
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        with tempfile.NamedTemporaryFile("w", dir=folder, encoding="utf-8", newline="", delete=False) as new:
-            new.write(text)
-        os.replace(new.name, path)
-    return path
-
-
-def _line(error: Exception, path: Path) -> str:
-    """The line of the file at which it went wrong, in words."""
-    found, step = 0, error.__traceback__
-    while step is not None:
-        found = step.tb_lineno if step.tb_frame.f_code.co_filename == str(path) else found
-        step = step.tb_next
-    found = error.lineno or 0 if isinstance(error, SyntaxError) else found
-    return f"line {found}: " if found else ""
+def _numbers(*values: object) -> bool:
+    return all(isinstance(value, int | float) and math.isfinite(value) for value in values)
 
 
 _addresses: dict[OwnFile, int] = {}
+_lock = threading.Lock()
 
 
 def address_in(own: OwnFile, caller: Caller) -> int:
@@ -114,17 +95,21 @@ def address_in(own: OwnFile, caller: Caller) -> int:
 
     A first compilation takes seconds; then it is kept on disk.
     """
-    if own not in _addresses:
-        _addresses[own] = _compiled(own, caller)
-    return _addresses[own]
+    with _lock:
+        if own not in _addresses:
+            _addresses[own] = _compiled(own, caller)
+        return _addresses[own]
 
 
 def _compiled(own: OwnFile, caller: Caller) -> int:
-    decide: Any = algorithm_in(own).decide
+    algorithm = algorithm_in(own)
+    decide: Any = algorithm.decide
+    end = OWN + len(algorithm.decisions)
 
     @kernel
     def decide_in_file(controller, field, tick):
-        return np.int64(decide(controller, field, tick))
+        code = np.int64(decide(controller, field, tick))
+        return code if 0 <= code < end else np.int64(FAILED)
 
     if INTERPRETED:
         return caller.address_of(decide_in_file)
@@ -133,5 +118,6 @@ def _compiled(own: OwnFile, caller: Caller) -> int:
     try:
         return caller.address_of(decide_in_file)
     except NumbaError as error:
-        said = [line.strip() for line in str(error).splitlines() if line.strip()]
+        plain = re.sub(r"\x1b\[[\d;]*m", "", str(error))  # without numba's colours, and how far it had come
+        said = [line.strip() for line in plain.splitlines() if line.strip() and "mode pipeline" not in line]
         raise InputError(f"{own.name}.py: does not compile: {' '.join(said[:4])}") from None

@@ -2,6 +2,9 @@
 
 A `Caller` is for arguments of the types of a sample: its `address_of` compiles a kernel for them, and kernels call it
 as `caller(address, *arguments)`. Interpreted, an address is a number under which the function is found.
+
+An address is right in one process alone. There it stays right: kernels are kept here, and numba gives no machine code
+back (`JITCPUCodegen._add_module`).
 """
 
 import functools
@@ -12,11 +15,13 @@ from typing import Any
 from core.kernels.decorators import INTERPRETED
 
 _kept: dict[int, Callable] = {}  # by their addresses: their machine code must stay
+#: What a call by address answers where the kernel raised an error.
+FAILED = -1
 _numbers = itertools.count(1)
 
 
 class Caller:
-    """What kernels name to call another by its address. The other answers an np.int64."""
+    """What kernels name to call another by its address. The other answers an np.int64; `FAILED` where it raises."""
 
     def __init__(self, sample: Callable[[], tuple]) -> None:
         """sample: arguments of the types of all that will come, made when the first kernel is compiled."""
@@ -34,12 +39,16 @@ class Caller:
             kernel.entry.compile(self._types)
             (compiled,) = kernel.entry.overloads.values()
             address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-        _kept[address] = kernel
+        _kept.setdefault(address, kernel)
         return address
 
     def __call__(self, address: int, *arguments: Any) -> int:
         """Interpreted."""
-        return _kept[address](*arguments)
+        kernel = _kept[address]
+        try:
+            return kernel(*arguments)
+        except Exception:  # whatever the kernel does wrong, as when it is compiled
+            return FAILED
 
     @functools.cached_property
     def _types(self) -> tuple:
@@ -72,7 +81,6 @@ def _alike(given: Any, expected: Any) -> bool:
 
 def _intrinsic(expected: tuple) -> Any:
     from llvmlite import ir
-    from numba.core import cgutils
     from numba.core import types as known
     from numba.core.errors import TypingError
     from numba.extending import intrinsic
@@ -91,9 +99,7 @@ def _intrinsic(expected: tuple) -> Any:
             function = builder.inttoptr(at, ir.PointerType(convention.get_function_type(types.int64, expected)))
             apart = [builder.extract_value(together, place) for place in range(len(expected))]
             status, result = convention.call_function(builder, function, types.int64, expected, apart)
-            with cgutils.if_unlikely(builder, status.is_error):
-                convention.return_status_propagate(builder, status)
-            return result
+            return builder.select(status.is_error, result.type(FAILED), result)
 
         return types.int64(address, types.StarArgTuple(tuple(packed))), generate
 

@@ -101,6 +101,8 @@ class EntryLibrary(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
+            if function.is_declaration and function.name.startswith("_ZN"):  # a kernel: it would be called at address 0
+                raise RuntimeError(f"{self.name}: calls {function.name}, which is not linked")
             if not function.is_declaration and function.name not in self.called_from_outside:
                 function.linkage = "internal"
         super()._optimize_final_module()
@@ -127,11 +129,21 @@ def entry_of(value: Any) -> "Entry | None":
     return entry if isinstance(entry, Entry) else None
 
 
+@functools.cache
 def identity(function: Callable) -> str:
-    """What tells a kernel from all others in every process: its place, its code, and what is in its closure."""
+    """What tells a kernel from all others in every process: its place, its code, and what it names.
+
+    What was kept of a kernel is so not found beside another version of what it calls, or of a number that it uses,
+    though its own file is the same (an edit may come while a process runs): it would call what is not linked.
+    """
+    code = function.__code__
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    parts = [identity(entry.py_func) if (entry := entry_of(cell)) else repr(cell) for cell in cells]
-    known = function.__module__, function.__qualname__, function.__code__.co_code.hex(), *parts
+    named = [function.__globals__.get(name) for name in code.co_names]
+    kernels = [entry.py_func for value in (*cells, *named) if (entry := entry_of(value))]
+    known: list = [function.__module__, function.__qualname__, code.co_code.hex()]
+    known += [identity(kernel) for kernel in kernels if kernel is not function]
+    known += [repr(value) for value in cells if entry_of(value) is None]
+    known += [repr(value) for value in (*code.co_consts, *named) if isinstance(value, int | float | tuple)]
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 

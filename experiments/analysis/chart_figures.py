@@ -32,7 +32,7 @@ from experiments.analysis.charts import (
     pooled,
 )
 from experiments.analysis.colours import ON_LIGHT
-from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED, Metric
+from experiments.analysis.metrics import DRAWN, FIGURES, JUDGED, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     COLUMN_IN,
@@ -149,13 +149,11 @@ def draw_boxplots(
     calls: list[tuple] = []
     sizes = SIZES[purpose]
     more = max(1.0, len(controllers_shown(rows, view.names)) / 5.0) if sizes.grows else 1.0
-    for metric in FIGURES:
+    for metric in (*FIGURES, *data.own):
         name = metric.figure if data.protocol == PAPER else metric.figure.partition("_")[2]
-        calls.append(
-            (rows, [metric.name], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
-        )
+        calls.append((rows, [metric], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
     # a page has room for three: of the two sums the one that does not hang on the cut
-    wide = [metric.name for metric in JUDGED if sizes.grows or metric is not DRAWN[-1]]
+    wide = [metric for metric in (*JUDGED, *data.own) if sizes.grows or metric is not DRAWN[-1]]
     paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
     calls.append((rows, wide, sizes.side_by_side * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])
@@ -175,10 +173,10 @@ def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path,
 
 
 def _sheet(
-    rows: Sequence[TrialRow], names: Sequence[str], width: float, note: str, view: View, paths: Sequence[Path]
+    rows: Sequence[TrialRow], metrics: Sequence[Metric], width: float, note: str, view: View, paths: Sequence[Path]
 ) -> dict[Path, bytes]:
-    """One figure as its files; names: of the metrics."""
-    figure = draw(rows, [BY_NAME[name] for name in names], width, note, view)
+    """One figure as its files."""
+    figure = draw(rows, metrics, width, note, view)
     return {path: figure_bytes(figure, path.suffix[1:]) for path in paths}
 
 
@@ -268,7 +266,8 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
     if logarithmic:
         axes.set_yscale("log")
     else:
-        axes.set_ylim(0.0, 1.06 * chart.highest or 1.0)
+        highest = max(chart.highest, 0.0)
+        axes.set_ylim(1.06 * chart.lowest, 1.06 * highest or (0.0 if chart.lowest else 1.0))
         axes.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 2.5, 5, 10]))
     axes.set_xlim(*chart.span)
     if chart.ticks:
@@ -283,7 +282,9 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
 
 def title_of(chart: Chart, width_in: float) -> str:
     """The title of a chart with its unit, broken to fit over axes of this width."""
-    return textwrap.fill(f"{chart.title} ({chart.unit})", max(12, int(width_in / TITLE_LETTER_IN)))
+    return textwrap.fill(
+        f"{chart.title} ({chart.unit})" if chart.unit else chart.title, max(12, int(width_in / TITLE_LETTER_IN))
+    )
 
 
 def colour_of(controller: int | str) -> str:

@@ -1,8 +1,9 @@
 """The pages of results as points, boxes and curves: one description for the screen and for print.
 
-A page has a chart for each measure of the figures. Every trial is a point, whose place is the same on the screen and on
-paper; fewer than five have no box. A trial whose time was up is a cross above the scale, unless it is asked into the
-boxes; any other that does not count is shown only if its row is among those given, in grey, and is in no box.
+A page has a chart for each measure of the figures, and of the protocol's own file. Every trial is a point, whose place
+is the same on the screen and on paper; fewer than five have no box. A trial whose time was up is a cross above the
+scale, unless it is asked into the boxes; any other that does not count is shown only if its row is among those given,
+in grey, and is in no box.
 """
 
 from collections import Counter
@@ -97,6 +98,12 @@ class Chart(NamedTuple):
         ends = [end for placed in self.boxes for end in (placed.box.q3, placed.box.high, *placed.box.outliers)]
         return max((*ends, *(point.y for point in (*self.points, *self.others))), default=0.0)
 
+    @property
+    def lowest(self) -> float:
+        """The least value of its points and boxes, 0 where that is more: only a measure of one's own can be below."""
+        ends = [end for placed in self.boxes for end in (placed.box.low, *placed.box.outliers)]
+        return min((*ends, *(point.y for point in (*self.points, *self.others)), 0.0))
+
 
 class View(NamedTuple):
     """The choices by which charts show results."""
@@ -106,6 +113,7 @@ class View(NamedTuple):
     lengths: Mapping[int, float] = {}  # segment -> length of the path, m
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False
+    measures: tuple[Metric, ...] = DRAWN  # a chart each
 
     def look(self, configuration: str) -> int:
         """The index in `LOOKS` of a configuration."""
@@ -203,7 +211,7 @@ def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[An
         return [_questionnaire(disambiguate_codes(answers), view)] if answers else []
     rows = rows if page == PERSON else disambiguate_codes(rows)
     make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
-    return [make(rows, metric, view) for metric in DRAWN]
+    return [make(rows, metric, view) for metric in view.measures]
 
 
 def pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
@@ -322,7 +330,7 @@ def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: C
     def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:
         found = []
         for row in chosen:
-            value = getattr(row, metric.name)
+            value = row.value(metric.name)
             if value is not None:
                 value *= metric.scale
                 status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")

@@ -9,7 +9,7 @@ has nothing to measure is None, never 0.
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -274,6 +274,14 @@ class Movement:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
         return _words_of(codes, self._recording.words["decision"])[self._column("decision")]
 
+    def column(self, name: str) -> np.ndarray:
+        """A column of the recording (n,); of texts (phase, decision, stuck) the words. InputError if it has none."""
+        if name not in self._recording.columns:
+            raise InputError(f"a recording has no column {name!r}; it has {', '.join(self._recording.columns)}")
+        if name in self._recording.words:
+            return np.array(self._recording.words[name])[self._column(name).astype(int)]
+        return self._column(name).copy()
+
     def _column(self, name: str) -> np.ndarray:
         return self._recording.column(name)[self._rows]
 
@@ -286,6 +294,10 @@ def _words_of(codes: frozenset[int], words: tuple[str, ...]) -> np.ndarray:
     """True (n,) at the words (n,) of a recording that are those of decisions of this version."""
     wanted = {DECISIONS[code] for code in codes}
     return np.array([word in wanted for word in words])
+
+
+class MeasureFailed(InputError):
+    """A measure in a file of one's own gave no number."""
 
 
 class Metric(NamedTuple):
@@ -306,6 +318,15 @@ class Metric(NamedTuple):
     better: str = "lower"
     needs_progress: bool = True  # None where the tip came no way along the path: there was no movement to judge
     tells_controller: bool = False  # hidden while a session is blind
+
+    def __reduce__(self) -> Any:
+        """A shipped one goes to other processes by its name: its function cannot be sent."""
+        shipped = BY_NAME.get(self.name)
+        return (_shipped, (self.name,)) if shipped is self else (Metric, tuple(self))
+
+
+def _shipped(name: str) -> Metric:
+    return BY_NAME[name]
 
 
 METRICS = (
@@ -467,16 +488,27 @@ JUDGED = (*DRAWN, BY_NAME["acceleration_dft_sum_ramp_removed"])
 Metrics = dict[str, float | None]  # the measures of one trial, by name
 
 
-def trial_metrics(recording: "Recording", path: Path, metrics: Sequence[Metric] = METRICS) -> Metrics:
+def trial_metrics(
+    recording: "Recording", path: Path, metrics: Sequence[Metric] = METRICS, failed: dict[str, str] | None = None
+) -> Metrics:
     """These measures of one trial, over its phase `move`; of a trial timed out, over the progress made.
 
     Our choice: without any progress there was no movement to judge, and its measures (errors, smoothness, travel,
     everything over progress) are None; duration, mean force, switches and unreachable share remain. A trial that
     never came to `move` has none. InputError for uneven or missing samples.
+    failed: takes why a measure in a file of one's own gave no number, by name; without it MeasureFailed is raised.
     """
     check_samples(recording)
     if not recording.in_phase("move").any():
         return {metric.name: None for metric in metrics}
     m = Movement(recording, path)
     moved = m.progress[-1] - m.progress[0] >= LEAST_PROGRESS_M
-    return {metric.name: metric.of(m) if moved or not metric.needs_progress else None for metric in metrics}
+    found: Metrics = {}
+    for metric in metrics:
+        try:
+            found[metric.name] = metric.of(m) if moved or not metric.needs_progress else None
+        except MeasureFailed as error:
+            if failed is None:
+                raise
+            found[metric.name], failed[metric.name] = None, str(error)
+    return found

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from core.files import InputError
 from experiments.analysis.findings import CHANCE, CONTROLLER, HOLDS, Finding, box_findings_of, findings, why_no_findings
-from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED
+from experiments.analysis.metrics import BY_NAME, DRAWN, FIGURES, JUDGED, Metric
 from experiments.analysis.sensitivity import sensitivity, swapped
 from experiments.analysis.statistics import (
     MEASURES,
@@ -26,7 +26,16 @@ from experiments.analysis.statistics import (
     statistics,
     too_few,
 )
-from experiments.analysis.trials_table import COUNTED, StudyData, TrialRow, by_controller, csv_bytes, to_compare
+from experiments.analysis.trials_table import (
+    COUNTED,
+    StudyData,
+    TrialRow,
+    by_controller,
+    csv_bytes,
+    own_columns,
+    to_compare,
+    without_value,
+)
 from experiments.numbers import fixed, percent, significant
 from experiments.recording.atomic_files import write_new_files
 
@@ -75,7 +84,7 @@ def write_report(
     none = next((k for k, preset in controllers.items() if preset.kind == "none"), None)
     found = [] if refusal else findings(rows, timeouts)
     by_boxes = [] if refusal else box_findings_of(rows, timeouts)
-    warned = warnings(rows, found, data.simulated)
+    warned = [*warnings(rows, found, data.simulated), *without_value(rows, data.own)]
     parts = {
         "note": f"{data.note[:1].upper()}{data.note[1:].rstrip('.')}",
         "trials": _trials(rows, names, timeouts),
@@ -88,11 +97,12 @@ def write_report(
         results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none or 0)]
         files["statistics.csv"] = _csv(Result._fields, results)
         if refusal:
-            parts["contrasts"], parts["contrasts_how"] = _contrasts(results, names)
+            parts["contrasts"], parts["contrasts_how"] = _contrasts(results, names, data.own)
         if none is not None:
-            parts["against_none"], parts["against_none_how"] = _against_none(results, names, none)
+            changes = _against_none(results, names, none, data.own)
+            parts["against_none"], parts["against_none_how"] = changes
         parts["roughness"], parts["locks"] = _roughness(results, names), _locks_and_releases(rows, names)
-        parts["sentences"] = "\n".join(f"- {sentence}" for sentence in sentences(results, names))
+        parts["sentences"] = "\n".join(f"- {sentence}" for sentence in sentences(results, names, data.own))
     if found:
         files["findings.csv"] = _findings_csv(found, by_boxes)
     if moved and not coded:
@@ -147,7 +157,8 @@ def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> byte
 
 def _means_csv(rows: Sequence[TrialRow]) -> bytes:
     """One line a participant, configuration and controller: the means that the tests are made of."""
-    tables = [scores(rows, measure) for measure in MEASURES]
+    measures = (*MEASURES, *own_columns(rows))
+    tables = [scores(rows, measure) for measure in measures]
     cells = [
         (person, configuration, controller)
         for person in people_of(rows)
@@ -155,7 +166,7 @@ def _means_csv(rows: Sequence[TrialRow]) -> bytes:
         for controller in sorted({row.controller for row in rows}, key=by_controller)
     ]
     lines = [(*cell, *(t.get(cell) for t in tables)) for cell in cells if any(cell in t for t in tables)]
-    return _csv(("participant", "configuration", "controller", *MEASURES), lines)
+    return _csv(("participant", "configuration", "controller", *measures), lines)
 
 
 def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
@@ -217,22 +228,28 @@ def chance(number: int) -> str:
     return percent(low) if low == high else f"{fixed(100.0 * low, 0)} to {percent(high)}"
 
 
-def _contrasts(results: Sequence[Result], names: Mapping[int, str]) -> tuple[str, str]:
+def _contrasts(results: Sequence[Result], names: Mapping[int, str], own: Sequence[Metric]) -> tuple[str, str]:
     """Table of each pair of controllers by measure and configuration, and how to read its intervals."""
     lines, tested = [], False
-    for metric in JUDGED:
+    for metric in (*JUDGED, *own):
         for r in results:
             if (r.measure, r.statistic) == (metric.name, "hodges_lehmann"):
                 pair = f"{_name(r.first, names)} - {_name(r.second, names)}"
                 p = "" if r.p_holm is None else "< 0.001" if r.p_holm < 0.001 else f"{r.p_holm:.3f}"
-                measure = f"{metric.short} ({metric.shown_unit})"
+                measure = _with_unit(metric)
                 lines.append((measure, r.configuration, pair, _number(r, metric.scale, metric.decimals), p))
                 tested |= r.p_holm is not None
     how = " with the 95 % interval of Wilcoxon's test; p after Holm's correction for all pairs of the same rows."
     return _table(("measure", "device", "controllers", "difference", "p"), lines), how if tested else "."
 
 
-def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int) -> tuple[str, str]:
+def _with_unit(metric: Metric) -> str:
+    return f"{metric.short} ({metric.shown_unit})" if metric.shown_unit else metric.short
+
+
+def _against_none(
+    results: Sequence[Result], names: Mapping[int, str], none: int, own: Sequence[Metric]
+) -> tuple[str, str]:
     """Table of each controller's change against the uncontrolled one, by device, and how to read it."""
     chosen: dict[tuple[str, str, str], Result] = {}
     for r in results:
@@ -243,13 +260,13 @@ def _against_none(results: Sequence[Result], names: Mapping[int, str], none: int
     lines = []
     for configuration, controller in dict.fromkeys(key[:2] for key in chosen):
         cells = []
-        for metric in JUDGED:
+        for metric in (*JUDGED, *own):
             pair = chosen.get((configuration, controller, metric.name))
             star = "*" if pair and pair.p_holm is not None and pair.p_holm < 0.05 else ""
             scale = -metric.scale if pair and pair.first == f"{none}" else metric.scale  # controller minus none
             cells.append(_number(pair, scale, metric.decimals) + star if pair else "")
         lines.append((configuration, _name(controller, names), *cells))
-    heads = [f"{metric.short} ({metric.shown_unit})" for metric in JUDGED]
+    heads = [_with_unit(metric) for metric in (*JUDGED, *own)]
     few = any(r.p_holm is None for r in chosen.values())
     interval = "" if few else " with the 95 % interval of that test; *: p < 0.05 after Holm's correction for all pairs"
     how = (
@@ -301,16 +318,19 @@ def _out_of_reach(results: Sequence[Result], shown: Iterable[tuple[str, str, str
     return [f"On {' and '.join(dict.fromkeys(devices))} {why}." for why, devices in where.items()]
 
 
-def sentences(results: Sequence[Result], names: Mapping[int, str] = CONTROLLER) -> list[str]:
+def sentences(
+    results: Sequence[Result], names: Mapping[int, str] = CONTROLLER, own: Sequence[Metric] = ()
+) -> list[str]:
     """Differences, trend, speed, reaction time and the order of controllers, each in a sentence or two."""
     written = [
-        *_differ(results), *_trend(results), *_speed(results, names), *_reaction(results), *_order(results, names),
+        *_differ(results, own), *_trend(results, own), *_speed(results, names), *_reaction(results),
+        *_order(results, names),
     ]  # fmt: skip
     return written or ["There is nothing to compare."]
 
 
-def _differ(results: Sequence[Result]) -> Iterable[str]:
-    for metric in JUDGED:
+def _differ(results: Sequence[Result], own: Sequence[Metric]) -> Iterable[str]:
+    for metric in (*JUDGED, *own):
         tests = [r for r in results if (r.measure, r.statistic) == (metric.name, "chi_square")]
         chances = {r.configuration: r.p for r in tests if r.p is not None}
         if chances:
@@ -319,12 +339,12 @@ def _differ(results: Sequence[Result]) -> Iterable[str]:
             yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
 
 
-def _trend(results: Sequence[Result]) -> Iterable[str]:
+def _trend(results: Sequence[Result], own: Sequence[Metric]) -> Iterable[str]:
     found = {r.measure: r for r in results if r.test == "trend"}
     listed = [
-        f"{BY_NAME[measure].short} {_number(found[measure], 1.0, 1)} %"
-        for measure in (*SHOWN, "duration_s")
-        if measure in found
+        f"{metric.short} {_number(found[metric.name], 1.0, 1)} %"
+        for metric in (*JUDGED, BY_NAME["duration_s"], *own)
+        if metric.name in found
     ]
     if listed:
         changed = "; ".join(listed)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_controller, own_columns, to_compare
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
@@ -76,11 +76,12 @@ def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]
     """Every result, always in the same order. timeouts: trials whose time was up count as well."""
     rows = to_compare(rows, timeouts)
     results: list[Result] = []
-    for measure in MEASURES:
+    measures = (*MEASURES, *own_columns(rows))
+    for measure in measures:
         for configuration, table in by_configuration(rows, measure):
             results += [*means(measure, configuration, table), *friedman(measure, configuration, table)]
             results += pairs(measure, configuration, table)
-    for measure in MEASURES:
+    for measure in measures:
         results += trend(rows, measure)
     return results + error_and_speed(rows)
 
@@ -114,7 +115,7 @@ def values_by_cell(rows: Iterable[TrialRow], column: str) -> dict[Cell, list[flo
     """The values of a column by participant, configuration and controller, in the order of the rows."""
     cells: dict[Cell, list[float]] = {}
     for row in rows:
-        value = getattr(row, column)
+        value = row.value(column)
         if value is not None:
             cells.setdefault((row.participant, row.configuration, row.controller), []).append(float(value))
     return cells
@@ -331,8 +332,8 @@ def trend(rows: Sequence[TrialRow], measure: str) -> list[Result]:
     slopes = []
     for person in people_of(rows):
         of_person = [row for row in rows if row.participant == person]
-        run, value = _within_tasks(of_person, [(row.run, getattr(row, measure)) for row in of_person])
-        mean = np.mean([v for row in of_person if (v := getattr(row, measure)) is not None] or [0.0])
+        run, value = _within_tasks(of_person, [(row.run, row.value(measure)) for row in of_person])
+        mean = np.mean([v for row in of_person if (v := row.value(measure)) is not None] or [0.0])
         if np.any(run) and mean:
             slopes.append(100.0 * TREND_TRIALS * float(run @ value / (run @ run)) / mean)
     if not slopes:

@@ -9,6 +9,7 @@ import io
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -19,8 +20,11 @@ import numpy as np
 from core import tick_log
 from core.control.controllers import Preset
 from core.files import InputError
+from core.own_files import NAME
+from core.path import Path as PathAhead
 from core.path import build_path, path_from
-from experiments.analysis.metrics import METRICS, trial_metrics
+from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
+from experiments.analysis.own_measures import recorded_metrics
 from experiments.protocol import label
 from experiments.recording.atomic_files import MOST_SHOWN, replace_file, write_new_file
 
@@ -87,6 +91,13 @@ class TrialRow(_Measured):
     controller_name: Annotated[  # None: in a table of a version that had no such column
         Name, "controller by its name in the protocol, or by its code while the session is blind"
     ] = None  # fmt: skip
+    own: dict[str, float] = field(default_factory=dict, hash=False)  # measures of a file of one's own that have a value
+    #: Why others of that file have none, by name: known where the trial has just been measured, in no table.
+    failed: dict[str, str] = field(default_factory=dict, compare=False)
+
+    def value(self, column: str) -> Any:
+        """The value of a column; None where there is none."""
+        return getattr(self, column) if column in _TYPES else self.own.get(column)
 
     def in_folder(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
@@ -111,6 +122,7 @@ class StudyData(NamedTuple):
     caption: str  # what was used, on every figure: "settled rules, low gain 5 N s/m, parameters assumed"
     note: str  # likewise, in the report
     simulated: bool  # operators, not people, moved the handle
+    own: tuple[Metric, ...] = ()  # measures of the protocol's own file
 
     @property
     def labels(self) -> dict[Controller, str]:
@@ -129,13 +141,13 @@ class DictionaryEntry(NamedTuple):
 
 _MEASURES = [metric.name for metric in METRICS]
 _LAST = ["controller_name"]
-_OTHERS = [column.name for column in fields(TrialRow) if column.name not in (*_MEASURES, *_LAST)]
+_TYPES = {column.name: get_args(column.type) for column in fields(TrialRow) if column.name not in ("own", "failed")}
+_OTHERS = [name for name in _TYPES if name not in (*_MEASURES, *_LAST)]
 _PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
 #: What came after the first version stands at the end.
 COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:], *_LAST)
 _LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
-_TYPES = {column.name: get_args(column.type) for column in fields(TrialRow)}
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, DictionaryEntry] = {name: DictionaryEntry(*_TYPES[name][1:]) for name in COLUMNS}
 
@@ -165,7 +177,7 @@ def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
 
 
 def _cell(column: str, value: object) -> str:
-    kind = _TYPES[column][0]
+    kind = _TYPES[column][0] if column in _TYPES else Measure
     if kind == Measure:
         if value is None:
             return ""
@@ -202,15 +214,20 @@ def table_bytes(rows: Iterable[TrialRow]) -> bytes:
     return csv_bytes([columns, *(_cells(row, columns) for row in rows)])
 
 
+def own_columns(rows: Iterable[TrialRow]) -> list[str]:
+    """The measures of files of one's own that some row has."""
+    return sorted({name for row in rows for name in row.own})
+
+
 def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
     later = [name for name in COLUMNS[len(_ALWAYS) :] if any(getattr(row, name) is not None for row in rows)]
-    return (*_ALWAYS, *later)
+    return (*_ALWAYS, *later, *own_columns(rows))
 
 
 def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
     if row.status not in STATUSES:
         raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
-    return [_cell(column, getattr(row, column)) for column in columns]
+    return [_cell(column, row.value(column)) for column in columns]
 
 
 def csv_bytes(lines: Iterable[Sequence[object]], delimiter: str = ",") -> bytes:
@@ -252,7 +269,10 @@ def append_row(
 
 
 def read_table(path: str | Path) -> list[TrialRow]:
-    """The rows of a table, with their types; columns that are not known are passed over. InputError if none."""
+    """The rows of a table, with their types. InputError if there are none.
+
+    Numbers in a column that is not known are a measure of a file of one's own; texts in one are passed over.
+    """
     path = Path(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -273,9 +293,11 @@ def _cut(value: object) -> str:
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = {"own": {}}
     for column, cell in zip(header, cells, strict=True):
         if column not in _TYPES:
+            if NAME.fullmatch(column) and _NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
+                values["own"][column] = float(cell)
             continue
         try:
             values[column] = _value(column, cell)
@@ -300,10 +322,10 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     check_named(recording)
     where = f"{recording.path}: path"
     path = build_path(path_from(about["path"], where), where)
-    metrics: dict[str, Any] = {}
+    measured: dict[str, Any] = {}
     if recording.in_phase("move").any():
         try:
-            metrics = trial_metrics(recording, path)
+            measured = measure(recording, path)
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
@@ -317,9 +339,37 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         energy_residual_J=outcome.get("energy_residual_J"),
         energy_added_max_J=outcome.get("energy_added_max_J"),
         controller_name=preset.get("name"),
-        **metrics,
+        **measured,
     )
     return named(row, {})
+
+
+def measure(
+    recording: "Recording", path: PathAhead, metrics: Sequence[Metric] = METRICS, own: Sequence[Metric] | None = None
+) -> dict[str, Any]:
+    """The measures of a trial as fields of its row; own: of a file of one's own, None: that the recording names."""
+    failed: dict[str, str] = {}
+    if own is None:
+        try:
+            own = recorded_metrics(recording.metadata)
+        except InputError as error:  # as where a library is missing that the file needs
+            own, failed = (), {"measure": str(error)}
+    found = trial_metrics(recording, path, (*metrics, *own), failed)
+    shipped = {name: value for name, value in found.items() if name in BY_NAME}
+    in_file = {name: value for name, value in found.items() if name not in BY_NAME and value is not None}
+    return {**shipped, "own": in_file, "failed": failed}
+
+
+def without_value(rows: Iterable[TrialRow], own: Iterable[Metric]) -> list[str]:
+    """A sentence for each measure that some trial that counts lacks, then the reasons that are known.
+
+    Trials of blind sessions are left out: their tables hold no such measure.
+    """
+    counted = [row for row in rows if row.status in COUNTED and isinstance(row.controller, int)]
+    lacking = {metric.title: sum(metric.name not in row.own for row in counted) for metric in own}
+    said = [f"{title} has no value in {n} of {len(counted)} trials that count." for title, n in lacking.items() if n]
+    reasons = Counter(reason for row in counted for reason in row.failed.values())
+    return [*said, *(f"{reason}, in {n} trial{'s' if n != 1 else ''}." for reason, n in reasons.items())]
 
 
 def check_named(recording: "Recording") -> None:
@@ -347,7 +397,7 @@ def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
 
     ticks: (n, tick_log.WIDTH), where they are at hand.
     """
-    flags = []
+    flags = [f"{reason}: the trial has no such measure" for reason in row.failed.values()]
     if row.status == "timeout":
         flags.append("Time ran out before the end was reached")
     if row.status == "aborted":

@@ -23,13 +23,14 @@ import numpy as np
 
 from core.files import InputError
 from experiments.analysis.metrics import SAMPLE_RATE_HZ
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, TrialRow, table_bytes
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, DictionaryEntry, TrialRow, table_bytes
 from experiments.export.files import (
     PHASE_LEVELS,
     Exported,
     ExportedTrial,
     answers_and_notes,
     controller_levels,
+    own_columns_described,
     recording_column,
     write_columns,
     write_json,
@@ -83,7 +84,7 @@ class BidsDataset:
         self.folder, self._shift_dates = folder, shift_dates
         self._shifts: dict[str, timedelta] = {}  # subject -> of its dates
         self._hands: dict[str, str] = {}  # subject -> hand
-        self._scans: dict[tuple[str, str], list[list[str]]] = {}
+        self._scans: dict[tuple[str, str], list[dict[str, str]]] = {}
         self._rows: list[TrialRow] = []
 
     def add(self, trial: ExportedTrial) -> None:
@@ -101,7 +102,7 @@ class BidsDataset:
         self._rows.append(trial.row)
         self._hands.setdefault(trial.subject, str(trial.about.get("hand", MISSING)))
         self._scans.setdefault((trial.subject, trial.session), []).append(
-            [f"motion/{stem}_motion.tsv", self._day_time(trial), *_cells(trial.row)]
+            {"filename": f"motion/{stem}_motion.tsv", "acq_time": self._day_time(trial), **_cells(trial.row)}
         )
 
     def _day_time(self, trial: ExportedTrial) -> str:
@@ -120,9 +121,11 @@ class BidsDataset:
 
     def finish(self, exported: Exported) -> None:
         """Write the tables and what describes the whole data set."""
+        own = own_columns_described(exported.sessions)
         for (subject, session), lines in self._scans.items():
             place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
-            write_rows(place, [["filename", "acq_time", *_SCANNED], *lines])
+            header = ["filename", "acq_time", *_SCANNED, *own]
+            write_rows(place, [header, *([line.get(name) or MISSING for name in header] for line in lines)])
         forms: dict[str, dict[str, str | float]] = {}  # subject -> what was answered before the session
         asked: dict[str, tuple[str, ...] | str] = {}
         said: dict[Export, Path] = {}  # of the data set, by a protocol -> a session that was run by it
@@ -145,7 +148,10 @@ class BidsDataset:
         hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
         phd = version_of("phd")
         about: dict[str, dict[str, Any]] = {
-            "scans.json": {name: _scan_column(name, controllers.get(name, {})) for name in _SCANNED},
+            "scans.json": {
+                name: _scan_column(name, meaning, controllers.get(name, {}))
+                for name, meaning in ({name: DICTIONARY[name] for name in _SCANNED} | own).items()
+            },
             "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
             f"task-{TASK}_events.json": {
                 "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
@@ -281,15 +287,15 @@ def _seconds(value: float) -> str:
     return repr(round(float(value), _LATENCY_DECIMALS))
 
 
-def _cells(row: TrialRow) -> list[str]:
-    """A row of trials.csv as a scans table shows it."""
+def _cells(row: TrialRow) -> dict[str, str]:
+    """A row of trials.csv as a scans table shows it, by column."""
     [cells] = csv.DictReader(table_bytes([row]).decode().splitlines())
-    return [cells.get(name) or MISSING for name in _SCANNED]
+    return cells
 
 
-def _scan_column(name: str, levels: dict[str, str]) -> dict[str, Any]:
+def _scan_column(name: str, entry: DictionaryEntry, levels: dict[str, str]) -> dict[str, Any]:
     """levels: cell -> words, of a column that names one of a few things."""
-    meaning, unit = DICTIONARY[name]
+    meaning, unit = entry
     levels = STATUSES if name == "status" else levels
     return {"Description": meaning, **({"Units": unit} if unit else {}), **({"Levels": levels} if levels else {})}
 

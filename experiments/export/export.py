@@ -33,6 +33,7 @@ from experiments.export.files import (
     ExportedTrial,
     answers_and_notes,
     controller_levels,
+    own_columns_described,
     recording_column,
     write_answers_and_notes,
     write_columns,
@@ -221,7 +222,7 @@ class CsvTables:
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
         write_table(self.folder / "trials.csv", order)
         tables: dict[str, Mapping[str, DictionaryEntry]] = {
-            "trials.csv": DICTIONARY,
+            "trials.csv": {**DICTIONARY, **own_columns_described(exported.sessions)},
             f"sub-*/ses-*/run-*{self._suffix}": self._columns,
         }
         tables |= write_answers_and_notes(self.folder, *answers_and_notes(exported.sessions))

@@ -15,6 +15,7 @@ from core import tick_log
 from core.control.controllers import DECISIONS, Preset
 from core.files import InputError
 from experiments.analysis.charts import AnswerSet
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import DICTIONARY, DictionaryEntry, TrialRow, by_controller, csv_bytes
 from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
@@ -81,6 +82,16 @@ def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
         meaning = column.meaning.replace("current", f"value ({command_unit})", 1)
         return column._replace(meaning=meaning, unit=command_unit)
     return column
+
+
+def own_columns_described(sessions: Iterable[Path]) -> dict[str, DictionaryEntry]:
+    """The measures of the files of one's own that the protocols of these sessions have."""
+    found: dict[str, DictionaryEntry] = {}
+    for folder in sessions:
+        with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+            own = own_metrics(read_stored(folder).protocol)
+            found |= {metric.name: DictionaryEntry(metric.meaning, metric.unit) for metric in own}
+    return found
 
 
 def controller_levels(rows: Iterable[TrialRow], sessions: Iterable[Path]) -> dict[str, dict[str, str]]:

@@ -12,10 +12,12 @@ from core.files import InputError
 from core.path import build_path
 from experiments.analysis.charts import AnswerSet, View
 from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
+from experiments.analysis.metrics import Metric
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import sentences, warnings
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
-from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare
+from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare, without_value
 from experiments.export.files import answers_and_notes
 from experiments.protocol import label
 from experiments.recording.atomic_files import reading_stored
@@ -38,6 +40,7 @@ class Results(NamedTuple):
     lengths: dict[int, float] = {}  # segment -> length of the path, m
     note: str = ""  # stands on every figure
     protocol: str = ""  # its name
+    own: tuple[Metric, ...] = ()  # measures of the protocols' own files
     problems: tuple[str, ...] = ()  # what could not be read
 
 
@@ -51,11 +54,13 @@ class Conclusions(NamedTuple):
 
 
 def conclude(
-    rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False
-) -> Conclusions:
+    rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False,
+    own: Sequence[Metric] = (),
+) -> Conclusions:  # fmt: skip
     """Findings and statistics of these rows; of codes nothing is compared.
 
-    timeouts: they count as well. simulated: operators, not people, moved the handle.
+    timeouts: they count as well. simulated: operators, not people, moved the handle. own: measures of the protocols'
+    own files.
     """
     coded = any(isinstance(row.controller, str) for row in rows)
     refusal = why_no_findings(controllers, coded)
@@ -65,8 +70,9 @@ def conclude(
         return Conclusions(refusal, (), (), ())
     found = () if refusal else tuple(findings(rows, timeouts))
     names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
-    judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names)
-    return Conclusions(refusal, found, tuple(judged), tuple(warnings(rows, found, simulated)))
+    judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names, own)
+    warned = (*warnings(rows, found, simulated), *without_value(rows, own))
+    return Conclusions(refusal, found, tuple(judged), warned)
 
 
 def read_results(folder: Path) -> Results:
@@ -106,6 +112,12 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
             protocols.append(read_stored(session).protocol)
         except InputError as error:
             problems.append(str(error))
+    own: dict[str, Metric] = {}
+    for protocol in protocols:
+        try:
+            own |= {metric.name: metric for metric in own_metrics(protocol)}
+        except InputError as error:
+            problems.append(str(error))
     presets = {number: preset for protocol in reversed(protocols) for number, preset in protocol.controllers.items()}
     lengths = {
         number: build_path(path, f"path {number}").length
@@ -127,6 +139,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
         lengths,
         " / ".join(dict.fromkeys(protocol.note() for protocol in protocols)),
         " and ".join(dict.fromkeys(protocol.name for protocol in protocols)),
+        tuple(own.values()),
         tuple(problems),
     )
 

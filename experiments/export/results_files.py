@@ -121,7 +121,7 @@ def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalE
 
 def _measures(results: Results) -> Iterator[tuple[str, str]]:
     yield "head", "Measures (median over trials that reached the end)"
-    shown = (*DRAWN, BY_NAME["duration_s"])
+    shown = (*DRAWN, BY_NAME["duration_s"], *results.own)
     for titles in ([metric.short for metric in shown], [metric.shown_unit for metric in shown]):
         first = ("device", "controller", "trials") if titles[0] == shown[0].short else ("", "", "")
         yield "fixed", "{:<14}{:<26}{:>7}".format(*first) + "".join(f"{title[:20]:>21}" for title in titles)
@@ -131,7 +131,7 @@ def _measures(results: Results) -> Iterator[tuple[str, str]]:
         rows = [row for row in compared if (row.configuration, row.controller) == (configuration, controller)]
         cell = ""
         for metric in shown:
-            values = [v for row in rows if (v := getattr(row, metric.name)) is not None]
+            values = [v for row in rows if (v := row.value(metric.name)) is not None]
             cell += f"{metric.scale * float(np.median(values)):>21.{metric.decimals}f}" if values else f"{'':>21}"
         name = " ".join(results.labels.get(controller, str(controller)).split())
         yield "fixed", f"{configuration[:13]:<14}{name[:25]:<26}{len(rows):>7}{cell}"

@@ -22,8 +22,8 @@ from experiments.plan import PlannedTrial, codes
 from experiments.recording.atomic_files import reading_stored, replace_file
 
 KEY = "key.json"
-#: Measures that reveal a controller by themselves.
-HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller}
+#: Measures that reveal a controller by themselves; of those in a file of one's own nobody knows.
+HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller} | {"own": {}}
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 

@@ -6,6 +6,7 @@ first. One live process may write in a session.
 
 import contextlib
 import errno
+import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, decision_wo
 from core.control.own_file import OwnFile
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, row_of, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
@@ -88,6 +90,7 @@ class Session:
         else:
             who = who._replace(hand=OPERATOR)
         protocol.refuse_unknown_low_gain()
+        own_metrics(protocol)  # InputError: its own measures cannot be used
         protocol.refuse_answers(who.form)
         is_blind = (protocol.blind and who.operator is None) if blind is None else blind
         plan = make_plan(protocol, who.label, is_blind)
@@ -498,6 +501,10 @@ class Session:
         }  # fmt: skip
         if trial.device.command_unit != "A":
             about["command_unit"] = trial.device.command_unit
+        if name := self.protocol.measure:
+            text = self.protocol.code[name]
+            digest = hashlib.sha256(text.encode()).hexdigest()
+            about["measure"] = {"name": name.removesuffix(".py"), "sha256": digest, "text": text}
         return about if self.blind else about | {"preset": preset_to_json(preset)}
 
 
@@ -513,7 +520,7 @@ def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing. No file of its own is run for it."""
     if "own" in about:
         values = {name: float(value) for name, value in about["parameters"]}
-        own = OwnFile(about["kind"], about["own"]["text"], tuple(values))
+        own = OwnFile(about["kind"].removesuffix(".py"), about["own"]["text"], tuple(values))
         return Preset(about["name"], about["kind"], tuple(values.values()), own)
     names = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
     return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in names))

@@ -259,8 +259,9 @@ class _SessionCheck:
 
     def _compare(self, row: TrialRow, right: TrialRow, source: str) -> None:
         """Report where a row differs from the right one."""
-        for column in COLUMNS:
-            stored, right_value = getattr(row, column), getattr(right, column)
+        has_own = self.stored is not None and self.stored.protocol.measure
+        for column in (*COLUMNS, *sorted({*right.own, *(row.own if has_own else ())})):
+            stored, right_value = row.value(column), right.value(column)
             if column == "controller_name" and None in (stored, right_value):
                 continue  # session.json, which has the names, cannot be read: that is named by itself
             if column == "recording":

@@ -14,7 +14,8 @@ from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
-from experiments.analysis.metrics import DRAWN
+from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.own_measures import recorded_metrics
 from experiments.analysis.report import Moved, side_by_side, write_report
 from experiments.analysis.trials_table import (
     COUNTED,
@@ -55,6 +56,7 @@ class Found:
     captions: set[str] = field(default_factory=set)  # of the figures
     protocols: set[str] = field(default_factory=set)  # names
     presets: dict[int, Preset] = field(default_factory=dict)
+    own: dict[str, Metric] = field(default_factory=dict)  # measures of the protocols' own files, by name
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
     doubts: list[str] = field(default_factory=list)  # what of the journals could not be believed
@@ -66,7 +68,7 @@ class Found:
         without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
         caption, note = (" / ".join(sorted(named)) + without for named in (self.captions, self.notes))
         presets, protocol = dict(sorted(self.presets.items())), " and ".join(sorted(self.protocols))
-        return StudyData(self.rows, presets, protocol, caption, note, self.simulated)
+        return StudyData(self.rows, presets, protocol, caption, note, self.simulated, tuple(self.own.values()))
 
     @property
     def coded(self) -> int:
@@ -178,6 +180,8 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
     found.protocols.add(str(about.get("protocol", "")))
     if isinstance(row.controller, int) and preset is not None:
         found.presets[row.controller] = preset
+    if "measure" not in row.failed:
+        found.own |= {metric.name: metric for metric in recorded_metrics(about)}
     return [row]
 
 
@@ -213,7 +217,7 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
         return [f"{error}, so the figures cannot be compared with it"]
     configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
     changes, names = [], found.data.labels
-    for metric in DRAWN:
+    for metric in (*DRAWN, *found.own.values()):
         before, after = (
             boxes(disambiguate_codes(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)
         )

@@ -37,7 +37,7 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
     load_kernels()
     protocol = load_protocol()
     try:
-        preset = make_preset(own.name, own.name, given, own)
+        preset = make_preset(own.name, f"{own.name}.py", given, own)
     except ValueError as error:
         raise InputError(f"{own.name}.py: {error}") from None
     began = time.perf_counter()
@@ -72,8 +72,8 @@ LAWS = (
     ("currents lie within 0 and the brake's largest", 0.0, " A outside at most"),
     ("joints without a brake get no current", 0.0, " A at most"),
     ("every number is finite", 0.0, " ticks are not"),
-    ("decisions are declared ones", 0.0, " ticks are not"),
     ("the same motion gives the same decisions", 0.0, " ticks differ"),
+    ("nothing of the device is written but currents", 0.0, " of its brakes' numbers are"),
 )
 
 
@@ -91,8 +91,10 @@ def _rows(protocol: Protocol, preset: Preset, one: int, device: str, path: int) 
     person = person_of(load_population(), protocol.seed, one)
     there = switched_on(protocol.device(device), protocol)
     trial = trial_of(protocol, person, one, planned, there, preset)
+    brakes = there.model.brakes.tobytes()
     rows = run_trial(trial).copy()
-    return np.column_stack((rows, np.full(len(rows), trial.outcome()["energy_added_max_J"])))
+    written = float(brakes != there.model.brakes.tobytes())
+    return np.column_stack((rows, np.tile((trial.outcome()["energy_added_max_J"], written), (len(rows), 1))))
 
 
 def _looked_at(protocol: Protocol, preset: Preset, one: int, device: str, path: int) -> tuple[float, ...]:
@@ -103,17 +105,16 @@ def _looked_at(protocol: Protocol, preset: Preset, one: int, device: str, path: 
     most = np.where(brakes.present > 0.0, brakes.current_max, 0.0)
     there = brakes.present > 0.0
     moving = rows[:, tick_log.T : tick_log.SLAVE_X]
-    decisions = rows[:, tick_log.DECISION]
     again = _rows(protocol, preset, one, device, path)
     return (
-        float(rows[-1, -1]),
+        float(rows[-1, -2]),
         float(max(np.max(current - most), np.max(-current), 0.0)),
         float(np.max(np.abs(current[:, ~there]), initial=0.0)),
         float(np.count_nonzero(~np.isfinite(moving[:, : tick_log.TARGET_X]).all(axis=1))),
-        float(np.count_nonzero((decisions < 0) | (decisions >= len(preset.decisions)))),
         float(np.count_nonzero((rows[:, : tick_log.TARGET_X] != again[:, : tick_log.TARGET_X]).any(axis=1)))
         if len(rows) == len(again)
         else float(max(len(rows), len(again))),
+        float(rows[-1, -1]),
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from core.control.controllers import Preset
 from core.files import InputError
-from experiments.analysis.metrics import METRICS, Metric
+from experiments.analysis.metrics import BY_NAME, Metric
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
 from experiments.analysis.trials_table import TrialRow, read_table, to_compare
@@ -79,7 +80,7 @@ def question_of(protocol: Protocol, between: Sequence[str], measure: str, power:
     first, second = (_controller(protocol, name) for name in between)
     if first == second:
         raise InputError(f"--between: {between[0]!r} and {between[1]!r} are the same controller")
-    return Question(first, second, measure_of(measure), power)
+    return Question(first, second, measure_of(measure, protocol), power)
 
 
 def _controller(protocol: Protocol, name: str) -> Preset:
@@ -90,12 +91,12 @@ def _controller(protocol: Protocol, name: str) -> Preset:
     raise InputError(f"--between: protocol {protocol.name} has no controller {name!r}; it has {known}")
 
 
-def measure_of(name: str) -> Metric:
+def measure_of(name: str, protocol: Protocol) -> Metric:
     """InputError unless it is a measure of trials.csv."""
-    for metric in METRICS:
-        if metric.name == name:
-            return metric
-    raise InputError(f"--measure: there is no {name!r}; there are {', '.join(metric.name for metric in METRICS)}")
+    known = BY_NAME | {metric.name: metric for metric in own_metrics(protocol)}
+    if name not in known:
+        raise InputError(f"--measure: there is no {name!r}; there are {', '.join(known)}")
+    return known[name]
 
 
 def simulated_trials(
@@ -104,7 +105,7 @@ def simulated_trials(
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
-    calls = (joblib.delayed(_trials_of)(protocol, population, one, measure.name, os.getpid())
+    calls = (joblib.delayed(_trials_of)(protocol, population, one, measure, os.getpid())
              for one in range(1, people + 1))  # fmt: skip
     found: list[TrialRow] = []
     for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
@@ -113,10 +114,10 @@ def simulated_trials(
     return found
 
 
-def _trials_of(protocol: Protocol, population: Population, one: int, measure: str, parent: int) -> list[TrialRow]:
+def _trials_of(protocol: Protocol, population: Population, one: int, measure: Metric, parent: int) -> list[TrialRow]:
     if parent != os.getpid():
         end_with(parent)
-    return [row for row, _ in operator_trials(protocol, population, one, (measure_of(measure),))]
+    return [row for row, _ in operator_trials(protocol, population, one, (measure,))]
 
 
 def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, asked: Question, pilot: bool) -> list[Answer]:

@@ -24,7 +24,8 @@ from core.path import build_path
 from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
-from experiments.analysis.metrics import along_path, trial_metrics
+from experiments.analysis.metrics import METRICS, along_path, trial_metrics
+from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, load_protocol, middle_of
@@ -109,6 +110,7 @@ def replay(
     ways = way_made(recording, trial.path), way_made(replayed, trial.path)
     status = row.status, outcome["status"]
     common = None if status == ("done", "done") else min(ways)
+    metrics, failed = compared(trial, replayed, common)
     if out is not None:
         write_ticks(replayed, trial.first, out)
     return {
@@ -131,7 +133,7 @@ def replay(
             **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
         },
         "compared_way": common,
-        "metrics": compared(trial, replayed, common),
+        "metrics": metrics,
         "begins": "start" if whole else "move",
         "equal": None if difference is None else not difference,
         "decisions": checked._asdict() if checked else None,
@@ -144,6 +146,7 @@ def replay(
             *(f"the recording: {doubt}" for doubt in recording.outcome.get("warnings", ())),
             *(f"the replay: {doubt}" for doubt in outcome["warnings"]),
             *short_ways(common, ways, outcome["status"]),
+            *failed,
             *warnings(same_device and not whole and not recording.sensors, difference, checked),
         ],
         "out": None if out is None else str(out),
@@ -241,22 +244,27 @@ def short_ways(common: float | None, ways: tuple[float, float], status: str) -> 
     return [f"{short} made {common:.1%} of the way: both are measured from the start to there, and no further"]
 
 
-def compared(trial: Recorded, replayed: Recording, common: float | None) -> dict[str, dict[str, float | None]]:
+def compared(
+    trial: Recorded, replayed: Recording, common: float | None
+) -> tuple[dict[str, dict[str, float | None]], list[str]]:
     """Each metric before and after, and its change; None where there is nothing, or a blind session hides it.
 
     common: the share of the path over which they are taken; None: all of it. A metric that neither has is left out.
+    Besides, why measures of a file of one's own gave no number.
     """
-    then = trial.recording
+    then, failed = trial.recording, dict(trial.row.failed)
+    hidden = isinstance(trial.row.controller, str) or "measure" in failed
+    metrics = METRICS if hidden else (*METRICS, *recorded_metrics(then.metadata))
     if common is not None:
         then, replayed = (until(recording, trial.path, common) for recording in (then, replayed))
-    befores, found = trial_metrics(then, trial.path), {}
-    for name, after in trial_metrics(replayed, trial.path).items():
-        before = getattr(trial.row, name)
+    befores, found = trial_metrics(then, trial.path, metrics, failed), {}
+    for name, after in trial_metrics(replayed, trial.path, metrics, failed).items():
+        before = trial.row.value(name)
         before = before if before is None or common is None else befores[name]
         if before is not None or after is not None:
             change = None if before is None or after is None else after - before
             found[name] = {"before": before, "after": after, "change": change}
-    return found
+    return found, list(dict.fromkeys(failed.values()))
 
 
 def until(recording: Recording, path: PathAhead, way: float) -> Recording:

@@ -15,8 +15,9 @@ from core import tick_log
 from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import Moved, warnings, write_report
-from experiments.analysis.trials_table import StudyData, TrialRow
+from experiments.analysis.trials_table import StudyData, TrialRow, without_value
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -65,6 +66,7 @@ def run_study(
     """
     out = Path(out)
     refuse_too_many(out, operators, protocol)
+    own_metrics(protocol)  # InputError: its own measures cannot be used
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as workers, hold_lock(out):
@@ -122,6 +124,7 @@ class StudyRun:
     progress: Progress = no_progress
     purpose: str = SCREEN  # of the figures
     done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
+    failed: list[TrialRow] = field(default_factory=list)  # trials in which a measure of one's own gave no number
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, workers: Helpers) -> dict:
@@ -136,7 +139,9 @@ class StudyRun:
                     others = [workers.pool.submit(run_share, self.out, self.study) for _ in range(workers.processes)]
                 self.run_operator(session)
         for other in others:
-            self.done.update(other.result())
+            done, failed = other.result()
+            self.done.update(done)
+            self.failed += failed
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, workers, errors or workers.pool.submit(errors_in, self.out))
@@ -164,7 +169,11 @@ class StudyRun:
             "simulated_s": self.done["ticks"] * TICK_S,
             "simulation_wall_s": 1e-9 * self.done["simulating_ns"],
             "wall_s": time.perf_counter() - began,
-            "warnings": warnings(table, found, simulated=True),
+            "warnings": [
+                *warnings(table, found, simulated=True),
+                *without_value(table, own_metrics(protocol)),
+                *without_value(self.failed, ()),
+            ],
         }
 
     def session(self, label: str) -> Session:
@@ -193,7 +202,7 @@ class StudyRun:
             trial, writer = session.begin(planned)
             with writer:
                 self.run_ticks(trial, writer)
-                session.finish(trial, writer)
+                row = session.finish(trial, writer)
         except OSError as error:
             if is_wrong_path(error):
                 raise
@@ -205,6 +214,9 @@ class StudyRun:
                 f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
                 str(self.out),
             ) from error
+        if row.failed:
+            self.failed.append(row)
+        trial.refuse_failed_controller()  # it is kept, as aborted
         self.done["trials"] += 1
         self.done["in_doubt"] += bool(trial.outcome()["warnings"])  # its energy ledger contradicts its motion
 
@@ -221,7 +233,8 @@ class StudyRun:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
         caption, note = (f"{protocol.note()}, {about}" for about in (operators.label, operators.note))
-        data = StudyData(table, protocol.controllers, protocol.name, caption, note, simulated=True)
+        own = own_metrics(protocol)
+        data = StudyData(table, protocol.controllers, protocol.name, caption, note, simulated=True, own=own)
         moved = errors.result()
         for name in (FIGURES, REPORT):
             shutil.rmtree(self.out / name, ignore_errors=True)
@@ -232,8 +245,8 @@ class StudyRun:
                     write_report(data, folder, moved=moved)
 
 
-def run_share(out: Path, study: StudyPlan) -> Counter[str]:
-    """In a helper: run operators as long as there are any; as `StudyRun.done`."""
+def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[TrialRow]]:
+    """In a helper: run operators as long as there are any; as `StudyRun.done` and `failed`."""
     shared = shared_in_helper()
     run = StudyRun(out, study, shared)
     try:
@@ -243,7 +256,7 @@ def run_share(out: Path, study: StudyPlan) -> Counter[str]:
     except BaseException:
         shared.stop.set()
         raise
-    return run.done
+    return run.done, run.failed
 
 
 def verdicts(found: Sequence[Finding]) -> str:

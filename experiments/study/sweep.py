@@ -15,9 +15,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
+from core.control.own_file import read_own
 from core.device import Device, inline_devices
-from core.files import InputError, Table, choice, parse_toml, read_text
-from experiments.analysis.metrics import BY_NAME
+from core.files import InputError, NotNegative, Table, choice, parse_toml, read_text
+from core.own_files import read_own_text
+from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import TrialRow
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
@@ -33,11 +36,10 @@ from experiments.trial.tick import TICK_S
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 MOST_JOBS = 1_000_000
-#: Of the table; the assumptions that vary stand behind the rules.
-COLUMNS = (
-    "population", "configuration", "rules", "kind", *PARAMETERS, "operator", "segment", "repetition", "status",
-    *BY_NAME, "energy_residual_J", "energy_added_max_J", "controller_name",
-)  # fmt: skip
+#: Of the table; the assumptions that vary stand behind the rules, the parameters and measures of one's own files behind
+#: the shipped ones.
+FACTORS = "population", "configuration", "rules"
+MEASURED = "operator", "segment", "repetition", "status", *BY_NAME, "energy_residual_J", "energy_added_max_J"
 
 
 def _swept(key: str, kind: Any) -> tuple[str, Any, None]:
@@ -51,20 +53,37 @@ _Swept: Any = msgspec.defstruct(
 
 
 class SweptController(_Swept, Table, frozen=True, kw_only=True):
-    """One algorithm, each parameter with every value that it is to have."""
+    """One algorithm, shipped or in a file of its own, each parameter with every value that it is to have."""
 
-    kind: Annotated[str, choice(*ALGORITHMS)]
+    kind: Annotated[str, choice(*ALGORITHMS)] | None = None
+    algorithm: Text | None = None  # in place of kind: a Python file beside the sweep's
+    parameters: dict[str, Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)]] = {}  # of that file's
 
     def __post_init__(self) -> None:
-        if math.prod(len(getattr(self, name) or (None,)) for name in PARAMETERS) > MOST_JOBS:
+        if (self.kind is None) == (self.algorithm is None):
+            raise ValueError("needs either kind or algorithm")
+        if self.kind is not None and self.parameters:
+            raise ValueError("parameters are for an algorithm in a file of its own")
+        if math.prod(map(len, self._values().values())) > MOST_JOBS:
             raise ValueError(f"its values have more than the {MOST_JOBS} combinations that one sweep may have")
-        self.presets()
+        if self.kind is not None:
+            self.presets(Path())
 
-    def presets(self) -> list[Preset]:
-        """Every combination of its values. ValueError if its parameters are not those of its algorithm."""
-        combinations = itertools.product(*(getattr(self, name) or (None,) for name in PARAMETERS))
-        given = [dict(zip(PARAMETERS, values, strict=True)) for values in combinations]
-        return [make_preset(self.kind, self.kind, numbers) for numbers in given]
+    def _values(self) -> dict[str, tuple]:
+        given = {name: getattr(self, name) for name in PARAMETERS}
+        return {name: values for name, values in (given | self.parameters).items() if values is not None}
+
+    def presets(self, folder: Path) -> list[Preset]:
+        """Every combination of its values; folder: of its file. ValueError if its parameters are not its algorithm's.
+
+        InputError if its file cannot be run.
+        """
+        values, own = self._values(), None
+        if self.algorithm is not None:
+            own = read_own(self.algorithm.removesuffix(".py"), read_own_text(folder, self.algorithm))
+        kind = str(self.algorithm or self.kind)
+        combinations = [dict(zip(values, numbers, strict=True)) for numbers in itertools.product(*values.values())]
+        return [make_preset(kind, kind, numbers, own) for numbers in combinations]
 
 
 _ASSUMED = get_type_hints(Assumptions, include_extras=True)
@@ -120,10 +139,12 @@ class SweepCell:
     operator: int
     repetitions: int
     varied: tuple[str, ...]  # assumptions that are not the same in all jobs
+    parameters: tuple[str, ...]  # of any controller of the sweep
+    own: tuple[Metric, ...]  # measures of the protocol's own file
     controller_name: str  # as the protocol has it, else its algorithm and parameters as the sweep has them
 
     def run(self) -> Done:
-        """Run the trials; their rows, in the order of `COLUMNS`."""
+        """Run the trials; their rows, in the order of the table's columns."""
         person = person_of(self.population, self.protocol.seed, self.operator)
         device = switched_on(self.device, self.protocol)
         lines, ticks = [], 0
@@ -131,7 +152,7 @@ class SweepCell:
             for segment in self.protocol.paths:
                 planned = PlannedTrial(1, 1, self.device.name, 1, segment, repetition)
                 trial = trial_of(self.protocol, person, self.operator, planned, device, self.preset)
-                row, more = run_measured(trial, str(self.operator))
+                row, more = run_measured(trial, str(self.operator), (*METRICS, *self.own))
                 lines.append(self._cells(row))
                 ticks += more
         return Done(table_lines(lines), ticks)
@@ -140,8 +161,8 @@ class SweepCell:
         return [
             self.population.name, self.device.name, self.protocol.rules,
             *(getattr(self.protocol.assumptions, name) for name in self.varied),
-            self.preset.kind, *map(self.preset.value, PARAMETERS), self.operator,
-            *(getattr(row, name) for name in COLUMNS[COLUMNS.index("segment") : -1]), self.controller_name,
+            self.preset.kind, *map(self.preset.value, self.parameters), self.operator,
+            *map(row.value, MEASURED[1:]), self.controller_name, *(row.value(metric.name) for metric in self.own),
         ]  # fmt: skip
 
 
@@ -158,7 +179,10 @@ def load_sweep(path: Path) -> Work[SweepCell]:
     names = [population.name for population in populations]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
-    presets = [preset for controller in file.controller for preset in controller.presets()]
+    try:
+        presets = [preset for controller in file.controller for preset in controller.presets(path.parent)]
+    except ValueError as error:  # of a file of its own: the others were looked at with the sweep's
+        raise InputError(f"{path}: controller: {error}") from None
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller is given twice")
     all_rules = file.rules or (protocol.rules,)
@@ -179,6 +203,11 @@ def load_sweep(path: Path) -> Work[SweepCell]:
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
     varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
     in_protocol = {entry[1:]: entry.name for entry in presets_of(protocol)}
+    parameters, own = tuple(dict.fromkeys([*PARAMETERS, *(n for p in presets for n in p.named)])), own_metrics(protocol)
+    columns = (*FACTORS, *varied, "kind", *parameters, *MEASURED, "controller_name", *(metric.name for metric in own))
+    if len(set(columns)) < len(columns):
+        twice = next(name for name in columns if columns.count(name) > 1)
+        raise InputError(f"{path}: {twice} is a parameter of an own controller, and another column of the table")
     jobs = tuple(
         SweepCell(
             number,
@@ -189,14 +218,17 @@ def load_sweep(path: Path) -> Work[SweepCell]:
             operator,
             file.repetitions,
             varied,
+            parameters,
+            own,
             in_protocol.get(preset[1:], preset.words),
         )  # fmt: skip
         for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
     )
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
     texts |= {f"population {population.name}": population.text for population in populations}
-    place = COLUMNS.index("rules") + 1
-    return Work("sweep", file.name, texts, (*COLUMNS[:place], *varied, *COLUMNS[place:]), jobs)
+    texts |= {f"file {preset.kind}": preset.own.text for preset in presets if preset.own}
+    texts |= {f"file {name}": code for name, code in protocol.code.items()}
+    return Work("sweep", file.name, texts, columns, jobs)
 
 
 def run_sweep(
@@ -214,7 +246,8 @@ def run_sweep(
     assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
     with finished.table.open(newline="", encoding="utf-8") as stream:
         done = [row["status"] == "done" for row in csv.DictReader(stream)]
-    found = read_effects(finished.table, sweep.columns[COLUMNS.index("rules") + 1 : sweep.columns.index("kind")])
+    first = sweep.jobs[0]
+    found = read_effects(finished.table, first.varied, first.parameters, (*FIGURES, *first.own))
     figures = Path(out) / "figures"
     if found and not figures.exists():
         write_new_files({figures / name: content for name, content in effect_files(found, sweep.name).items()})

@@ -45,17 +45,21 @@ class Effect(NamedTuple):
         return f"{self.key}, from {least}{unit} at {self.values[low]} to {most}{unit} at {self.values[high]}"
 
 
-def effects(rows: Sequence[Row], varied: Sequence[str]) -> list[Effect]:
+def effects(
+    rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str] = (*PARAMETERS,),
+    measures: Sequence[Metric] = FIGURES,
+) -> list[Effect]:  # fmt: skip
     """Every key with more than one value against every measure that has a value at each of them.
 
-    varied: assumptions that are not the same in all rows. Trials that did not reach the end are left out.
+    varied: assumptions that are not the same in all rows; parameters: of all controllers. Trials that did not reach the
+    end are left out.
     """
     done = [row for row in rows if row["status"] == "done"]
     keys = [(key, key, done) for key in (*_ALWAYS, *varied)]
     for kind in dict.fromkeys(row["kind"] for row in done):
         own = [row for row in done if row["kind"] == kind]
-        keys += [(f"{key} of {kind}", key, own) for key in PARAMETERS]
-    found = (_effect(name, column, some, metric) for name, column, some in keys for metric in FIGURES)
+        keys += [(f"{key} of {kind}", key, own) for key in parameters]
+    found = (_effect(name, column, some, metric) for name, column, some in keys for metric in measures)
     return [effect for effect in found if effect is not None]
 
 
@@ -82,23 +86,31 @@ def _effect(name: str, column: str, rows: Sequence[Row], measure: Metric) -> Eff
 def moves_most(found: Sequence[Effect]) -> list[str]:
     """For each measure the key that moves it most, a sentence each."""
     said = []
-    for measure in FIGURES:
+    for measure in _measures_of(found):
         here = [effect for effect in found if effect.measure is measure]
-        if here:
-            said.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
+        said.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
     return said
 
 
-def read_effects(table: Path, varied: Sequence[str]) -> list[Effect]:
+def _measures_of(found: Sequence[Effect]) -> list[Metric]:
+    """The measures that have an effect: those of the figures in their order, then those of one's own."""
+    there = {effect.measure.name: effect.measure for effect in found}
+    own = [measure for measure in there.values() if measure not in FIGURES]
+    return [*(measure for measure in FIGURES if measure.name in there), *own]
+
+
+def read_effects(
+    table: Path, varied: Sequence[str], parameters: Sequence[str], measures: Sequence[Metric]
+) -> list[Effect]:
     """The effects in the table of a sweep."""
     with table.open(newline="", encoding="utf-8") as stream:
-        return effects(list(csv.DictReader(stream)), varied)
+        return effects(list(csv.DictReader(stream)), varied, parameters, measures)
 
 
 def effect_files(found: Sequence[Effect], name: str) -> dict[str, bytes]:
     """File name -> content: the effects drawn, a column a key and a row a measure, and as a table."""
     keys = list(dict.fromkeys(effect.key for effect in found))
-    measures = [measure for measure in FIGURES if any(effect.measure is measure for effect in found)]
+    measures = _measures_of(found)
     note = (
         f"Sweep {name}. Mean of the simulated people, each the mean over everything else that the sweep varies, with "
         f"the {100 * LEVEL:.0f} % interval of that mean (Student's t). Trials that did not reach the end are left out."

@@ -17,9 +17,10 @@ from core.control.controllers import Preset, make_preset
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice, start_again
-from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
+from experiments.analysis.metrics import BY_NAME, METRICS, Metric
+from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
@@ -66,17 +67,21 @@ def trial_of(
 
 
 def study_trials(
-    protocol: Protocol, population: Population, operators: int, metrics: Sequence[Metric] = METRICS
+    protocol: Protocol, population: Population, operators: int, metrics: Sequence[Metric] | None = None
 ) -> Iterator[tuple[TrialRow, int]]:
-    """Every trial of a study, in its order, and its ticks; the same numbers as `phd study` writes into its table."""
+    """Every trial of a study, in its order, and its ticks; the same numbers as `phd study` writes into its table.
+
+    metrics: None: all, and those of the protocol's own file.
+    """
     for operator in range(1, operators + 1):
         yield from operator_trials(protocol, population, operator, metrics)
 
 
 def operator_trials(
-    protocol: Protocol, population: Population, operator: int, metrics: Sequence[Metric] = METRICS
+    protocol: Protocol, population: Population, operator: int, metrics: Sequence[Metric] | None = None
 ) -> Iterator[tuple[TrialRow, int]]:
     """Those of the operator of this number (1..)."""
+    metrics = (*METRICS, *own_metrics(protocol)) if metrics is None else metrics
     label = f"{operator:02d}"
     person = person_of(population, protocol.seed, participant_index(label))
     devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
@@ -94,16 +99,20 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
     recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions)
-    values |= trial_metrics(recording, trial.path, metrics)
+    values |= measure(recording, trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 
 
 def run_trial(trial: Trial) -> np.ndarray:
-    """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room."""
+    """Every tick of a trial (n, tick_log.WIDTH); to be used before the next trial, which takes the same room.
+
+    InputError if the file of its controller failed.
+    """
     blocks = [_BLOCK[: trial.run(_BLOCK)]]
     while not trial.finished:
         block = np.empty((BLOCK_TICKS, tick_log.WIDTH))
         blocks.append(block[: trial.run(block)])
+    trial.refuse_failed_controller()
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 

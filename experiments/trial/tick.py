@@ -32,6 +32,7 @@ from core.control.algorithm import OFF, Controller, Tick, release
 from core.control.controllers import decide
 from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, PIECE, SIDE, TRAVEL, WANTED, seen_in
 from core.kernels import inlined, kernel
+from core.kernels.by_address import FAILED
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
 from core.path import Path, follow, on_piece
@@ -51,8 +52,18 @@ from experiments.trial.operator import TICK_S, Moment, begin_approach, operate
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
 STATUSES = ("running", "done", "timeout", "aborted")
 
-#: why a trial was aborted, as codes of `core.faults`; those from OUT_OF_PLACE on come from a real device
-NO_REASON, APPROACH_TOO_LONG, FORCE_NOT_FINITE, BY_EXPERIMENTER, OUT_OF_PLACE, TOO_FAST, DISOBEYED, TRAPPED = range(8)
+#: why a trial was aborted, as codes of `core.faults`; those from OUT_OF_PLACE to TRAPPED come from a real device
+(
+    NO_REASON,
+    APPROACH_TOO_LONG,
+    FORCE_NOT_FINITE,
+    BY_EXPERIMENTER,
+    OUT_OF_PLACE,
+    TOO_FAST,
+    DISOBEYED,
+    TRAPPED,
+    CONTROLLER_FAILED,
+) = range(9)
 REASONS = (
     "",
     "start-not-reached",
@@ -62,6 +73,7 @@ REASONS = (
     "too-fast",
     "disobeyed",
     "trapped",
+    "controller-failed",
 )
 
 #: rad or sine, beyond a hard stop. Our choice: a stop gives and an encoder has steps; further out the pose is wrong.
@@ -398,6 +410,9 @@ def choose_currents(trial, seen, row):
         sensed = seen_in(seen.tip, seen.hand_force)
         tick = Tick(sensed, seen.g, seen.mass, trial.model.brakes, memory, run.current)
         run.decision, field = decide(trial.controller, trial.path, tick)
+        if run.decision == FAILED:
+            run.decision = OFF
+            enter(run, END, ABORTED, CONTROLLER_FAILED)
         log_field(field, memory, row)
     else:
         log_field(NO_FIELD, memory, row)

@@ -13,6 +13,7 @@ from core.control.guard import make_around
 from core.control.velocity_field import new_memory
 from core.device import Device
 from core.faults import after, cause
+from core.files import InputError
 from core.path import Path, PathFile, build_path
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
@@ -121,6 +122,14 @@ class Trial(ABC):
         """Stop at the next tick, brakes off; the trial ends as aborted with this reason (the first one)."""
         self._reason = self._reason or reason
         self._run["stop"][0] = 1
+
+    def refuse_failed_controller(self) -> None:
+        """InputError if the file of its controller failed: of simulated trials each would."""
+        if int(self._run["reason"][0]) == tick.CONTROLLER_FAILED:
+            after_s = (self.ticks - 1) * tick.TICK_S - self.how.end_s
+            raise InputError(
+                f"{self.preset.kind}: {self._words(tick.CONTROLLER_FAILED)} ({after_s:.3f} s into a trial)"
+            )
 
     @property
     def finished(self) -> bool:

@@ -10,6 +10,7 @@ import fake_client
 import held_export
 import numpy as np
 import pytest
+from own_files import MEASURE
 from page_driver import PageDriver
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
@@ -26,8 +27,9 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
 from app.window.widgets.theme import COLOURS
-from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED
+from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, charts
 from experiments.analysis.findings import FAILS
+from experiments.analysis.own_measures import metrics_in
 from experiments.analysis.report import SIMULATED
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
 from experiments.session.files import STUDY
@@ -91,9 +93,25 @@ def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
 
 def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    assert [len(plot.points.points()) for plot in page.plots] == [180, 180, 180]
+    shown = [plot for plot in page.plots if not plot.isHidden()]
+    assert [len(plot.points.points()) for plot in shown] == [180, 180, 180] and page.measures.isHidden()
     assert "3 participants · 180 trials" in page.summary.text() and page.stack.currentWidget() is page.charts
-    assert all(len(plot.chart.boxes) == 10 for plot in page.plots)
+    assert all(len(plot.chart.boxes) == 10 for plot in shown)
+
+
+def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, data: Path) -> None:
+    page = page_on(qtbot, data)
+    rows = tuple(replace(row, own={"late_error_mm": -1.0 * row.run}) for row in page.results.rows)
+    own = metrics_in("my_measure", MEASURE)
+    page._show_results(page.results._replace(rows=rows, own=own))
+    assert page.measures.chosen == {"path_error_m", "mean_tip_force_N", "acceleration_dft_sum", "late_error_mm"}
+    QTest.mouseClick(page.measures.chips["acceleration_dft_sum"], Qt.MouseButton.LeftButton)
+    shown = [plot for plot in page.plots if not plot.isHidden()]
+    assert [plot.title.text() for plot in shown][2:] == ["Late error"]
+    assert min(point.pos().y() for point in shown[2].points.points()) == -60.0 > shown[2].item.viewRange()[1][0] - 60.0
+    sent = pickle.loads(pickle.dumps(page.view(page.results)))
+    assert [metric.name for metric in sent.measures] == ["path_error_m", "mean_tip_force_N", "late_error_mm"]
+    assert charts(POOLED, rows, sent)[2].lowest == -60.0
 
 
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
@@ -247,7 +265,7 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     click(page.plots[1], point.x, point.y)
     assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"P02 run {row.run}"
     assert "no recording" in page.side.note.text()
-    for plot in page.plots:
+    for plot in page.plots[:3]:
         (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row is row)
         assert (x, y) == pytest.approx((wanted.x, wanted.y))
     page.show_page(PERSON)
@@ -279,7 +297,7 @@ def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder
     page = recorded
     assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "P01 run 2"
     qtbot.waitUntil(lambda: len(page.plots[0].points.points()) == 2, timeout=60_000)
-    assert all(len(ringed(plot)) == 1 for plot in page.plots) and not page.side.playing
+    assert all(len(ringed(plot)) == 1 for plot in page.plots[:3]) and not page.side.playing
     page.keys()["start"]()
     assert page.side.playing
     page.end()

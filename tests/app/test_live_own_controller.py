@@ -1,32 +1,16 @@
-"""A controller in a file of its own through the real processes: a session's trial, and Try with its slider."""
+"""A controller and a measure in files of their own through the real processes: a trial of a session, and Try."""
 
 from pathlib import Path
 
 from live import live_window
+from own_files import PROTOCOL, own_experiment
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 
-DAMPER = Path(__file__).resolve().parents[2] / "docs/examples/protocols/damper.py"
-PROTOCOL = """
-name = "dampers"
-provenance = "assumed"
-devices = ["three-brake"]
-blocks = 1
-[[path]]
-kind = "segment"
-start_m = [-0.05, 0.40]
-end_m = [0.05, 0.40]
-[[controller]]
-name = "Damper"
-algorithm = "damper.py"
-parameters = {damping_N_s_m = 500.0}
-"""
-
 
 def test_a_session_and_try_run_a_controller_of_ones_own(tmp_path: Path) -> None:
-    (tmp_path / "damper.py").write_text(DAMPER.read_text())
-    (protocol := tmp_path / "mine.toml").write_text(PROTOCOL)
+    protocol = own_experiment(tmp_path, f'measure = "my_measure.py"\n{PROTOCOL}')
     with live_window(Setup(tmp_path / "data", str(protocol), hand="operator", sync=False)) as window:
         window.until_stage(m.NO_SESSION)
         window.client.send(m.SetSandbox())
@@ -39,5 +23,6 @@ def test_a_session_and_try_run_a_controller_of_ones_own(tmp_path: Path) -> None:
         window.until_stage(m.READY)
         window.client.send(m.Start())
         (row,) = window.until(lambda s: s.rows).rows
+        assert row.own["late_error_mm"] > 0.0 and row.failed == {}
         recording = window.recording(row.run)
         assert recording.whole and (recording.text("decision") == "damped").sum() > 100

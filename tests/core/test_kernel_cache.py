@@ -6,7 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from core.kernels import kernel
 from core.kernels.cache import source_hash
+from core.kernels.compiler import identity
 
 ROOT = Path(__file__).resolve().parents[2]
 CALLEE = (
@@ -93,3 +95,15 @@ def test_a_process_finds_the_parts_that_another_compiled(tmp_path):
     watching = "from core.kernels import cache\ncache.watchers.append(lambda done, of, name: print(name))\n"
     assert run(tree, watching + "from core.caller import outer\nprint(outer(1.0))") == "outer\ninner\n\n11.0\n"
     assert run(tree, watching + "from core.caller import beside\nprint(beside(1.0))") == "beside\n\n33.0\n"
+
+
+def test_a_kernel_is_another_one_where_what_it_calls_or_a_number_that_it_names_is_another():
+    def told_by(inner: str, number: float = 10.0) -> str:
+        text = f"@kernel\ndef inner(x):\n    return {inner}\n\n@kernel\ndef outer(x):\n    return inner(x) + NUMBER\n"
+        names: dict = {"kernel": kernel, "NUMBER": number, "__name__": "one"}
+        exec(compile(text, __file__, "exec"), names)  # of one file, as two versions of another that it calls are
+        return identity(names["outer"].function)
+
+    known = told_by("2.0 * x")
+    assert told_by("2.0 * x") == known
+    assert len({known, told_by("3.0 * x"), told_by("2.0 + x"), told_by("2.0 * x", 20.0)}) == 4

@@ -6,8 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
+from exports import rows as csv_rows
+from own_files import DAMPER, FREE, PROTOCOL, own_experiment
 from protocols import protocol_of
 
 from core import tick_log
@@ -23,50 +26,35 @@ from experiments.session.session import Participant, Session, preset_from_json, 
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
+from experiments.study.sweep import load_sweep, run_sweep
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.population import load_population
+from experiments.trial.trial import SimulatedTrial
 
 ROOT = Path(__file__).resolve().parents[2]
-DAMPER = (ROOT / "docs/examples/protocols/damper.py").read_text()
 SHIPPED = Path(sdof.__file__).read_text()
-PROTOCOL = """
-name = "dampers"
-provenance = "assumed"
-devices = ["three-brake"]
-blocks = 1
-[[path]]
-kind = "segment"
-start_m = [-0.05, 0.40]
-end_m = [0.05, 0.40]
-[[controller]]
-name = "Damper"
-algorithm = "damper.py"
-parameters = {damping_N_s_m = 500.0}
-[[controller]]
-name = "Free"
-kind = "none"
-"""
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    (tmp_path / "damper.py").write_text(DAMPER)
-    (tmp_path / "mine.toml").write_text(PROTOCOL)
-    return tmp_path / "mine.toml"
+    return own_experiment(tmp_path)
+
+
+def new_trial(preset: Preset) -> SimulatedTrial:
+    paper = load_protocol()
+    return trial_of(
+        paper, person_of(load_population(), 1, 1), 1, PlannedTrial(1, 1, "four-brake", 2, 1, 1),
+        switched_on(paper.device("four-brake"), paper), preset,
+    )  # fmt: skip
 
 
 def ticks(preset: Preset) -> np.ndarray:
     """A trial with this controller."""
-    paper = load_protocol()
-    trial = trial_of(
-        paper, person_of(load_population(), 1, 1), 1, PlannedTrial(1, 1, "four-brake", 2, 1, 1),
-        switched_on(paper.device("four-brake"), paper), preset,
-    )  # fmt: skip
-    return run_trial(trial).copy()
+    return run_trial(new_trial(preset)).copy()
 
 
 def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
-    own = make_preset("Mine", "mine", {"gap_m": 0.003}, read_own("mine", SHIPPED))
+    own = make_preset("Mine", "mine.py", {"gap_m": 0.003}, read_own("mine", SHIPPED))
     shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.003})), ticks(own)
     words = [np.array(preset.decisions, dtype=object)[rows[:, tick_log.DECISION].astype(int)]
              for preset, rows in ((make_preset("SDOF", "sdof", {}), shipped), (own, other))]  # fmt: skip
@@ -84,7 +72,7 @@ def test_a_study_replays_and_names_its_decisions_and_the_file_is_in_its_folder(f
     assert (recordings[1].text("decision") == "damped").any()
     stored = preset_from_json(json.loads(json.dumps(recordings[1].metadata["preset"])))
     assert stored == protocol.controllers[1] and stored.own and stored.own.text == DAMPER
-    (file.parent / "damper.py").unlink()
+    (file.parent / "my_damper.py").unlink()
     assert replay(recordings[1].path)["equal"], "from the folder alone"
     assert replay(recordings[2].path, Replacement(controller=1))["after"]["controller"] == "1 Damper"
 
@@ -126,12 +114,38 @@ def test_a_saved_variant_takes_the_file_along(file: Path, tmp_path: Path):
     assert again.own and again.own.text == DAMPER and again.values == protocol.controllers[1].values
 
 
-def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
-    lines = "tick.current[0], tick.current[1] = -1.0, math.nan", "tick.current[2], tick.current[3] = math.inf, 1e9"
-    wild = DAMPER.replace("    if best < 0:", "".join(f"    {line}\n" for line in lines) + "    if best < 9:", 1)
-    wild = wild.replace("return NONE", "return DAMPED")
-    found = check_controller(read_own("wild", wild.replace("from core.k", "import math\n\nfrom core.k", 1)), {})
+WILD = """
+    if controller.values[1] == 0.0:
+        tick.brakes.current_max[0], tick.brakes.present[1] = 100.0, 1.0
+        tick.current[0], tick.current[1], tick.current[2], tick.current[3] = 50.0, math.nan, math.inf, -1.0
+        return DAMPED
+    if controller.values[1] == 1.0:
+        tick.current[int(controller.values[1]) + 3] = 1e9
+    if controller.values[1] == 2.0:
+        tick.current[int(controller.values[1]) - 7] = 1e9
+    if controller.values[1] == 3.0:
+        raise ValueError("this cannot be")
+    if controller.values[1] == 4.0:
+        return DAMPED + 1
+    if controller.values[1] == 5.0:
+        actuate(tick, 7, 1.0)
+"""
+
+
+def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_without_current():
+    head, body = DAMPER.replace("from core.k", "import math\n\nfrom core.k", 1).split('speed."""\n')
+    own = read_own("wild", f'{head}speed."""{WILD}{body}')
+    found = check_controller(own, {"damping_N_s_m": 0.0})
     assert not found["broken"] and found["trials"] == 8
+    for which in range(1, 6):
+        preset = make_preset("Wild", "wild.py", {"damping_N_s_m": which}, own)
+        with pytest.raises(InputError, match="wild.py: the file of the controller failed"):
+            ticks(preset)
+    trial = new_trial(preset)
+    rows = np.empty((9000, tick_log.WIDTH))
+    rows = rows[: trial.run(rows)]
+    assert trial.finished and trial.outcome()["status"] == "aborted" and "failed" in trial.outcome()["reason"]
+    assert not rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].any() and np.isfinite(rows[:, tick_log.TIP_X]).all()
 
 
 @pytest.mark.parametrize("text, wanted", [
@@ -140,26 +154,56 @@ def test_whatever_the_file_writes_each_brake_gets_what_it_may_have():
     ("x = 1", "must have ALGORITHM"),
     (DAMPER.replace("@kernel\n", ""), "write @kernel above it"),
     (DAMPER.replace("return DAMPED", "return tick.nothing"), "damper.py: does not compile"),
+    (DAMPER.replace("    best, most", "    tick.g[0, 0] = 1.0\n    best, most", 1), "compile: .*readonly array"),
+    (DAMPER.replace("(GAP_M, DAMPING)", "GAP_M"), "must be a tuple of Parameter"),
+    (DAMPER.replace("(GAP_M, DAMPING)", "(DAMPING, DAMPING)"), "each of another name"),
+    (DAMPER.replace('"damping_N_s_m"', '"dämpfung"'), "letters .a to z., digits and _, not 'dämpfung'"),
+    (DAMPER.replace("200.0, (10.0, 2000.0)", '"200", (10.0, 2000.0)'), "must be numbers"),
+    (DAMPER.replace('("damped",)', '("damped")'), 'decisions must be a tuple of texts: ."damped",.'),
 ])  # fmt: skip
 def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
-        make_controller(make_preset("Damper", "damper", {}, read_own("damper", text)), 30.0)
+        make_controller(make_preset("Damper", "damper.py", {}, read_own("damper", text)), 30.0)
     assert "\n" not in str(refused.value)
 
 
+def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path, monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+    file.write_text(f'measure = "my_measure.py"\n{PROTOCOL}{FREE}')
+    (sweep := file.with_name("sweep.toml")).write_text("""
+        name = "own"
+        protocol = "mine.toml"
+        operators = 1
+        repetitions = 1
+        [[controller]]
+        algorithm = "my_damper.py"
+        parameters = {damping_N_s_m = [50.0, 500.0]}
+    """)
+    summary = run_sweep(load_sweep(sweep), file.parent / "out")
+    rows = csv_rows(file.parent / "out/sweep.csv")
+    assert [(r["kind"], r["damping_N_s_m"], r["controller_name"]) for r in rows] == [
+        ("my_damper.py", "50.0", "my_damper.py, gap 0 mm, damping 50 N s/m"), ("my_damper.py", "500.0", "Damper"),
+    ]  # fmt: skip
+    assert float(rows[0]["late_error_mm"]) > float(rows[1]["late_error_mm"]) > 0.0
+    assert any(said.startswith("Late error: damping_N_s_m of my_damper.py") for said in summary["moves_most"])
+    sweep.write_text(sweep.read_text().replace("damping_N_s_m", "damping"))
+    with pytest.raises(InputError, match="sweep.toml: controller: damping is not for 'my_damper.py'"):
+        load_sweep(sweep)
+
+
 @pytest.mark.parametrize("change, wanted", [
-    (("damper.py", "../damper.py"), "name of a Python file"),
-    (("damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
-    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'damper'"),
-    (('algorithm = "damper.py"', ""), "needs either kind or algorithm"),
+    (("my_damper.py", "../my_damper.py"), "name of a Python file"),
+    (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
+    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'my_damper.py'"),
+    (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
 ])  # fmt: skip
 def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):
-    file.write_text(PROTOCOL.replace(*change))
+    file.write_text((PROTOCOL + FREE).replace(*change))
     with pytest.raises(InputError, match=wanted):
         load_protocol(file)
 
 
 def test_the_papers_protocol_is_stored_as_before():
-    assert "algorithms" not in protocol_to_json(load_protocol())
+    assert "code" not in protocol_to_json(load_protocol())
     assert set(preset_to_json(load_protocol().controllers[2])) >= {"name", "kind", "gap_m"}
     assert protocol_of(load_protocol().text).controllers[2].own is None

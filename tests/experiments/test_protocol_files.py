@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from refusals import refusal
 
 from app.cli import main
+from core.control.controllers import PARAMETERS
 from core.device import SHIPPED_FOLDER as DEVICES
 from core.device import load_device
 from core.device_file import SHIPPED_FOLDER as BRAKES
@@ -39,7 +40,7 @@ from experiments.protocol_writer import (
     save_variant,
     whole_text,
 )
-from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
+from experiments.study.sweep import FACTORS, MEASURED, load_sweep, run_sweep
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
@@ -140,7 +141,8 @@ def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path, monkeypatc
     run_sweep(load_sweep(sweep_file(tmp_path)), tmp_path / "out")
     rows = csv_rows(tmp_path / "out" / "sweep.csv")
     names = list(rows[0])
-    assert [name for name in names if name not in COLUMNS] == ["lag_factor", "gap_reading"]
+    known = {*FACTORS, "kind", *PARAMETERS, *MEASURED, "controller_name"}
+    assert [name for name in names if name not in known] == ["lag_factor", "gap_reading"]
     assert names.index("lag_factor") == names.index("rules") + 1
     assert {(row["lag_factor"], row["gap_reading"], row["gap_m"]) for row in rows if row["kind"] == "sdof"} == {
         ("0.5", "half", "0.004"), ("0.5", "full", "0.002"), ("1.0", "half", "0.004"), ("1.0", "full", "0.002")

@@ -24,7 +24,7 @@ from waiting import wait_until
 from app.cli import main
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME
-from experiments.study.sweep import COLUMNS, load_sweep, run_sweep
+from experiments.study.sweep import load_sweep, run_sweep
 
 SMALL = """
 name = "small"
@@ -63,7 +63,7 @@ def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
     summary, out = whole
     rows = csv_rows(out / "sweep.csv")
     assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, segments
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == load_sweep(out.parent / "sweep.toml").columns
     cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
     assert len(set(cells)) == len(cells)
     assert {(r["kind"], float(r["gap_m"]), float(r["gain_N_s_m"])) for r in rows} == {

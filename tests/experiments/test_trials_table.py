@@ -129,6 +129,10 @@ def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_ar
     path = tmp_path / "trials.csv"
     lines = table_bytes([FULL]).decode().splitlines()
     path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
+    assert read_table(path) == [replace(FULL, own={"energy": 0.5})], "a number is a measure of a file of one's own"
+    append_row(path, ROW)
+    assert read_table(path) == [replace(FULL, own={"energy": 0.5}), ROW]
+    path.write_text(f"{lines[0]},remark\n{lines[1]},well\n")
     assert read_table(path) == [FULL]
     with pytest.raises(InputError, match="would lose"):
         append_row(path, ROW)
@@ -167,6 +171,9 @@ def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often
     row, ticks = result(PLAN[0]), movement(1, "AEB", 1.0)
     ticks[:, tick_log.ARM_FORCE_MAX] = 40.0
     assert trial_flags(row, ticks) == []
+    assert trial_flags(replace(row, failed={"a": "my.py: a: no"}), None) == [
+        "my.py: a: no: the trial has no such measure"
+    ]
     ticks[200:300, tick_log.ARM_FORCE_MAX] = 0.0
     (flag,) = trial_flags(row, ticks)
     assert "left the picture once" in flag

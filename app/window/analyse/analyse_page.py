@@ -48,6 +48,7 @@ from experiments.analysis.charts import (
     left_out,
     legend,
 )
+from experiments.analysis.metrics import DRAWN
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Results, ResultsJob, conclude, read_results
@@ -64,6 +65,7 @@ PAGES = {
 }  # fmt: skip
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
 SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
+MOST_CHARTS = 4  # beside each other; three where the protocol has no measures of its own
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
 NO_FOLDER = "No data folder is open: choose one on Home."
@@ -85,15 +87,16 @@ class AnalysePage(Page):
         self._excluding = BackgroundTask(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
+        self.measures = Chips("Measures")  # where the protocol has some of its own
         self.timeouts, self.logarithmic = (
             toggle(text, lambda _: self._show()) for text in ("Timeouts in the boxes", "Log scale")
         )
-        for chips in (self.people, self.devices, self.statuses):
+        for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
         self.caption = OneLine("", "quiet", dots=END)
         self.warning, self.summary = (text_label("", name, theme.SMALL) for name in ("caution", "quiet"))
         self.message = OneLine()
-        self.plots = [ChartPlot() for _ in range(3)]
+        self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
         self.colours = wrapped_label("", size=theme.SMALL)  # which controller is which
         self.colours.setTextFormat(Qt.TextFormat.RichText)
@@ -133,7 +136,8 @@ class AnalysePage(Page):
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
-        filters = Flow(self.people, self.devices, self.statuses, self.timeouts, self.logarithmic, gap=14)
+        chips = self.people, self.devices, self.statuses, self.measures
+        filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
 
     # what the main window hands over
@@ -220,6 +224,9 @@ class AnalysePage(Page):
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
+        offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
+        self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
+        self.measures.setVisible(bool(offered))
         self.show_message(" ".join(results.problems), "caution")
         self._show()
         now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
@@ -244,7 +251,9 @@ class AnalysePage(Page):
         """Devices and switches as the charts take them."""
         devices = tuple(name for name in results.configurations if name in self.devices.chosen)
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()
-        return View(devices or results.configurations, results.labels, results.lengths, *on)
+        measures = tuple(metric for metric in (*DRAWN, *results.own) if metric.name in self.measures.chosen)
+        shown = measures[:MOST_CHARTS] or DRAWN
+        return View(devices or results.configurations, results.labels, results.lengths, *on, shown)
 
     def show_page(self, page: str) -> None:
         """One of `PAGES`."""
@@ -270,7 +279,8 @@ class AnalysePage(Page):
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
             simulated = (results.folder / STUDY).exists()
-            self._concluding.ask(conclude, rows, results.controllers, self.timeouts.isChecked(), simulated)
+            given = rows, results.controllers, self.timeouts.isChecked(), simulated, results.own
+            self._concluding.ask(conclude, *given)
         else:
             self._show_charts(results, rows)
         self._make_room()

@@ -100,7 +100,8 @@ class ChartPlot(Plot):
         self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
 
     def show_all(self) -> None:
-        low, high = 0.0, self.chart.highest or 1.0
+        low, high = self.chart.lowest, max(self.chart.highest, 0.0)
+        high = high if high > low else 1.0
         if self._logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
             low, high = np.log10(0.8 * least), np.log10(1.1 * high)

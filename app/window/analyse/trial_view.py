@@ -145,9 +145,11 @@ class TrialView(Panel):
         damaged = " · damaged: some ticks are missing" if trial.damaged else ""
         values = {m.name: getattr(row, m.name) for m in METRICS} if row is not None else {}
         self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
-        self.measures.setToolTip("\n".join(
+        said = [
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
-        ))  # fmt: skip
+        ]
+        own = row.own if row is not None else {}  # by their names, which end in their units
+        self.measures.setToolTip("\n".join([*said, *(f"{name}: {value:.3g}" for name, value in own.items())]))
         self.beside_measures.setText("")
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)

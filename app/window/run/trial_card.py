@@ -144,7 +144,9 @@ class TrialCard(Panel):
         self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
         took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
         ended = {"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status)
-        self.what.setText(f"{ended} · {opened.protocol.controller_name(row.controller)} · path {row.segment}")
+        own = [f"{name} {value:.3g}" for name, value in row.own.items()]  # by their names, which end in their units
+        name = opened.protocol.controller_name(row.controller)
+        self.what.setText(" · ".join((ended, name, f"path {row.segment}", *own)))
         shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
         shown.append((COLOURS.quiet, "others", len(here) > len(same)))
         self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))

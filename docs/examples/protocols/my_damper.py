@@ -1,7 +1,7 @@
 """A controller of one's own: a damper that brakes whatever moves off the path.
 
-Name it in a protocol beside this file: [[controller]] name = "Damper", algorithm = "damper.py",
-parameters = {damping_N_s_m = 200.0}. Try it on trials: phd check-controller damper.py
+Name it in a protocol beside this file: [[controller]] name = "Damper", algorithm = "my_damper.py",
+parameters = {damping_N_s_m = 200.0}. Try it on trials: phd check-controller my_damper.py
 """
 
 from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, actuate
@@ -30,4 +30,4 @@ def decide(controller, field, tick):
     return DAMPED
 
 
-ALGORITHM = Algorithm("damper", (GAP_M, DAMPING), ("damped",), decide)
+ALGORITHM = Algorithm("my_damper", (GAP_M, DAMPING), ("damped",), decide)

@@ -1,0 +1,63 @@
+"""What `pip install .` installs, without installing it: every file of the packages, the command, what they import."""
+
+import ast
+import importlib.metadata
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+Distribution = pytest.importorskip("setuptools").Distribution  # Python from 3.12 on has it no more
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("core", "hardware", "experiments", "app")
+#: The firmware is built from the source tree alone.
+SOURCES = {
+    file.relative_to(ROOT)
+    for package in PACKAGES for file in (ROOT / package).rglob("*")
+    if file.is_file() and "__pycache__" not in file.parts and "firmware" not in file.parts
+}  # fmt: skip
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+INSTALLED = {distribution.name.lower() for distribution in importlib.metadata.distributions()}
+
+
+def named(requirement: str) -> str:
+    """The distribution that a requirement is of."""
+    return re.split(r"[^\w-]", requirement)[0].lower().replace("_", "-")
+
+
+@pytest.fixture
+def distribution(monkeypatch: pytest.MonkeyPatch) -> Distribution:
+    monkeypatch.chdir(ROOT)
+    made = Distribution({"script_name": "setup.py"})
+    made.parse_config_files()
+    return made
+
+
+def test_every_file_of_the_packages_is_installed_and_the_command_is_the_one_of_the_source(distribution):
+    build = distribution.get_command_obj("build_py")
+    build.ensure_finalized()
+    installed = {Path(file) for _, _, file in build.find_all_modules()}
+    installed |= {Path(folder, name) for _, folder, _, names in build.data_files for name in names}
+    assert sorted(SOURCES - {Path(file) for file in installed}) == []
+    assert Path("phd.py") in installed and PROJECT["scripts"] == {"phd": "app.cli:main"}
+
+
+def test_every_library_that_the_program_imports_is_one_that_it_asks_for():
+    groups = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
+    asked = {named(line) for group in groups for line in group}
+    asked |= {named(line) for name in asked & INSTALLED for line in importlib.metadata.requires(name) or ()}
+    known = importlib.metadata.packages_distributions()
+    imported: dict[str, Path] = {}
+    for file in (*SOURCES, Path("phd.py")):
+        if file.suffix == ".py":
+            for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
+                names = [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+                names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                imported |= {name.partition(".")[0]: file for name in names}
+    others = imported.keys() - sys.stdlib_module_names - {*PACKAGES, "phd"}
+    missing = {name: imported[name] for name in others if name in known and asked.isdisjoint(map(named, known[name]))}
+    assert missing == {} and {"numpy", "numba", "PySide6"} <= others
