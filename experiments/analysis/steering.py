@@ -1,0 +1,147 @@
+"""What brakes can do to a moving tip: how sharply they can turn it, and what they hold of a push off the path.
+
+Steerability asks whether brakes can redirect the instantaneous motion (Gao and Book, 2006, "Steerability for planar
+dissipative passive haptic interfaces", known to us by its abstract). Here: M(p) a + b(p, v) = F + sum g_i torque_i, and
+each brake that is turned opposes its joint with a torque from K(0) to K(current_max). Every pattern of brakes off and
+full gives an acceleration across the motion; a curvature k is within reach where k |v|^2 lies between the least and the
+largest of them. That is exact at the patterns, and between them where all joints turn, since a is then linear in the
+torques.
+
+Our choice: the curvature that is wanted is that of the arc from the tip, tangent to its motion, to the point that lies
+a blend width ahead along the desired direction, 2 sin(e) / width, e the angle between the two (pure pursuit). A joint
+slower than `still_rate` of the settled rules is held if its brake can; of several the slowest.
+"""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from core.control.rule_sets import SETTLED
+from core.device import Device
+from core.files import InputError
+from core.mechanism import JOINTS, Arm, Mechanism
+from core.workspace import Array, arm_pose
+
+#: Of the sine between two rows: they are one line.
+ROUNDING = 1e-9
+#: Of the metadata of a recording.
+KEY = "brakes_and_linkage"
+
+
+class TipMotion(NamedTuple):
+    """The equations of motion at the tip (`core.dynamics.motion`), n states at once."""
+
+    g: Array  # (4, 2, n) 1/m
+    turn: Array  # (4, n) rad/s2, gdot . v
+    mass: Array  # (2, 2, n) kg
+    bias: Array  # (2, n) N
+
+
+class Braking(NamedTuple):
+    """A device as far as its brakes' force at the tip goes."""
+
+    mechanism: Mechanism
+    present: tuple[int, ...]  # places of the brakes
+    low: Array  # (4,) N m, without current
+    high: Array  # (4,) N m, at the largest
+
+
+def to_metadata(device: Device) -> dict[str, Any]:
+    """What `from_metadata` needs of a device, in numbers."""
+    mechanism = device.mechanism
+    brakes = [(JOINTS.index(joint), device.brake_files[joint]) for joint in device.braked]
+    return {
+        "arm_1": mechanism.arm_1, "arm_2": mechanism.arm_2, "tip_mass": mechanism.tip_mass,
+        "coupled": mechanism.coupled, "combination": mechanism.combination.tolist(), "coupling": mechanism.coupling,
+        "torque_N_m": [(i, brake.torque_gain(0.0), brake.torque_gain(brake.current_max_A)) for i, brake in brakes],
+    }  # fmt: skip
+
+
+def from_metadata(metadata: Mapping[str, Any]) -> Braking | None:
+    """The device of a recording; None: it has no brakes, or an earlier version recorded it. InputError: damaged."""
+    if not (about := metadata.get(KEY)):
+        return None
+    low, high, free = np.zeros(4), np.zeros(4), np.full(4, np.inf)
+    try:
+        present = tuple(i for i, _, _ in about["torque_N_m"])
+        for i, least, most in about["torque_N_m"]:
+            low[i], high[i] = least, most
+        mechanism = Mechanism(
+            Arm(*about["arm_1"]), Arm(*about["arm_2"]), about["tip_mass"], False, 0.0, -free, free, False,
+            about["coupled"], np.array(about["combination"], dtype=float), about["coupling"], 0,
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"the metadata's {KEY} is damaged ({type(error).__name__}: {error})") from None
+    return Braking(mechanism, present, low, high) if present else None
+
+
+def tip_motion(mechanism: Mechanism, tip: Array, velocity: Array) -> TipMotion:
+    """At tips (n, 2), m, with velocities (n, 2), m/s."""
+    (x, y), v = tip.T, velocity.T
+    mass = np.zeros((2, 2, len(x)))
+    mass[0, 0] = mass[1, 1] = mechanism.tip_mass
+    bias, rows, turns = np.zeros((2, len(x))), [], []
+    for arm in (mechanism.arm_1, mechanism.arm_2):
+        e1, e2, s = (np.array(part) for part in arm_pose(arm, x, y))
+        base, link = e2 / s, -e1 / s  # rows of the rates of both links
+        w1, w2, c = (base * v).sum(axis=0), (link * v).sum(axis=0), (e1 * e2).sum(axis=0)
+        bias_1 = (w1 * w1 * c + w2 * w2 * arm.length_2**2) / s
+        bias_2 = -(w1 * w1 * arm.length_1**2 + w2 * w2 * c) / s
+        cross, gyro = arm.coupling * c - arm.rotor, arm.coupling * s
+        p1, p2 = arm.proximal * base + cross * link, cross * base + arm.distal * link
+        mass += base[:, None] * p1 + link[:, None] * p2
+        bias += base * (arm.proximal * bias_1 + cross * bias_2 - gyro * w2 * w2)
+        bias += link * (cross * bias_1 + arm.distal * bias_2 + gyro * w1 * w1)
+        rows += [base, link - base]
+        turns += [bias_1, bias_2 - bias_1]
+    g, turn = np.array(rows), np.array(turns)
+    mass += mechanism.coupling * (g[0][:, None] * g[2] + g[2][:, None] * g[0])
+    bias += mechanism.coupling * (g[0] * turn[2] + g[2] * turn[0])
+    for i in range(4):
+        if mechanism.coupled >> i & 1:
+            one, two = mechanism.combination[i]
+            g[i], turn[i] = one * g[0] + two * g[2], one * turn[0] + two * turn[2]
+    return TipMotion(g, turn, mass, bias)
+
+
+def across_range(braking: Braking, tip: Array, velocity: Array, force: Array) -> tuple[Array, Array]:
+    """The least and the largest acceleration (n,), m/s2, to the left of the motion, over all patterns of brakes.
+
+    tip, velocity, force of the hand: (n, 2), m, m/s (not 0), N.
+    """
+    g, turn, mass, bias = tip_motion(braking.mechanism, tip, velocity)
+    inverse = np.array([[mass[1, 1], -mass[0, 1]], [-mass[0, 1], mass[0, 0]]])
+    inverse /= mass[0, 0] * mass[1, 1] - mass[0, 1] ** 2
+    left = np.array([-velocity[:, 1], velocity[:, 0]]) / np.hypot(*velocity.T)
+    places = list(braking.present)
+    g, turn, low, high = g[places], turn[places], braking.low[places], braking.high[places]
+    rates = (g * velocity.T).sum(axis=1)  # (brakes, n)
+    pull = np.einsum("ijn,kjn->kin", inverse, g)  # acceleration for each N m of a brake
+    free = np.einsum("ijn,jn->in", inverse, force.T - bias)
+    each, slowest = np.arange(len(tip)), np.abs(rates).argmin(axis=0)
+    still = np.abs(rates[slowest, each]) < SETTLED.still_rate
+    row, own_turn, own_pull = g[slowest, :, each].T, turn[slowest, each], pull[slowest, :, each].T
+    # brakes on one line hold it together: what each has of it, in torques of the still joint
+    beside = np.abs(g[:, 0] * row[1] - g[:, 1] * row[0]) <= ROUNDING * np.hypot(*row) * np.hypot(g[:, 0], g[:, 1])
+    holds = np.where(still & beside, np.hypot(g[:, 0], g[:, 1]) / np.hypot(*row), 0.0)
+    sense = np.where(holds > 0.0, 0.0, -np.sign(rates))
+    least, largest = np.full(len(tip), np.inf), np.full(len(tip), -np.inf)
+    for pattern in itertools.product((False, True), repeat=len(places)):
+        torque = np.where(pattern, high, low)[:, None]
+        acceleration = free + np.einsum("kin,kn->in", pull, sense * torque)
+        holding = -(own_turn + (row * acceleration).sum(axis=0)) / (row * own_pull).sum(axis=0)
+        most = (holds * torque).sum(axis=0)
+        across = (left * (acceleration + own_pull * np.clip(holding, -most, most))).sum(axis=0)
+        least, largest = np.minimum(least, across), np.maximum(largest, across)
+    return least, largest
+
+
+def wanted_across(velocity: Array, desired: Array, ahead_m: float) -> Array:
+    """The acceleration (n,), m/s2, to the left of the motion, of the arc to the point so far ahead.
+
+    velocity (n, 2), m/s; desired (n, 2), unit vectors.
+    """
+    sine = (velocity[:, 0] * desired[:, 1] - velocity[:, 1] * desired[:, 0]) / np.hypot(*velocity.T)
+    return np.asarray(2.0 * sine / ahead_m * (velocity**2).sum(axis=1))
