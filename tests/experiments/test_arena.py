@@ -1,7 +1,10 @@
 """The controllers of the arena: the laws of all controllers, and their exact solutions against independent solvers."""
 
+import itertools
+
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.optimize import linprog, lsq_linear
 
 from core.control.algorithm import Tick
@@ -12,8 +15,13 @@ from core.device import load_device
 from core.path import line
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
+from experiments.analysis.metrics import BY_NAME
+from experiments.assumptions import SENSINGS
+from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.study.controller_check import laws_of
+from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
+from experiments.trial.population import load_population
 
 ARENA = load_protocol("arena")
 PATH = line((-0.10, 0.40), (0.10, 0.40))
@@ -37,6 +45,25 @@ def test_every_shipped_algorithm_is_in_the_arena():
 def test_the_laws_of_every_controller_are_kept_on_every_display(kind):
     laws = laws_of(ARENA, make_preset(kind, kind, {}))
     assert [law for law in laws if law.broken] == []
+
+
+def chatter(kind):
+    """Chatter (1/s), mean of two people on every display and path with either sensing."""
+    found, preset = [], make_preset(kind, kind, {})
+    for sensing in SENSINGS:
+        assumed = replace(ARENA.assumptions, sensing=sensing)
+        arena = replace(ARENA, assumptions=assumed, trial=replace(ARENA.trial, assumptions=assumed))
+        for one, device, segment in itertools.product((1, 2), arena.devices, arena.paths):
+            planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
+            person = person_of(load_population(), arena.seed, one)
+            trial = trial_of(arena, person, one, planned, switched_on(device, arena), preset)
+            found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].chatter_per_s or 0.0)
+    return np.mean(found)
+
+
+def test_no_new_controller_chatters_more_than_sdof():
+    found, most = {kind: chatter(kind) for kind in NEW}, chatter("sdof")
+    assert {kind: value for kind, value in found.items() if value > most} == {}
 
 
 def test_least_power_is_that_of_linear_programming():
@@ -81,7 +108,9 @@ def looked_ahead(tick, controller, distance, normal, tangent):
             held = lsq_linear(rows, np.linalg.solve(half, force), (-1.0, 1.0), method="bvls", tol=1e-14).x
             v = h * np.linalg.solve(mass, force - half @ rows @ held)
             place += h * v
-        costs.append(abs(place @ normal - distance) - controller.values[2] * (place @ tangent) + 1e-5 * on.sum())
+        costs.append(
+            abs(place @ normal - distance) - controller.values[2] * (place @ tangent) + 0.005 * 0.06 * on.sum()
+        )
     return np.array(costs)
 
 
