@@ -140,7 +140,7 @@ def test_velocity_ratio_brakes_the_joint_of_two_that_is_too_fast():
         (a, b), (wanted_a, wanted_b) = (tick.g[[0, 2]] @ velocity, tick.g[[0, 2]] @ beta)
         if min(a / wanted_a, b / wanted_b) > 0.0 and min(abs(a), abs(b)) > 0.02:  # both turn as wanted
             rates, wanted = np.array((a, b)), np.array((wanted_a, wanted_b))
-            off = np.abs(rates - wanted * (rates @ wanted) / (wanted @ wanted))
+            off = np.sign(rates) * (rates - wanted * (rates @ wanted) / (wanted @ wanted))
             if np.any(off > SETTLED.back_speed * np.hypot(*tick.g[[0, 2]].T)):  # more than noise of the velocity
                 assert words == ("ratio A" if a / wanted_a > b / wanted_b else "ratio B")
             braked.add(words)
