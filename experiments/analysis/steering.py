@@ -22,21 +22,12 @@ from core.control.rule_sets import SETTLED
 from core.device import Device
 from core.files import InputError
 from core.mechanism import JOINTS, Arm, Mechanism
-from core.workspace import Array, arm_pose
+from core.workspace import Array, tip_motion
 
 #: Of the sine between two rows: they are one line.
 ROUNDING = 1e-9
 #: Of the metadata of a recording.
 KEY = "brakes_and_linkage"
-
-
-class TipMotion(NamedTuple):
-    """The equations of motion at the tip (`core.dynamics.motion`), n states at once."""
-
-    g: Array  # (4, 2, n) 1/m
-    turn: Array  # (4, n) rad/s2, gdot . v
-    mass: Array  # (2, 2, n) kg
-    bias: Array  # (2, n) N
 
 
 class Braking(NamedTuple):
@@ -75,35 +66,6 @@ def from_metadata(metadata: Mapping[str, Any]) -> Braking | None:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"the metadata's {KEY} is damaged ({type(error).__name__}: {error})") from None
     return Braking(mechanism, present, low, high) if present else None
-
-
-def tip_motion(mechanism: Mechanism, tip: Array, velocity: Array) -> TipMotion:
-    """At tips (n, 2), m, with velocities (n, 2), m/s."""
-    (x, y), v = tip.T, velocity.T
-    mass = np.zeros((2, 2, len(x)))
-    mass[0, 0] = mass[1, 1] = mechanism.tip_mass
-    bias, rows, turns = np.zeros((2, len(x))), [], []
-    for arm in (mechanism.arm_1, mechanism.arm_2):
-        e1, e2, s = (np.array(part) for part in arm_pose(arm, x, y))
-        base, link = e2 / s, -e1 / s  # rows of the rates of both links
-        w1, w2, c = (base * v).sum(axis=0), (link * v).sum(axis=0), (e1 * e2).sum(axis=0)
-        bias_1 = (w1 * w1 * c + w2 * w2 * arm.length_2**2) / s
-        bias_2 = -(w1 * w1 * arm.length_1**2 + w2 * w2 * c) / s
-        cross, gyro = arm.coupling * c - arm.rotor, arm.coupling * s
-        p1, p2 = arm.proximal * base + cross * link, cross * base + arm.distal * link
-        mass += base[:, None] * p1 + link[:, None] * p2
-        bias += base * (arm.proximal * bias_1 + cross * bias_2 - gyro * w2 * w2)
-        bias += link * (cross * bias_1 + arm.distal * bias_2 + gyro * w1 * w1)
-        rows += [base, link - base]
-        turns += [bias_1, bias_2 - bias_1]
-    g, turn = np.array(rows), np.array(turns)
-    mass += mechanism.coupling * (g[0][:, None] * g[2] + g[2][:, None] * g[0])
-    bias += mechanism.coupling * (g[0] * turn[2] + g[2] * turn[0])
-    for i in range(4):
-        if mechanism.coupled >> i & 1:
-            one, two = mechanism.combination[i]
-            g[i], turn[i] = one * g[0] + two * g[2], one * turn[0] + two * turn[2]
-    return TipMotion(g, turn, mass, bias)
 
 
 def across_range(braking: Braking, tip: Array, velocity: Array, force: Array) -> tuple[Array, Array]:

@@ -25,9 +25,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from core.device import Device
-from core.workspace import Array, brake_rows
+from core.workspace import Array, brake_rows, tip_motion
 from experiments.analysis.sheet import CM, MIDDLE, PAGE_IN, SMALL, plain, sheet, title
-from experiments.analysis.steering import tip_motion
 from experiments.numbers import percent, significant
 from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, draw_outline, in_cm, workspace_of
