@@ -232,18 +232,48 @@ def _triangle_angle(beside: float, opposite: float, near: Array, far: Array) -> 
     return 0.5 * (narrow + broad), 0.5 * (broad - narrow)
 
 
+class TipMotion(NamedTuple):
+    """The equations of motion at the tip (`core.dynamics.motion`), n states at once."""
+
+    g: Array  # (4, 2, n) 1/m
+    turn: Array  # (4, n) rad/s2, gdot . v
+    mass: Array  # (2, 2, n) kg
+    bias: Array  # (2, n) N
+
+
+def tip_motion(mechanism: Mechanism, tip: Array, velocity: Array) -> TipMotion:
+    """At tips (n, 2), m, with velocities (n, 2), m/s; not finite out of reach."""
+    (x, y), v = tip.T, velocity.T
+    mass = np.zeros((2, 2, len(x)))
+    mass[0, 0] = mass[1, 1] = mechanism.tip_mass
+    bias, rows, turns = np.zeros((2, len(x))), [], []
+    with np.errstate(all="ignore"):  # out of reach
+        for arm in (mechanism.arm_1, mechanism.arm_2):
+            e1, e2, s = (np.array(part) for part in arm_pose(arm, x, y))
+            base, link = e2 / s, -e1 / s  # rows of the rates of both links
+            w1, w2, c = (base * v).sum(axis=0), (link * v).sum(axis=0), (e1 * e2).sum(axis=0)
+            bias_1 = (w1 * w1 * c + w2 * w2 * arm.length_2**2) / s
+            bias_2 = -(w1 * w1 * arm.length_1**2 + w2 * w2 * c) / s
+            cross, gyro = arm.coupling * c - arm.rotor, arm.coupling * s
+            p1, p2 = arm.proximal * base + cross * link, cross * base + arm.distal * link
+            mass += base[:, None] * p1 + link[:, None] * p2
+            bias += base * (arm.proximal * bias_1 + cross * bias_2 - gyro * w2 * w2)
+            bias += link * (cross * bias_1 + arm.distal * bias_2 + gyro * w1 * w1)
+            rows += [base, link - base]
+            turns += [bias_1, bias_2 - bias_1]
+    g, turn = np.array(rows), np.array(turns)
+    mass += mechanism.coupling * (g[0][:, None] * g[2] + g[2][:, None] * g[0])
+    bias += mechanism.coupling * (g[0] * turn[2] + g[2] * turn[0])
+    for i in range(4):
+        if mechanism.coupled >> i & 1:
+            one, two = mechanism.combination[i]
+            g[i], turn[i] = one * g[0] + two * g[2], one * turn[0] + two * turn[2]
+    return TipMotion(g, turn, mass, bias)
+
+
 def invertible_mass(mechanism: Mechanism, tips: Array) -> Mask:
     """Whether the tip mass matrix has an inverse at each of tips (n, 2)."""
-    xx = np.full(len(tips), mechanism.tip_mass)
-    yy, xy = xx.copy(), np.zeros(len(tips))
-    for arm in (mechanism.arm_1, mechanism.arm_2):
-        pose = arm_pose(arm, tips[:, 0], tips[:, 1])
-        w1x, w1y = pose.e2[0] / pose.s, pose.e2[1] / pose.s  # rate of the proximal link = w1 . v
-        w2x, w2y = -pose.e1[0] / pose.s, -pose.e1[1] / pose.s  # rate of the distal link
-        cross = arm.coupling * (pose.e1[0] * pose.e2[0] + pose.e1[1] * pose.e2[1]) - arm.rotor
-        xx += arm.proximal * w1x * w1x + 2.0 * cross * w1x * w2x + arm.distal * w2x * w2x
-        yy += arm.proximal * w1y * w1y + 2.0 * cross * w1y * w2y + arm.distal * w2y * w2y
-        xy += arm.proximal * w1x * w1y + cross * (w1x * w2y + w1y * w2x) + arm.distal * w2x * w2y
+    (xx, xy), (_, yy) = tip_motion(mechanism, tips, np.zeros_like(tips)).mass
     return np.asarray((xx > 0.0) & (xx * yy - xy * xy > SMALLEST_DETERMINANT * (xx + yy) ** 2))
 
 

@@ -11,6 +11,8 @@ from app.progress import watch_compiling
 from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
+#: Displays with two brakes, three, four, and four on the central axis.
+MAPPED = ["er-two-brake", "three-brake", "four-brake", "pter"]
 
 
 def add(verbs: argparse._SubParsersAction) -> None:
@@ -73,6 +75,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd figures --out figures", prints="names, contents and files",
     ).add_argument  # fmt: skip
     option("--device", **DEVICES)
+    option(
+        "--map", choices=("force", "steerability"),
+        help="only this map: what the brakes can show at right angles to the motion, over the workspace and all "
+        f"directions of motion, each device beside the others (default of --device then: {' '.join(MAPPED)})",
+    )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
 
@@ -183,10 +190,12 @@ def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
 
 
 def figures_verb(args: argparse.Namespace) -> None:
+    if args.map and not args.device:
+        args.device = MAPPED
     devices = devices_of(args)
     from experiments.paper_figures import draw_all
 
-    drawn = with_progress("drawing", draw_all, devices, args.out, compiles=True)
+    drawn = with_progress("drawing", draw_all, devices, args.out, args.map, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
     print_result(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
 

@@ -49,9 +49,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--figures", **FIGURES)
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, with its own settings")
     option(
-        "--sweep", type=Path, metavar="FILE.toml",
+        "--sweep", metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
-        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
+        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv; arena ships: all "
+        "controllers on all displays",
     )  # fmt: skip
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")

@@ -52,7 +52,7 @@ class Tick(NamedTuple):
     g: np.ndarray  # (4, 2) 1/m, rows of the joints: omega_i = g_i . v
     mass: np.ndarray  # (3,) kg, M_xx, M_xy, M_yy of the tip
     brakes: np.record  # as `core.simulator.state.pack_brakes` has them
-    memory: np.ndarray  # (20,), places as in `velocity_field`
+    memory: np.ndarray  # (21,), places as in `velocity_field`
     current: np.ndarray  # (4,) A
 
 

@@ -10,7 +10,8 @@ F + M v0 / h as M^-1 measures, which `reflect` finds by a finite list of cases. 
 Our reconstruction: the look-ahead that the literature of passive displays names is without a text that we could have.
 Our choice: rows, mass and hand force stay those of now, the brakes have no lag and the path is straight over the
 horizon (the simulator itself needs the state of the brakes, which no controller sees); a brake that is on has the
-normalised force, as in `sdof`; without w the path would be kept best by standing still; a brake more must gain BRAKE_M.
+normalised force, as in `sdof`; without w the path would be kept best by standing still. Each brake that changes must
+gain what the velocity's noise may move the end by, the rules' `back_speed` (four times that noise) over the horizon.
 """
 
 import math
@@ -18,6 +19,7 @@ import math
 from core.brake import current_for_torque, torque_gain
 from core.control.algorithm import GAP_M, OWN, Algorithm, Parameter, torque_for_force
 from core.control.reflect import nearest_on_edge
+from core.control.velocity_field import PATTERN
 from core.kernels import kernel
 from core.mechanism import JOINTS
 
@@ -25,7 +27,6 @@ HORIZON = Parameter("horizon_s", "horizon", "ms", 1e3, 0.06, (50.0, 100.0))
 PROGRESS = Parameter("progress_weight", "progress", "", 1.0, 0.2, (0.0, 1.0))
 STEPS = 8
 LEAST_S = 1e-3  # a tick: no shorter horizon is looked over
-BRAKE_M = 1e-5
 
 
 @kernel
@@ -65,7 +66,8 @@ def torque_on(tick, i, force):
 def decide(controller, field, tick):
     """The pattern of brakes that ends nearest the path."""
     seen, g, mass, present = tick.seen, tick.g, tick.mass, tick.brakes.present
-    h = max(controller.values[1], LEAST_S) / STEPS
+    horizon = max(controller.values[1], LEAST_S)
+    h, unsure, last = horizon / STEPS, controller.rules.back_speed * horizon, int(tick.memory[PATTERN])
     off0, on0 = torque_on(tick, 0, controller.force_normalised)
     off1, on1 = torque_on(tick, 1, controller.force_normalised)
     off2, on2 = torque_on(tick, 2, controller.force_normalised)
@@ -88,9 +90,9 @@ def decide(controller, field, tick):
         lacking = False
         ended = 0.0
         for i in range(4):
-            if bits >> i & 1:
-                lacking = lacking or present[i] == 0.0
-                ended += BRAKE_M
+            lacking = lacking or (bits >> i & 1 != 0 and present[i] == 0.0)
+            if (bits ^ last) >> i & 1:
+                ended += unsure
         if lacking:
             continue
         most = (
@@ -112,6 +114,7 @@ def decide(controller, field, tick):
     for i in range(4):
         if best >> i & 1:
             tick.current[i] = current_for_torque(tick.brakes, i, on[i])
+    tick.memory[PATTERN] = best
     return OWN + best
 
 

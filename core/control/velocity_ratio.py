@@ -1,16 +1,20 @@
-"""Velocity ratio control in joint space: brake the joint that is too fast for the wanted ratio of joint rates.
+"""Velocity ratio control in joint space: brake the joints that are too fast for the wanted ratio of joint rates.
 
 The desired direction beta gives each joint its part of the wanted rates, r_i = g_i . beta; those of the tip are
 omega_i = g_i . v. With the pace s = max(0, sum omega_i r_i / sum r_i^2) that fits best, joint i is too fast by
     e_i = sign(omega_i) (omega_i - s r_i),
-and the joint of largest e_i gets the torque K e_i. With brakes on two joints that is the comparison of two ratios:
-e_A > 0 where omega_A / r_A > omega_B / r_B.
+and each joint with e_i > b |g_i| gets the torque K (e_i - b |g_i|), b the `back_speed` of the rules: what lies within
+four times the noise of the velocity is not acted upon. With brakes on two joints that is the comparison of two ratios:
+e_A > 0 where omega_A / r_A > omega_B / r_B, and then e_B < 0.
 
 Our reconstruction of Swanson's velocity ratio controller (with Book, 2003, "Path-following control for dissipative
 passive haptic displays"), of which the paper says only that it works in joint space and that proportional velocity
 control was adapted from it. Our choice: the pace by least squares, which takes any number of brakes; a torque that
-grows with the excess; no lock. The sense of a joint that hardly turns is that of the settled rules.
+grows with the excess from 0 on, on every joint that is too fast, so that nothing jumps from brake to brake; no lock.
+The sense of a joint that hardly turns is that of the settled rules.
 """
+
+import math
 
 from core.brake import current_for_torque
 from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
@@ -21,9 +25,9 @@ GAIN = Parameter("ratio_gain_N_m_s", "rate gain", "N m s", 1.0, 50.0, (1.0, 1000
 
 
 @kernel
-def too_fast(tick, field, rules):
-    """The joint with a brake that is fastest for the wanted ratio, and by how much (rad/s); -1: none is too fast."""
-    brakes, g, v = tick.brakes, tick.g, (tick.seen.vx, tick.seen.vy)
+def decide(controller, field, tick):
+    """K (e_i - b |g_i|) on each joint that is too fast; the decision names the one that is so most."""
+    brakes, g, rules, v = tick.brakes, tick.g, controller.rules, (tick.seen.vx, tick.seen.vy)
     along = square = 0.0
     for i in range(4):
         if brakes.present[i] != 0.0:
@@ -31,25 +35,17 @@ def too_fast(tick, field, rules):
             along += (g[i, 0] * v[0] + g[i, 1] * v[1]) * wanted
             square += wanted * wanted
     pace = along / square if along > 0.0 else 0.0
+    off_x, off_y = v[0] - pace * field.beta_x, v[1] - pace * field.beta_y
     push = push_of(tick, rules)
-    joint, most = -1, 0.0
+    fastest, most = -1, 0.0
     for i in range(4):
         if brakes.present[i] != 0.0:
-            dx, dy = v[0] - pace * field.beta_x, v[1] - pace * field.beta_y
-            excess = sense_of(g, i, v, push, rules.still_rate) * (g[i, 0] * dx + g[i, 1] * dy)
+            excess = sense_of(g, i, v, push, rules.still_rate) * (g[i, 0] * off_x + g[i, 1] * off_y)
+            excess -= rules.back_speed * math.hypot(g[i, 0], g[i, 1])
+            tick.current[i] = current_for_torque(brakes, i, controller.values[1] * excess)
             if excess > most:
-                joint, most = i, excess
-    return joint, most
-
-
-@kernel
-def decide(controller, field, tick):
-    """K e_i on the joint that is too fast."""
-    joint, excess = too_fast(tick, field, controller.rules)
-    if joint < 0:
-        return NONE
-    tick.current[joint] = current_for_torque(tick.brakes, joint, controller.values[1] * excess)
-    return OWN + joint
+                fastest, most = i, excess
+    return OWN + fastest if fastest >= 0 else NONE
 
 
 ALGORITHM = Algorithm("velocity-ratio", (GAP_M, GAIN), ("ratio {J}",), decide)

@@ -15,8 +15,11 @@ import numpy as np
 
 from core.control.algorithm import BY_GUARD, GAP, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
+from core.control.rule_sets import SETTLED
 from core.files import InputError
 from core.path import Path, track
+from core.workspace import brake_rows
+from experiments.analysis import steering
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -158,7 +161,11 @@ class Movement:
     @cached_property
     def force(self) -> np.ndarray:
         """Magnitude of the hand force (n,), N."""
-        return np.hypot(self._column("hand_fx_N"), self._column("hand_fy_N"))
+        return np.hypot(*self._hand_force.T)
+
+    @cached_property
+    def _hand_force(self) -> np.ndarray:
+        return self._columns("hand_fx_N", "hand_fy_N")
 
     @cached_property
     def speed(self) -> np.ndarray:
@@ -241,6 +248,28 @@ class Movement:
         asked = (size > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
+
+    def steerable_share(self) -> float | None:
+        desired = self._may_be_missing("desired_x", "desired_y")
+        judged = np.isfinite(desired[:, 0]) & (self.speed > SETTLED.rest_speed)
+        if (braking := steering.from_metadata(self._recording.metadata)) is None or not judged.any():
+            return None
+        velocity = self._columns("tip_vx_m_s", "tip_vy_m_s")[judged]
+        least, most = steering.across_range(braking, self.tip[judged], velocity, self._hand_force[judged])
+        wanted = steering.wanted_across(velocity, desired[judged], self.path.blend_width)
+        return float(np.mean((least <= wanted) & (wanted <= most)))
+
+    def push_held_share(self) -> float | None:
+        forward_x, forward_y, distance = self._may_be_missing("forward_x", "forward_y", "path_distance_m").T
+        inward = np.sign(distance) * np.array([forward_y, -forward_x])  # (2, n)
+        pushed = -np.sum(inward * self._hand_force.T, axis=0)
+        felt = pushed > FELT_FORCE_N
+        if (braking := steering.from_metadata(self._recording.metadata)) is None or not felt.any():
+            return None
+        torques = self._columns(*(f"torque_{joint}_N_m" for joint in self._recording.braked))[felt]
+        rows = brake_rows(braking.mechanism, *self.tip[felt].T)[list(braking.present)]
+        held = np.einsum("kin,nk,in->n", rows, torques, inward[:, felt])
+        return float(np.sum(held) / np.sum(pushed[felt]))
 
     def guarded_share(self) -> float | None:
         if self.least_distance is None:
@@ -473,6 +502,19 @@ METRICS = (
         "for controller 1",
         Movement.chatter,
         shown_unit="1/s", decimals=1, needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "steerable_share", "", "Steerable", "share steerable",
+        "share of the ticks of a moving tip in which the brakes can, with the hand's force, give its motion the "
+        "curvature that leads onto the desired direction a blend width ahead",
+        Movement.steerable_share,
+        better="higher", needs_progress=False, tells_controller=True,
+    ),
+    Metric(
+        "push_held_share", "", "Push away held", "share of the push away that is held",
+        "force of the brakes towards the path / push of the hand away from it, over the ticks in which it is felt",
+        Movement.push_held_share,
+        better="higher", needs_progress=False, tells_controller=True,
     ),
 )  # fmt: skip
 BY_NAME = {metric.name: metric for metric in METRICS}

@@ -22,7 +22,8 @@ from experiments.paper_figures.brake import (
     draw_torque_gain,
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
-from experiments.paper_figures.directions import draw_displays, draw_maps, draw_sketch
+from experiments.paper_figures.directions import UNACHIEVABLE, draw_displays, draw_sketch
+from experiments.paper_figures.maps import MAPS, draw_map
 from experiments.paper_figures.motion import draw_passive_master, draw_releases, draw_stopping
 from experiments.paper_figures.scooter import draw_scooter
 from experiments.paper_figures.workspace import draw_sdof_paths
@@ -79,7 +80,7 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     stops = "how far the handle comes once the guard of obstacles locks"
     return [
         Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
-        Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_maps, devices)),
+        Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_map, UNACHIEVABLE, devices)),
         Picture("displays", "the shipped displays compared, all with the same brake", draw_displays),
         *(
             picture._replace(name=f"{SDOF_FIGURE.get(name, 'fig04-05')}_{picture.name}")
@@ -100,6 +101,12 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     ]
 
 
+def pictures_of_map(which: str, devices: Sequence[Device]) -> list[Picture]:
+    """One of `MAPS` for some devices, beside each other."""
+    shows = f"{which} across the motion over the workspace: {', '.join(device.name for device in devices)}"
+    return [Picture(f"map_{which}", shows, partial(draw_map, MAPS[which], devices))]
+
+
 def _slugs(names: Iterable[str]) -> list[str]:
     """Names as parts of file names, all different."""
     slugs: list[str] = []
@@ -109,14 +116,16 @@ def _slugs(names: Iterable[str]) -> list[str]:
     return slugs
 
 
-def draw_all(devices: Sequence[Device], out_folder: str | Path, progress: Progress = no_progress) -> list[Drawn]:
-    """Draw every figure as PNG and PDF into a folder; the same devices give the same bytes.
+def draw_all(
+    devices: Sequence[Device], out_folder: str | Path, which_map: str | None = None, progress: Progress = no_progress
+) -> list[Drawn]:
+    """Draw every figure, or one map alone, as PNG and PDF into a folder; the same devices give the same bytes.
 
     InputError, and no file left behind, if one of the files exists already or the folder cannot be written.
     `progress` gets the share done (0 to 1).
     """
     folder = Path(out_folder)
-    wanted = pictures(devices)
+    wanted = pictures_of_map(which_map, devices) if which_map else pictures(devices)
     drawn = [Drawn(p.name, p.shows, [folder / f"{p.name}.{form}" for form in FORMS]) for p in wanted]
     files = [file for figure in drawn for file in figure.files]
     refuse_existing_files(files)

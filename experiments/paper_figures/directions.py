@@ -18,10 +18,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Wedge
-from matplotlib.patheffects import withStroke
+from matplotlib.patches import Wedge
 
 from core import tick_log
 from core.device import Device, build_device, load_device, shipped_devices
@@ -32,12 +30,10 @@ from core.workspace import Array, brake_rows, held_in_any_direction
 from experiments.analysis.metrics import trial_metrics
 from experiments.analysis.sheet import (
     BLUE,
-    CM,
     MIDDLE,
     PAGE_IN,
     QUIET,
     SHADED,
-    SMALL,
     TEXT,
     TITLE,
     arrow,
@@ -46,8 +42,8 @@ from experiments.analysis.sheet import (
     title,
 )
 from experiments.numbers import fixed
-from experiments.paper_figures.brake import WHITE, parameters_of
-from experiments.paper_figures.workspace import Workspace, draw_outline, in_cm, workspace_of
+from experiments.paper_figures.brake import WHITE
+from experiments.paper_figures.maps import Map
 from experiments.plan import PlannedTrial
 from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
 from experiments.recording.schema import recording_of
@@ -56,8 +52,6 @@ from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 HALF_TURN = math.pi
-LEVELS_DEG = np.arange(220.0, 321.0, 10.0)  # of the maps' common scale; beyond it: the end's colour
-LABEL_APART_M = 0.06
 
 
 def gaps(lines: npt.ArrayLike) -> Array:
@@ -122,65 +116,23 @@ def _draw_directions(axes: Axes, lines: Array) -> None:
     axes.axis("off")
 
 
-def draw_maps(devices: Sequence[Device]) -> Figure:
-    """Fig. 1 over the workspace: for each device the worst and the mean range over all directions of velocity."""
-    text = (
-        f"{parameters_of(*devices)} Range of directions in which all brakes together cannot push the tip; no passive "
-        "device has less than 180°. In the worst case its excess over 180° is the widest angle between neighbouring "
-        "SDOF paths; the mean is over all directions of velocity. Grey: the limit set by the hard stops."
-    )
-    workspaces = [workspace_of(device.mechanism) for device in devices]
-    width, margins, between, rows = PAGE_IN, (0.6, 1.0, 0.5, 0.4), (0.3, 0.85), len(devices)
-    each = 0.5 * (width - margins[0] - margins[1] - between[0])
-    inner = max(workspace.height_in(each, bases=False) for workspace in workspaces) * rows + between[1] * (rows - 1)
-    figure, grid = sheet(text, (width, inner), margins, (rows, 2), between, inside=True)
-    for row, device, workspace in zip(grid, devices, workspaces, strict=True):
-        lines = force_lines(device.mechanism, device.braked, *np.meshgrid(workspace.x, workspace.y))
-        kinds = (("worst velocity", worst_unachievable), ("mean over velocities", mean_unachievable))
-        for axes, (kind, measure) in zip(row, kinds, strict=True):
-            filled = _draw_map(axes, workspace, np.degrees(measure(lines)))
-            title(axes, f"{device.name}, {kind}")
-        row[1].set_ylabel("")
-    height = figure.get_figheight()
-    bottom = 1.0 - (margins[3] + inner) / height
-    bar = figure.add_axes((1.0 - 0.75 / width, bottom, 0.15 / width, (inner - 0.25) / height))
-    figure.colorbar(filled, cax=bar, ticks=LEVELS_DEG)
-    bar.set_yticks(LEVELS_DEG, [f"{level:g}°" for level in LEVELS_DEG])
-    bar.set_title("unachievable", fontsize=MIDDLE, pad=6)
-    bar.tick_params(length=0)
-    return figure
+def _unachievable(device: Device, x: Array, y: Array) -> tuple[Array, Array]:
+    lines = force_lines(device.mechanism, device.braked, x, y)
+    return np.degrees(worst_unachievable(lines)), np.degrees(mean_unachievable(lines))
 
 
-def _draw_map(axes: Axes, workspace: Workspace, degrees: Array) -> ContourSet:
-    x, y = CM * workspace.x, CM * workspace.y
-    shown = np.ma.masked_invalid(degrees)
-    filled = axes.contourf(x, y, shown, levels=LEVELS_DEG, cmap="cividis_r", extend="both")
-    drawn = axes.contour(x, y, shown, levels=LEVELS_DEG, colors=["white"], linewidths=[0.5])
-    inside = axes.contourf(x, y, workspace.room, levels=[0.0, 1e3], colors="none")
-    outline = PathPatch(inside.get_paths()[0], facecolor="none", edgecolor="none", transform=axes.transData)
-    axes.add_patch(outline)
-    filled.set_clip_path(outline)
-    drawn.set_clip_path(outline)
-    _label_levels(axes, workspace, degrees)
-    draw_outline(axes, workspace)
-    in_cm(axes, workspace, bases=False)
-    plain(axes, grid=False)
-    return filled
-
-
-def _label_levels(axes: Axes, workspace: Workspace, degrees: Array) -> None:
-    """Name the contours where they cross the column of the grid through the workspace's home, not too near together."""
-    column = int(np.argmin(np.abs(workspace.x - workspace.home[0])))
-    value = np.where(workspace.room[:, column] > 0.0, degrees[:, column], np.nan)
-    white, last = withStroke(linewidth=2.0, foreground="white"), -math.inf
-    for k in range(len(value) - 1):
-        for level in LEVELS_DEG:
-            if (value[k] - level) * (value[k + 1] - level) <= 0.0 and workspace.y[k] > last + LABEL_APART_M:
-                last = workspace.y[k]
-                axes.text(
-                    CM * workspace.x[column], CM * last, f"{level:g}°", fontsize=SMALL, ha="center", va="center",
-                    path_effects=[white],
-                )  # fmt: skip
+#: Fig. 1 over the workspace.
+UNACHIEVABLE = Map(
+    "unachievable",
+    "°",
+    "Range of directions in which all brakes together cannot push the tip; no passive device has less than 180°. In "
+    "the worst case its excess over 180° is the widest angle between neighbouring SDOF paths; the mean is over all "
+    "directions of velocity.",
+    ("worst velocity", "mean over velocities"),
+    _unachievable,
+    np.arange(220.0, 321.0, 10.0),
+    "cividis_r",
+)
 
 
 # ------------------------------------------------------------------------------------------------ the displays compared

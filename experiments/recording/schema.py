@@ -15,6 +15,7 @@ Metadata of the schema: crc32, phd (JSON: form, braked, text (the words of each 
 on the bench sensors).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -30,6 +31,8 @@ from core.mechanism import JOINTS
 
 FORM = 1  # rises when a reader of today could no longer read the file
 SEAL = b"\x18" * 8  # stands for the digits of a checksum while it is computed
+
+NO_METADATA: Mapping[str, Any] = {}
 
 #: Text columns -> the integer that stores a word's place.
 TEXT_COLUMNS = {"phase": pa.int8(), "stuck": pa.int8(), "decision": pa.int16()}
@@ -108,14 +111,19 @@ class Recording:
 
 
 def recording_of(
-    rows: np.ndarray, braked: str, path: Path = Path(), decisions: tuple[str, ...] = DECISIONS
+    rows: np.ndarray,
+    braked: str,
+    path: Path = Path(),
+    decisions: tuple[str, ...] = DECISIONS,
+    metadata: Mapping[str, Any] = NO_METADATA,
 ) -> Recording:
     """Ticks (n, tick_log.WIDTH) of a simulated device as a recording in memory."""
     columns = {
         name: rows[:, place].astype(TEXT_COLUMNS[name].to_pandas_dtype()) if name in TEXT_COLUMNS else rows[:, place]
         for name, place in recording_columns(braked)
     }
-    return Recording(path, braked=braked, columns=columns, words=column_words(decisions), complete=True)
+    about = dict(metadata)
+    return Recording(path, about, braked=braked, columns=columns, words=column_words(decisions), complete=True)
 
 
 def same_content(a: Recording, b: Recording) -> bool:

@@ -20,6 +20,7 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, decision_wo
 from core.control.own_file import OwnFile
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
+from experiments.analysis import steering
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, row_of, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
@@ -498,6 +499,7 @@ class Session:
             "link": "serial" if trial.real else "sim",
             "assumed": trial.device.assumed,
             "start": trial.start,
+            steering.KEY: steering.to_metadata(trial.device),
         }  # fmt: skip
         if trial.device.command_unit != "A":
             about["command_unit"] = trial.device.command_unit

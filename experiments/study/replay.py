@@ -24,6 +24,7 @@ from core.path import build_path
 from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
+from experiments.analysis import steering
 from experiments.analysis.metrics import METRICS, along_path, trial_metrics
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
@@ -233,7 +234,8 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device, preset: Pres
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    return recording_of(ticks, device.braked, trial.recording.path, preset.decisions)
+    about = {steering.KEY: steering.to_metadata(trial.stored.protocol.assumptions.applied_to(device))}
+    return recording_of(ticks, device.braked, trial.recording.path, preset.decisions, about)
 
 
 def short_ways(common: float | None, ways: tuple[float, float], status: str) -> list[str]:

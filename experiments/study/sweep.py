@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.own_file import read_own
 from core.device import Device, inline_devices
-from core.files import InputError, NotNegative, Table, choice, parse_toml, read_text
+from core.files import InputError, NotNegative, Table, choice, parse_toml, read_text, shipped_or_file
 from core.own_files import read_own_text
 from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
@@ -29,15 +29,18 @@ from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
-from experiments.study.sweep_effects import effect_files, moves_most, read_effects
+from experiments.study.sweep_effects import SEED, effect_files, effects, moves_most
+from experiments.study.sweep_ranks import rank_files, ranks, said
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 from experiments.trial.tick import TICK_S
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
+Seed = Annotated[int, msgspec.Meta(ge=0)]
+SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "sweeps"
 MOST_JOBS = 1_000_000
-#: Of the table; the assumptions that vary stand behind the rules, the parameters and measures of one's own files behind
-#: the shipped ones.
+#: Of the table; the seed and assumptions, where they vary, stand behind the rules, the parameters and measures of one's
+#: own files behind the shipped ones.
 FACTORS = "population", "configuration", "rules"
 MEASURED = "operator", "segment", "repetition", "status", *BY_NAME, "energy_residual_J", "energy_added_max_J"
 
@@ -101,11 +104,11 @@ class SweepFile(Table, frozen=True):
     """One sweep as it stands in its file."""
 
     name: Text
-    controller: Annotated[tuple[SweptController, ...], msgspec.Meta(min_length=1)]
+    controller: tuple[SweptController, ...] = ()  # none: those of the protocol
     protocol: Text = "paper"
     operators: Count = 3
     repetitions: Count = 3
-    seed: Annotated[int, msgspec.Meta(ge=0)] = 1
+    seed: Seed | Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] = 1
     populations: Names = ("average",)
     devices: Names | None = None
     rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
@@ -119,9 +122,13 @@ class SweepFile(Table, frozen=True):
         given = msgspec.structs.asdict(self.assumptions)
         return {key: values for key, values in given.items() if values is not None}
 
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        return self.seed if isinstance(self.seed, tuple) else (self.seed,)
+
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
-        named = {key: getattr(self, key) or () for key in ("populations", "devices", "rules")}
+        named = {key: getattr(self, key) or () for key in ("populations", "devices", "rules")} | {"seed": self.seeds}
         for key, values in (named | {f"assumptions.{key}": values for key, values in self.varied.items()}).items():
             if len(set(values)) < len(values):
                 raise ValueError(f"{key}: the same value is given twice")
@@ -138,7 +145,7 @@ class SweepCell:
     preset: Preset
     operator: int
     repetitions: int
-    varied: tuple[str, ...]  # assumptions that are not the same in all jobs
+    varied: tuple[str, ...]  # the seed and assumptions, where they are not the same in all jobs
     parameters: tuple[str, ...]  # of any controller of the sweep
     own: tuple[Metric, ...]  # measures of the protocol's own file
     controller_name: str  # as the protocol has it, else its algorithm and parameters as the sweep has them
@@ -160,14 +167,17 @@ class SweepCell:
     def _cells(self, row: TrialRow) -> list[object]:
         return [
             self.population.name, self.device.name, self.protocol.rules,
-            *(getattr(self.protocol.assumptions, name) for name in self.varied),
+            *(self.protocol.seed if name == SEED else getattr(self.protocol.assumptions, name) for name in self.varied),
             self.preset.kind, *map(self.preset.value, self.parameters), self.operator,
             *map(row.value, MEASURED[1:]), self.controller_name, *(row.value(metric.name) for metric in self.own),
         ]  # fmt: skip
 
 
-def load_sweep(path: Path) -> Work[SweepCell]:
-    """The sweep of a file. InputError, one sentence with file and key, for anything that cannot be run."""
+def load_sweep(name_or_path: str | Path) -> Work[SweepCell]:
+    """A shipped sweep by its name, or that of a file. InputError, one sentence with file and key, for anything that
+    cannot be run.
+    """
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown sweep")
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
     inline = inline_devices(file.device, file.brake, path.parent, str(path))
@@ -176,17 +186,19 @@ def load_sweep(path: Path) -> Work[SweepCell]:
     )
     protocol = load_protocol(local_or_shipped(path, file.protocol), devices=devices)
     populations = [load_population(local_or_shipped(path, name)) for name in file.populations]
-    names = [population.name for population in populations]
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
+    called = [population.name for population in populations]
+    if len(set(called)) < len(called):
+        raise InputError(f"{path}: populations: two have the same name ({', '.join(called)})")
+    in_protocol = presets_of(protocol)
     try:
-        presets = [preset for controller in file.controller for preset in controller.presets(path.parent)]
+        given = [preset for controller in file.controller for preset in controller.presets(path.parent)]
     except ValueError as error:  # of a file of its own: the others were looked at with the sweep's
         raise InputError(f"{path}: controller: {error}") from None
+    presets = given or in_protocol
     if len(set(presets)) < len(presets):
         raise InputError(f"{path}: controller: the same controller is given twice")
     all_rules = file.rules or (protocol.rules,)
-    lists = populations, protocol.devices, all_rules, presets, *file.varied.values()
+    lists = populations, protocol.devices, file.seeds, all_rules, presets, *file.varied.values()
     count = file.operators * math.prod(map(len, lists))
     if count > MOST_JOBS:  # before they are spread out
         raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
@@ -196,13 +208,14 @@ def load_sweep(path: Path) -> Work[SweepCell]:
         for device in protocol.devices:
             encoder_counts(device)
     protocols = [
-        replace(protocol, seed=file.seed, rules=rules, assumptions=own, trial=replace(protocol.trial, assumptions=own))
+        replace(protocol, seed=seed, rules=rules, assumptions=own, trial=replace(protocol.trial, assumptions=own))
+        for seed in file.seeds
         for rules in all_rules
         for own in assumed
     ]
     cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
-    varied = tuple(key for key, values in file.varied.items() if len(values) > 1)
-    in_protocol = {entry[1:]: entry.name for entry in presets_of(protocol)}
+    varied = tuple(key for key, values in {SEED: file.seeds, **file.varied}.items() if len(values) > 1)
+    names = {entry[1:]: entry.name for entry in in_protocol}
     parameters, own = tuple(dict.fromkeys([*PARAMETERS, *(n for p in presets for n in p.named)])), own_metrics(protocol)
     columns = (*FACTORS, *varied, "kind", *parameters, *MEASURED, "controller_name", *(metric.name for metric in own))
     if len(set(columns)) < len(columns):
@@ -220,7 +233,7 @@ def load_sweep(path: Path) -> Work[SweepCell]:
             varied,
             parameters,
             own,
-            in_protocol.get(preset[1:], preset.words),
+            preset.name if preset in in_protocol else names.get(preset[1:], preset.words),
         )  # fmt: skip
         for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
     )
@@ -245,12 +258,15 @@ def run_sweep(
     finished = run_work(sweep, Path(out), resume, cluster, progress)
     assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
     with finished.table.open(newline="", encoding="utf-8") as stream:
-        done = [row["status"] == "done" for row in csv.DictReader(stream)]
-    first = sweep.jobs[0]
-    found = read_effects(finished.table, first.varied, first.parameters, (*FIGURES, *first.own))
+        rows = list(csv.DictReader(stream))
+    done, first = [row["status"] == "done" for row in rows], sweep.jobs[0]
+    found = effects(rows, first.varied, first.parameters, (*FIGURES, *first.own))
+    ranked = ranks(rows, first.varied)
     figures = Path(out) / "figures"
-    if found and not figures.exists():
-        write_new_files({figures / name: content for name, content in effect_files(found, sweep.name).items()})
+    if (found or ranked) and not figures.exists():
+        files = effect_files(found, sweep.name) if found else {}
+        files |= rank_files(ranked, sweep.name) if ranked else {}
+        write_new_files({figures / name: content for name, content in files.items()})
     return {
         "out": str(finished.table),
         "name": sweep.name,
@@ -262,4 +278,5 @@ def run_sweep(
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
         "moves_most": moves_most(found),
+        "ranks": said(ranked),
     }

@@ -4,7 +4,6 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib
@@ -18,9 +17,11 @@ from experiments.numbers import significant
 
 LEVEL = 0.95
 PANEL_IN = 1.5
-_ALWAYS = ("population", "configuration", "rules", "kind")
+SEED = "seed"
+ALWAYS = ("population", "configuration", "rules", "kind")
 
 Row = dict[str, str]  # of sweep.csv
+Person = tuple[str, str, str]  # population, seed, number
 
 
 class Effect(NamedTuple):
@@ -45,17 +46,22 @@ class Effect(NamedTuple):
         return f"{self.key}, from {least}{unit} at {self.values[low]} to {most}{unit} at {self.values[high]}"
 
 
+def person_in(row: Row) -> Person:
+    """Who moved the handle in a row: another seed draws other people."""
+    return row["population"], row.get(SEED, ""), row["operator"]
+
+
 def effects(
     rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str] = (*PARAMETERS,),
     measures: Sequence[Metric] = FIGURES,
 ) -> list[Effect]:  # fmt: skip
     """Every key with more than one value against every measure that has a value at each of them.
 
-    varied: assumptions that are not the same in all rows; parameters: of all controllers. Trials that did not reach the
-    end are left out.
+    varied: the seed and assumptions that are not the same in all rows; parameters: of all controllers. Trials that did
+    not reach the end are left out.
     """
     done = [row for row in rows if row["status"] == "done"]
-    keys = [(key, key, done) for key in (*_ALWAYS, *varied)]
+    keys = [(key, key, done) for key in (*ALWAYS, *varied)]
     for kind in dict.fromkeys(row["kind"] for row in done):
         own = [row for row in done if row["kind"] == kind]
         keys += [(f"{key} of {kind}", key, own) for key in parameters]
@@ -69,11 +75,10 @@ def _effect(name: str, column: str, rows: Sequence[Row], measure: Metric) -> Eff
         return None
     means, half = np.full(len(values), math.nan), np.full(len(values), math.nan)
     for place, value in enumerate(values):
-        people: dict[tuple[str, str], list[float]] = {}
+        people: dict[Person, list[float]] = {}
         for row in rows:
             if row[column] == value and row[measure.name]:
-                person = people.setdefault((row["population"], row["operator"]), [])
-                person.append(measure.scale * float(row[measure.name]))
+                people.setdefault(person_in(row), []).append(measure.scale * float(row[measure.name]))
         each = [float(np.mean(some)) for some in people.values()]
         if each:
             means[place] = np.mean(each)
@@ -97,14 +102,6 @@ def _measures_of(found: Sequence[Effect]) -> list[Metric]:
     there = {effect.measure.name: effect.measure for effect in found}
     own = [measure for measure in there.values() if measure not in FIGURES]
     return [*(measure for measure in FIGURES if measure.name in there), *own]
-
-
-def read_effects(
-    table: Path, varied: Sequence[str], parameters: Sequence[str], measures: Sequence[Metric]
-) -> list[Effect]:
-    """The effects in the table of a sweep."""
-    with table.open(newline="", encoding="utf-8") as stream:
-        return effects(list(csv.DictReader(stream)), varied, parameters, measures)
 
 
 def effect_files(found: Sequence[Effect], name: str) -> dict[str, bytes]:

@@ -17,6 +17,7 @@ from core.control.controllers import Preset, make_preset
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice, start_again
+from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
@@ -98,7 +99,8 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     rows = run_trial(trial)
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions)
+    about = {steering.KEY: steering.to_metadata(trial.device)}
+    recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions, metadata=about)
     values |= measure(recording, trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
 

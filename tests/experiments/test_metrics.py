@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from core import tick_log
 from core.control import algorithm
 from core.control import controllers as control
+from core.device import load_device
 from core.files import InputError
 from core.path import Arc, Polyline, build_path, line, point_at
 from experiments.analysis import metrics as m
+from experiments.analysis import steering
 from experiments.analysis.findings import IN_BOXES
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
@@ -254,7 +256,9 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.TIP_AX] = generator.normal(size=3000)
     rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
     rows[:, tick_log.WANTED_FX] = 10.0
-    with RecordingWriter(tmp_path / "run-001.arrows", "A", {}, sync=False) as writer:
+    rows[:, [tick_log.FORWARD_X, tick_log.PATH_DISTANCE, tick_log.HAND_FY]] = 1.0
+    about = {steering.KEY: steering.to_metadata(load_device("three-brake"))}
+    with RecordingWriter(tmp_path / "run-001.arrows", "AEB", about, sync=False) as writer:
         writer.write(rows)
     from_file = measured(read_recording(tmp_path / "run-001.arrows"))
     move = slice(600, 2900)

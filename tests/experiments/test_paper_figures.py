@@ -272,7 +272,7 @@ def figures(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_figures, "figure_bytes", noted)
-        return Figures(folder, draw_all([ASSUMED], folder, shares.append), shares, written)
+        return Figures(folder, draw_all([ASSUMED], folder, progress=shares.append), shares, written)
 
 
 def test_every_figure_appears_as_png_and_pdf(figures):

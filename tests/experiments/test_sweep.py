@@ -3,6 +3,7 @@
 Here one core runs most of them: that the table is the same whatever ran where is shown by `test_worlds`.
 """
 
+import itertools
 import json
 import signal
 import subprocess
@@ -24,7 +25,10 @@ from waiting import wait_until
 from app.cli import main
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME
+from experiments.assumptions import SENSINGS
+from experiments.protocol import load_protocol
 from experiments.study.sweep import load_sweep, run_sweep
+from experiments.study.sweep_ranks import ranks
 
 SMALL = """
 name = "small"
@@ -161,7 +165,7 @@ def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, whole):
 
 
 WRONG = {
-    "no controller": (SMALL.split("[[controller]]")[0], "controller"),
+    "the same seed twice": ("seed = [1, 1]\n" + SMALL, "seed: the same value is given twice"),
     "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
     "unknown key": ("speed = 3\n" + SMALL, "speed"),
     "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
@@ -220,3 +224,52 @@ def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path)
     if part.exists():
         assert part.read_bytes() == first.run().rows
     assert json.loads((out / "sweep.json").read_text())["name"] == "small"
+
+
+def test_a_sweep_without_controllers_takes_those_of_its_protocol_under_each_seed():
+    arena = load_sweep("arena")
+    names = {preset.name for preset in load_protocol("arena").controllers.values()}
+    assert {job.controller_name for job in arena.jobs} == names
+    assert {(job.protocol.seed, job.population.name, job.protocol.assumptions.sensing) for job in arena.jobs} == set(
+        itertools.product((1, 2, 3), ("average", "tremulous"), SENSINGS)
+    )
+    assert len(arena.jobs) == len(names) * 4 * 12 * 3 * 2  # displays, people, seeds, sensings
+    assert arena.columns[arena.columns.index("rules") + 1 :][:2] == ("seed", "sensing")
+
+
+def made_rows(errors, seeds=("1",)):
+    """Rows of a sweep in which the path error (m) of each controller is `errors(seed, person)`."""
+    return [
+        dict.fromkeys(BY_NAME, "") | {
+            "population": "average", "configuration": "pter", "rules": "settled", "kind": name, "seed": seed,
+            "operator": str(person), "status": "done", "controller_name": name, "path_error_m": str(error),
+        }
+        for seed in seeds for person in range(12) for name, error in errors(seed, person).items()
+    ]  # fmt: skip
+
+
+def test_ranks_tie_controllers_whose_order_changes_with_the_seed_or_with_the_people():
+    def errors(seed, person):
+        turn = 1e-3 if seed == "1" else -1e-3
+        shaky = 0.05 if person % 2 else 0.03
+        return {"best": 1e-3, "a": 0.01 + turn, "b": 0.01 - turn, "steady": 0.04, "shaky": shaky, "worst": 0.1}
+
+    found = {rank.controller: rank for rank in ranks(made_rows(errors, ("1", "2")), ("seed",)) if rank.where == "all"}
+    assert {name: rank.place for name, rank in found.items()} == {
+        "best": "1", "a": "2 to 3", "b": "2 to 3", "steady": "4 to 5", "shaky": "4 to 5", "worst": "6"
+    }  # fmt: skip
+    assert found["a"].of_seeds == (3, 2) and found["best"].value == 1.0  # mm
+
+
+def test_the_value_of_a_controller_is_the_median_of_people_and_its_rank_that_of_the_values(whole):
+    out = whole[1]
+    frame = pd.read_csv(out / "sweep.csv", keep_default_na=False, na_values=[""]).query("status == 'done'")
+    lines = [line for line in csv_rows(out / "figures/ranks.csv") if line["where"] == "all"]
+    for line in lines:
+        one = BY_NAME[line["measure"]]
+        each = frame.groupby(["controller_name", "operator"])[one.name].mean().groupby("controller_name").median()
+        assert float(line["value"]) == pytest.approx(one.scale * each[line["controller"]])
+        order = each.rank(ascending=one.better == "lower", method="first")
+        assert each[line["controller"]] == each[order.index[order == float(line["rank"])]].item()
+    assert {line["controller"] for line in lines} == set(frame["controller_name"])
+    assert any(sentence.startswith("front: ") for sentence in whole[0]["ranks"])
