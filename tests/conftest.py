@@ -1,5 +1,6 @@
 """What tests of the mechanics share."""
 
+import gc
 import os
 import tempfile
 from collections.abc import Iterator
@@ -73,6 +74,17 @@ def own_scale() -> Iterator[None]:
     os.environ.pop("QT_SCALE_FACTOR", None)
     if before is not None:
         os.environ["QT_SCALE_FACTOR"] = before
+
+
+@pytest.fixture(autouse=True)
+def ordinary_scheduling() -> Iterator[None]:
+    """A verb that takes the scheduling of a control loop is run in a process of its own, or not allowed to take it: the
+    tests after it, and the programs that they start, would have it too, and hold up the machine.
+    """
+    yield
+    if hasattr(os, "sched_getscheduler"):
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    assert gc.isenabled()
 
 
 @pytest.fixture(scope="session", autouse=True)
