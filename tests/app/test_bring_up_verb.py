@@ -20,6 +20,12 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
     assert running.end() == 0
 
 
+@pytest.fixture(autouse=True)
+def no_scheduling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Verbs that run in this process do not take the scheduling of a control loop."""
+    monkeypatch.setattr("app.ipc.scheduling.take_scheduling", lambda: None)
+
+
 def arguments(emulated: Emulated, data: Path) -> list[str]:
     link = emulated.port if "://" in emulated.port else f"serial:{emulated.port}"
     return ["bring-up", "--link", link, "--by", "A. Builder", "--data-dir", str(data)]
