@@ -50,7 +50,7 @@ class Pipe:
     def receive(self, wait_s: float = 0.0) -> list:
         """Messages that have arrived; waits at most `wait_s` for the first.
 
-        Not of a `SimpleQueue`: its `get` (Python 3.11) never returns if a signal comes just as its time runs out.
+        The inbox is no `SimpleQueue`, whose `get` (Python 3.11) may wait for ever after a signal as its time runs out.
         """
         messages: list = []
         try:
