@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table, row_of
+from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table, row_of, table_bytes
 from experiments.plan import PRACTICE_BLOCK, counted
 from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
@@ -107,6 +107,7 @@ class _SessionCheck:
         except InputError as error:
             self._fault(files.TABLE, error)
         else:
+            self._check_written_here()
             for right in right_rows:
                 self._check_row(right)
             self._check_rows_without_recording()
@@ -235,6 +236,13 @@ class _SessionCheck:
         for run, count in Counter(row.run for row in rows).items():
             if count > 1:
                 self._fault(files.TABLE, f"has {count} rows for run {run}")
+
+    def _check_written_here(self) -> None:
+        """Note what reading passes over, as a column whose name has changed."""
+        table = self.session / files.TABLE
+        if table.exists() and not self.live and table.read_bytes() != table_bytes(read_table(table)):
+            text = "is not as this version writes it: another version or a person wrote it, or a character changed"
+            self.notes.append((files.TABLE, text))
 
     def _check_row(self, right: TrialRow) -> None:
         """Compare the row of a recording with what the recording gives."""

@@ -118,13 +118,16 @@ def test_every_firmware_is_built_without_a_warning(name: str) -> None:
 
 
 def test_it_keeps_within_its_ceilings_and_the_page_has_its_figures() -> None:
-    """Another compiler takes a little more or less: within a hundredth of the ceiling."""
+    """Within a hundredth of the ceiling (another compiler takes a little more or less), the stack within a twentieth:
+    an interrupt comes where it happens to come.
+    """
     taken = figures()
     assert not {name: of for name, of in taken.items() if not 0 < of <= CEILINGS[name]}
     said = dict(re.findall(r"^\| (.+?) \| ([\d,]+ \| [\d,]+) \|$", PAGE.read_text(encoding="utf-8"), re.M))
     for name, took in taken.items():
         on_page, ceiling = (int(number.replace(",", "")) for number in said[name].split(" | "))
-        assert ceiling == CEILINGS[name] and abs(on_page - took) <= 0.01 * ceiling, row(name, took)
+        room = ceiling / (20 if "stack" in name else 100)
+        assert ceiling == CEILINGS[name] and abs(on_page - took) <= room, row(name, took)
 
 
 def row(name: str, took: int) -> str:
