@@ -107,7 +107,7 @@ class SessionPanel(Panel):
         self._show_coming(opened, snapshot)
         self._show_status(opened, snapshot, reads)
         self._offer(snapshot, can)
-        self.start.setText("Next page of instructions" if reads else "Start")
+        self.start.setText("Next page" if reads else "Start")
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
             self.notes.setPlainText(text)
