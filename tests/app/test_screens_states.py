@@ -8,7 +8,7 @@ import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, pulse, ready, result, running, ticks
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QPicture
-from PySide6.QtWidgets import QLabel
+from PySide6.QtWidgets import QAbstractButton, QLabel
 from screens import Screens, cut_texts, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
 
@@ -19,7 +19,7 @@ from app.window.canvas.linkage_view import REACHABLE
 from app.window.canvas.plane import Plane
 from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from app.window.run.plan_grid import MARKS
-from app.window.run.run_page import UNMEASURED
+from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
 from app.window.widgets.plots import NOTHING
 from app.window.widgets.theme import COLOURS
@@ -333,3 +333,11 @@ def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(screen
         painter.end()
         arrows.append(picture.boundingRect())
     assert all(view.rect().contains(arrow) for arrow in arrows), arrows
+
+
+def test_nothing_can_be_pressed_on_run_before_there_is_a_protocol(qtbot) -> None:
+    page = RunPage(lambda command: None)
+    qtbot.addWidget(page)
+    page.show()
+    seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
+    assert seen and not any(button.isEnabled() for button in seen)
