@@ -56,7 +56,7 @@ class SettingsCard(OverlayCard):
         kept = memory.remembered(memory.DATA_FOLDER)
         folder = OneLine(from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL)
         grid = grid_of({
-            "Theme": (self.theme, "From the next start on."),
+            "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),

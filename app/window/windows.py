@@ -31,7 +31,6 @@ from core.kernels.cache import is_compiled
 
 LARGEST = (1920, 1080)  # px, as the main window opens
 FRAME_S = 1.0 / 60.0
-HAND_BACK_S = 2.0  # after the participant's window was shown beside the main window
 
 
 class Windows(QObject):
@@ -48,7 +47,6 @@ class Windows(QObject):
         self._warm_up: threading.Thread | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
         self._next: tuple[Setup, object] = client.setup, None
-        self._hand_back_until_s = 0.0
         self.participant.installEventFilter(self)
         main, shown = self.main, self.participant
         main.participant_asked.connect(self.show_or_hide_participant)
@@ -58,6 +56,8 @@ class Windows(QObject):
         shown.view.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
         shown.view.pointer_left.connect(lambda: self.client.ring.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
+        for answered in (shown.questions.answered, shown.consent.answered):
+            answered.connect(self._hand_back)
         shown.close_asked.connect(self._close_asked)
         shown.reading.connect(main.show_reading)
         main.consent_asked.connect(shown.ask_consent)
@@ -163,16 +163,19 @@ class Windows(QObject):
         self.participant.showFullScreen()
         if other is None:
             self.participant.activateWindow()
-        else:
-            self._hand_back_until_s = time.perf_counter() + HAND_BACK_S
         self.participant.show_snapshot(self.main.snapshot)
         self.main.ask_participant(self.participant.isVisible())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Where both windows are seen the keyboard is the experimenter's: some window systems give it to the newest."""
-        if event.type() == QEvent.Type.WindowActivate and time.perf_counter() < self._hand_back_until_s:
-            QTimer.singleShot(0, self.main.activateWindow)
+        """The participant's window was given the keyboard, because it is new or was clicked."""
+        if event.type() == QEvent.Type.WindowActivate and not self.participant.asks:
+            QTimer.singleShot(0, self._hand_back)
         return super().eventFilter(watched, event)
+
+    def _hand_back(self) -> None:
+        """Where both windows are seen the keyboard is the experimenter's, whose cards are answered by Enter."""
+        if self.participant.isVisible() and not self.one_screen and not self.over:
+            self.main.activateWindow()
 
     # ------------------------------------------------------------------------------------------- frames
 

@@ -25,7 +25,7 @@ from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
-SUMMARY = "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
+SUMMARY = "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20\u00a0min"
 
 
 class Shown(PageDriver):

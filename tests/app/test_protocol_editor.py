@@ -114,6 +114,15 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
         assert not editing.editor.save.isEnabled() and editing.editor.plan.toPlainText() == ""
 
 
+def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
+    editing.editor.open("curves")
+    fields = [field for path in editing.editor._points for field in path]
+    assert "-93.969" in [field.text() for field in fields]
+    for field in fields:
+        edges = field.width() - field.contentsRect().width() + 16  # with the padding of the sheet
+        assert field.fontMetrics().horizontalAdvance(field.text()) + edges <= field.width(), field.text()
+
+
 def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:
     editor = editing.editor
     settle(editing.holder)

@@ -170,12 +170,27 @@ def comes_to_have_the_keyboard(qtbot, window: QWidget) -> None:
 
 def test_with_a_second_screen_the_console_has_the_keyboard_at_the_start(qtbot, screens: Screens, monkeypatch) -> None:
     monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
-    monkeypatch.setattr("app.window.windows.HAND_BACK_S", 60.0)
     screens.windows.show()
     comes_to_have_the_keyboard(qtbot, screens.main)
     screens.windows.show_or_hide_participant()
     screens.windows.show_or_hide_participant()
     assert screens.participant.isVisible()
+    comes_to_have_the_keyboard(qtbot, screens.main)
+
+
+def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_console(
+    qtbot, screens: Screens, monkeypatch
+) -> None:
+    """The participant has it while they answer, and no longer."""
+    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
+    screens.windows.show()
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    screens.participant.activateWindow()
+    comes_to_have_the_keyboard(qtbot, screens.participant)
+    screens.participant.questions.answered.emit({})
+    comes_to_have_the_keyboard(qtbot, screens.main)
+    screens.hear(ready(10, stage=m.RERIG))
+    screens.participant.activateWindow()  # as a click does
     comes_to_have_the_keyboard(qtbot, screens.main)
 
 

@@ -302,7 +302,7 @@ def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages
     window.show()
     instructed(screens, how)
     screens.client.sent.clear()
-    assert start.text() == "Next page of instructions"
+    assert start.text() == "Next page" and screens.run.small.text() == "Space: next page"
     for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
         turn()
         assert screens.client.sent == [] and (window.instructions.text.text() == text or not text)

@@ -6,9 +6,9 @@ import wave
 import numpy as np
 import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, pulse, ready, result, running, ticks
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QLabel
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QImage, QPainter, QPicture
+from PySide6.QtWidgets import QAbstractButton, QLabel
 from screens import Screens, cut_texts, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
 
@@ -16,9 +16,10 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import HAND
 from app.window.canvas.layers import OFF
 from app.window.canvas.linkage_view import REACHABLE
+from app.window.canvas.plane import Plane
 from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from app.window.run.plan_grid import MARKS
-from app.window.run.run_page import UNMEASURED
+from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
 from app.window.widgets.plots import NOTHING
 from app.window.widgets.theme import COLOURS
@@ -79,6 +80,18 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
     assert view.path is None and view.tip is None
     screens.hear(ready(22))
     assert view.path == opened().protocol.paths[PLAN[22].segment] and view.tip is not None
+
+
+def test_the_device_that_comes_has_no_numbers_of_the_trial_before_and_no_force_that_nobody_measures(
+    screens: Screens,
+) -> None:
+    screens.hear(opened(), running(29))
+    screens.tick(movement(PLAN[29].segment, "AEB", 1.0))
+    view = screens.run.workspace.view
+    assert view.title == "Move" and "N" in view.force_texts["hand"]
+    screens.hear(ready(30, stage=m.RERIG))
+    assert PLAN[29].configuration != PLAN[30].configuration == view.instant.device.name
+    assert (view.title, view.line) == ("", "") and set(view.force_texts.values()) == {"–"}
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
@@ -307,3 +320,24 @@ def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Scree
     for tones, over in ((False, 0), (True, 1)):  # once, before the first trial
         screens.hear(opened(protocol=paper(tones=tones)), ready(over))
         assert not screens.run.panel.notice.isVisible()
+
+
+def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(screens: Screens) -> None:
+    view, arrows = Plane(QRectF(-0.1, 0.3, 0.2, 0.2), follows_mouse=False), []
+    view.resize(400, 300)
+    for tip in ((0.9, -0.9), (-0.9, 0.9), (0.9, 0.4), (0.0, -0.9)):
+        view.show_handle(tip)
+        picture = QPicture()
+        painter = QPainter(picture)
+        view._paint_way_out(painter, view.to_screen(tip))
+        painter.end()
+        arrows.append(picture.boundingRect())
+    assert all(view.rect().contains(arrow) for arrow in arrows), arrows
+
+
+def test_nothing_can_be_pressed_on_run_before_there_is_a_protocol(qtbot) -> None:
+    page = RunPage(lambda command: None)
+    qtbot.addWidget(page)
+    page.show()
+    seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
+    assert seen and not any(button.isEnabled() for button in seen)

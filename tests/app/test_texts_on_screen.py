@@ -110,6 +110,11 @@ def card(name: str) -> Callable[[Screens], None]:
     return show
 
 
+def instructed(screens: Screens) -> None:
+    screens.hear(opened(), ready(0))
+    screens.main.show_reading(True)
+
+
 def editor(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
@@ -128,7 +133,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
-    "editor": editor, "consent": consent,
+    "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, lost": device(ready(3, checks=LOST), None),

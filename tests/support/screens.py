@@ -60,7 +60,6 @@ class Screens:
         while self.main.cards.leave() or self.run.cancel():
             pass
         self.client = self.windows.client = FakeClient()
-        self.windows._hand_back_until_s = 0.0
         self.main.show_client(self.client, None)
         self.hear(opened(""), before())
         self.main.show_page(RUN)

@@ -181,7 +181,8 @@ class ForceView(Plane):
         does = doing(now.device, self._ticks) if self._ticks is not None else nothing
         self.doing = {} if self.blind else does
         forces = {HAND: now.hand} if self.blind else {HAND: now.hand, BRAKES: now.brakes}
-        self.force_texts = {name: f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
+        rests = self._ticks is None  # nobody measures
+        self.force_texts = {name: "–" if rests else f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
         self._text_current = True
         self.update()
 

@@ -76,9 +76,9 @@ class LinkageView(ForceView):
         self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
         super().show_trial(device, path, tip)
 
-    def rest(self, tip: layers.Point) -> None:
+    def _rest(self, device: Device, tip: layers.Point) -> None:
         self.show_text("", "")
-        super().rest(tip)
+        super()._rest(device, tip)
 
     def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         if self._path is not None:

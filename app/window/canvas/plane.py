@@ -412,7 +412,8 @@ class Plane(QWidget):
 
     def _paint_way_out(self, painter: QPainter, handle: QPointF) -> None:
         """At the edge, an arrow to the handle, which is out of sight."""
-        room = QRectF(self.rect()).adjusted(6.0, 6.0, -6.0, -6.0)
+        half = 0.5 * AWAY_PX
+        room = QRectF(self.rect()).adjusted(half, half, -half, -half)  # it is seen whole, in a corner too
         at = QPointF(
             min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom())
         )  # fmt: skip
@@ -421,7 +422,6 @@ class Plane(QWidget):
         painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(shade(COLOURS.handle))
-        half = 0.5 * AWAY_PX
         painter.drawPolygon(QPolygonF([QPointF(0.0, 0.0), QPointF(-AWAY_PX, half), QPointF(-AWAY_PX, -half)]))
         painter.restore()
 

@@ -373,7 +373,7 @@ class HomePage(Page):
         elif self.loaded is not None:
             other = own not in ("", self.loaded.protocol.name)
             goes_on = f"Participant {wanted.participant} goes on by their own protocol, {own}."
-            self.summary.setText(goes_on if other else self.loaded.summary)
+            self.summary.setText(goes_on if other else self.loaded.summary.replace(" min", "\u00a0min"))
 
     def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
         self.standing.setText(standing_of(wanted))

@@ -62,6 +62,7 @@ WAIT_MS = 200  # after the last change, before the content is read
 TOML = "TOML files (*.toml)"
 WHERE = "protocol"  # begins the reader's sentences
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
+POINT_PX = 78  # wide, a coordinate, at a text size of 1: -93.969 has room
 
 #: key of the file -> what stands at its field
 LABELS = {
@@ -261,8 +262,8 @@ class ProtocolEditor(Panel):
         for number, point in enumerate(points_of(path), start=1):
             for axis, value in zip("xy", point, strict=True):
                 field = NumberField(f"{axis} of point {number} of path {place + 1}")
-                field.show_value(f"{1e3 * value:.10g}")
-                field.setFixedWidth(theme.text_px(58))
+                field.show_value(in_mm(value))
+                field.setFixedWidth(theme.text_px(POINT_PX))
                 field.setToolTip(f"Point {number}: {axis}, mm")
                 field.changed.connect(lambda _, place=place: self._points_typed(place))
                 fields.append(field)
@@ -372,7 +373,7 @@ class ProtocolEditor(Panel):
         with contextlib.suppress(InputError):
             self._reshape(place, points)
             for field, value in zip(self._points[place], itertools.chain(*points), strict=True):
-                field.show_value(f"{1e3 * value:.10g}")
+                field.show_value(in_mm(value))
 
     def _points_typed(self, place: int) -> None:
         """A number of a path was typed."""
@@ -513,3 +514,8 @@ def form_of(text: str) -> dict[str, Any] | None:
 def form_text(form: dict[str, Any]) -> str:
     """The same as text."""
     return "; ".join(f"{name}: {kind if isinstance(kind, str) else ', '.join(kind)}" for name, kind in form.items())
+
+
+def in_mm(length_m: float) -> str:
+    """A coordinate as it is shown. Our choice: to a micrometre."""
+    return f"{round(1e3 * length_m, 3):.10g}"

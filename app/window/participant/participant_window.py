@@ -179,6 +179,11 @@ class ParticipantWindow(QWidget):
             self.consent.show_consent(consent)
         self._choose_page()
 
+    @property
+    def asks(self) -> bool:
+        """Whether the participant answers something here, perhaps with the keyboard."""
+        return self._stack.currentWidget() in (self.questions, self.consent)
+
     def start(self) -> bool:
         """Space or a click: the next page of the instructions; whether there was one."""
         turned = self._stack.currentWidget() is self.instructions and self.instructions.turn()

@@ -347,7 +347,9 @@ class RunPage(Page):
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
             self.recording.show_proof(snapshot, None, 0.0)
-            self._write(words.between(snapshot, opened, hand_is_mouse(opened)))
+            shown = words.between(snapshot, opened, hand_is_mouse(opened))
+            turns = words.language_of(opened)["page_space"]
+            self._write(shown._replace(small=turns) if self.participant_reads else shown)
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
         self.cards.show_session(opened, snapshot, self)

@@ -79,6 +79,8 @@ class SessionPanel(Panel):
             self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self._texts = {pressed: pressed.text() for pressed in (self.abort, self.leave, self.redo, self.skip)}
+        self.abort.hide()
+        self.setEnabled(False)  # until there is a protocol
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -97,6 +99,7 @@ class SessionPanel(Panel):
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot, can: Actions, reads: bool) -> None:
         """Where the session stands and what can be done. reads: the participant has a page of instructions."""
+        self.setEnabled(True)
         self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
         self.grid.show_session(opened, snapshot)
         self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
@@ -107,7 +110,7 @@ class SessionPanel(Panel):
         self._show_coming(opened, snapshot)
         self._show_status(opened, snapshot, reads)
         self._offer(snapshot, can)
-        self.start.setText("Next page of instructions" if reads else "Start")
+        self.start.setText("Next page" if reads else "Start")
         text = "\n".join(snapshot.notes)
         if text != self.notes.toPlainText():
             self.notes.setPlainText(text)

@@ -59,7 +59,7 @@ class Measure(QWidget):
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
         ring = pg.mkPen(COLOURS.text, width=2)
         groups = (
-            (others, 7, theme.shade(COLOURS.line), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
+            (others, 7, theme.shade(COLOURS.brake_off), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
             ([now], 13, theme.shade(colour), ring),
         )  # fmt: skip
         self.points.clear()
@@ -148,7 +148,7 @@ class TrialCard(Panel):
         name = opened.protocol.controller_name(row.controller)
         self.what.setText(" · ".join((ended, name, f"path {row.segment}", *own)))
         shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
-        shown.append((COLOURS.quiet, "others", len(here) > len(same)))
+        shown.append((COLOURS.brake_off, "others", len(here) > len(same)))
         self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
