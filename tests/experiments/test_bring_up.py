@@ -85,9 +85,23 @@ def test_a_good_board_passes_every_step(whole: Bringing) -> None:
     assert stop.figures == {"reported": True} and "the board reports the stop" in stop.saw
 
 
+#: Steps that a mistake can have no part in: one of the amplifiers, while no current flows, and so on. Half of all
+#: samples are those of the brakes in motion, which come last.
+SENSING = ("encoder A", "encoder B", "first hole", "second hole", "zero", "push right", "push away")
+WITHOUT = {
+    "board": ("brakes",), "latency": ("brakes",), "brakes": (), "quiet": (),
+    **dict.fromkeys(SENSING, ("board", "currents", "watchdog", "stop", "supply back", "latency")),
+    **dict.fromkeys(("currents", "watchdog", "stop"), ("board", *SENSING, "latency")),
+}  # fmt: skip
+WHOLE = ("swapped-encoders", "weak-amplifier", "stuttering-line")  # of each kind one, with every step
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_found_by_its_own_step_and_only_there(mistake: str) -> None:
     bringing = Bringing(FOUR, mistake)
+    if mistake not in WHOLE:
+        without = WITHOUT[FOUND_BY[mistake]]
+        bringing.steps = bringing.runner_steps([step.name for step in bringing.steps if step.name not in without])
     found = failed(bringing.run())
     assert [result.step.name for result in found] == [FOUND_BY[mistake]]
     assert found[0].finding.advice

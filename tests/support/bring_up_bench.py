@@ -1,5 +1,7 @@
 """A bench in simulated time on which a board is brought up by a scripted builder, perhaps with a mistake."""
 
+from collections.abc import Collection
+
 from simulated_bench import TIP, Bench, reached
 
 from experiments.bring_up.bring_up import BringUp, Result
@@ -64,8 +66,8 @@ class Bringing:
         self.steps = shortened(self.steps)
         self.runner = BringUp(self.link, self.builder, self.fall_silent)
 
-    def runner_steps(self, names: tuple[str, ...]) -> list[Step]:
-        """The steps of these names alone, which need no other."""
+    def runner_steps(self, names: Collection[str]) -> list[Step]:
+        """The steps of these names alone, which need no other than these."""
         kept = [step for step in self.steps if step.name in names]
         return [step._replace(needs=tuple(name for name in step.needs if name in names)) for step in kept]
 
