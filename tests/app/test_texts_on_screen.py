@@ -133,6 +133,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, lost": device(ready(3, checks=LOST), None),
+    "device, off": device(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "try": try_page(), "try, real": try_page(by_start=True),
