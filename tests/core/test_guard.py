@@ -19,7 +19,6 @@ from core.obstacles import nearest_obstacle as nearest_of
 from core.path import line
 from experiments.assumptions import DEFAULTS, ENCODERS, Assumptions
 from tests.support.reaches import (
-    CURRENT,
     KINDS,
     PUSHES_N,
     attack_with,
@@ -195,6 +194,10 @@ def test_who_feigns_a_pull_does_not_get_in_either() -> None:
             pushed_device(FOUR, task.tip), guarded(FOUR, task.obstacle, Guard(push_N=17.0)), task.forces, feigns=True
         )
         assert came.least > 0.0
+
+
+#: As in a trial, for whose types the set-up has compiled the controllers already.
+CURRENT = np.dtype([("current", "f8", (4,))])  # A
 
 
 class Once(NamedTuple):

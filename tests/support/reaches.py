@@ -30,10 +30,6 @@ PUSHES_N = {"er-two-brake": 8.0, "three-brake": 11.0, "four-brake": 17.0, "pter"
 LEAST, LAST, LOCKS, UNSURE, FIRST_UNSURE, ENTERED, FASTEST, FIRST_LOCK, FOUND = range(9)
 
 
-#: Types as a trial's, for which the set-up has compiled the controllers already.
-CURRENT = np.dtype([("current", "f8", (4,))])  # A
-
-
 class Reach(NamedTuple):
     """A hand that pushes a device, tick by tick."""
 
@@ -42,15 +38,13 @@ class Reach(NamedTuple):
     memory: np.ndarray  # of the controller
     forces: np.ndarray  # (n, 2) N
     feigns: int  # 1: a locked hand pulls away with 3 N until it is let go, then pushes again
-    decided: np.ndarray  # one record of `CURRENT`
-    current: np.ndarray  # (4,) A, the same
+    current: np.ndarray  # (4,) A
 
 
 @kernel
 def run_pushes(model, data, path, reach, found):
     """All ticks of a `Reach`; found (FOUND,)."""
     memory, forces, current, sensing = reach.memory, reach.forces, reach.current, reach.sensing
-    decided = reach.decided[0].current
     around, state, grip = reach.controller.around[0], data.state[0], data.hand.grips[0]
     for i in range(FOUND):
         found[i] = 0.0
@@ -68,9 +62,7 @@ def run_pushes(model, data, path, reach, found):
             seen = sensing.seen[0]
             see(model.mechanism[0], state, sensing.sensors[0], seen)
         what = seen_in(seen.tip, seen.hand_force)
-        decide(reach.controller, path, Tick(what, seen.g, seen.mass, model.brakes[0], memory, decided))
-        for i in range(4):
-            current[i] = decided[i]
+        decide(reach.controller, path, Tick(what, seen.g, seen.mass, model.brakes[0], memory, current))
         if memory[LOCKED] > was_locked:
             found[LOCKS] += 1.0
             found[FIRST_LOCK] = min(found[FIRST_LOCK], near.distance) if found[LOCKS] == 1.0 else found[FIRST_LOCK]
@@ -119,7 +111,7 @@ def run_reach(
     """Push the device with forces (n, 2), N, one a tick, with the assumed sensing."""
     found, sensing = np.zeros(FOUND), new_sensing(device.device, assumed)
     forces = np.ascontiguousarray(forces, dtype=float)
-    pushes = Reach(controller, sensing, new_memory(), forces, int(feigns), np.zeros(1, CURRENT), np.zeros(4))
+    pushes = Reach(controller, sensing, new_memory(), forces, int(feigns), np.zeros(4))
     run_pushes(device.model, device.data, PATH, pushes, found)
     least, last, locks, unsure, first_unsure, entered, fastest, first_lock = found.tolist()
     return Reached(least, last, int(locks), int(unsure), first_unsure, entered, fastest, first_lock)
