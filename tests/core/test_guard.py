@@ -1,7 +1,6 @@
 """Obstacles and their guard: distances, refusals; no hand within the push that is allowed for gets in."""
 
 import math
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -9,11 +8,10 @@ import pytest
 
 from core.control.algorithm import Tick
 from core.control.controllers import DECISIONS, Preset, decide, make_controller
-from core.control.guard import Around, Guard, keep_out, least_held, make_around, stopping_distance, tick_at
+from core.control.guard import Around, Guard, least_held, make_around, stopping_distance, tick_at
 from core.control.velocity_field import HOLDS, Seen, new_memory
 from core.device import Device, load_device
 from core.files import InputError, from_plain
-from core.kernels import kernel
 from core.obstacles import MOST_EDGES, Nearest, ObstacleFile, away_from, build_obstacles
 from core.obstacles import nearest_obstacle as nearest_of
 from core.path import line
@@ -134,9 +132,11 @@ def test_a_hand_that_works_to_and_fro_inside_the_play_moves_a_device_that_is_loc
 
 def test_where_it_cannot_be_sure_the_guard_locks_and_says_so() -> None:
     wall = ObstacleFile(half_plane_m=(0.005, 0.4, -1.0, 0.0))
-    around = make_around(Around(obstacles=(wall,), guard=Guard(push_N=17.0)), FOUR)
+    guard = make_around(Around(obstacles=(wall,), guard=Guard(push_N=17.0)), FOUR)
+    controller = make_controller(Preset("", "none"), FOUR.force_normalised_N, around=guard)
     tick = tick_at(FOUR, (0.0, 0.4), (0.5, 0.0))
-    assert DECISIONS[keep_out(around[0], tick)] == "lock: obstacle, too late to be sure"
+    code, _ = decide(controller, line((-0.1, 0.4), (0.1, 0.4)), tick)
+    assert DECISIONS[code] == "lock: obstacle, too late to be sure"
     assert tick.memory[HOLDS] == 0.0
     assert (tick.current == FOUR.brakes.current_max).all()
 
@@ -196,35 +196,16 @@ def test_who_feigns_a_pull_does_not_get_in_either() -> None:
         assert came.least > 0.0
 
 
-#: As in a trial, for whose types the set-up has compiled the controllers already.
-CURRENT = np.dtype([("current", "f8", (4,))])  # A
-
-
-class Once(NamedTuple):
-    """One decision."""
-
-    seen: Seen
-    memory: np.ndarray
-    current: np.ndarray = np.zeros(1, CURRENT)
-
-
-@kernel
-def decided_direction(controller, path, model, states, once):
-    """Where the field points with which a controller decides."""
-    state, current = states[0], once.current[0].current
-    _, field = decide(controller, path, Tick(once.seen, state.g, state.mass, model.brakes[0], once.memory, current))
-    return field.beta_x, field.beta_y
-
-
 def test_near_an_obstacle_the_field_leads_round_it_and_at_its_edge_away_from_it() -> None:
     around = make_around(Around(obstacles=(ObstacleFile(disc_m=(0.0, 0.45, 0.02)),)), FOUR)
     controller = make_controller(Preset("", "sdof", (0.0,)), FOUR.force_normalised_N, around=around)
     device = pushed_device(FOUR, (0.0, 0.4))
-    path = line((-0.1, 0.4), (0.1, 0.4))
+    g, mass, path = device.state["g"][0], device.state["mass"][0], line((-0.1, 0.4), (0.1, 0.4))
 
     def beta(y: float, force: float) -> tuple[float, float]:
         seen = Seen(0.0, y, 0.0, 0.0, force, 0.0)
-        return decided_direction(controller, path, device.model, device.state, Once(seen, new_memory()))
+        _, field = decide(controller, path, Tick(seen, g, mass, device.brakes[0], new_memory(), np.zeros(4)))
+        return field.beta_x, field.beta_y
 
     assert beta(0.43 - 1e-9, 5.0) == pytest.approx((0.0, -1.0), abs=1e-6)  # at the edge: outward
     assert beta(0.44, 5.0) == pytest.approx((0.0, -1.0), abs=1e-6)  # inside likewise
