@@ -164,10 +164,6 @@ def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(m
         assert told.wait(200)
 
 
-def test_a_line_comes_every_ten_seconds():
-    assert ProgressBar.LINE_S == 10.0
-
-
 # ------------------------------------------------------------------------------------------------------------ too large
 
 
