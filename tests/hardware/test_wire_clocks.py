@@ -1,7 +1,5 @@
 """Clocks that do not just run on: a host's that stood still, a board's that went back."""
 
-import time
-
 import numpy as np
 import pytest
 from real_bench import RealBench
@@ -28,18 +26,13 @@ class Stopping:
         self.stood_s += 1e-3 * ticks
 
 
-def hasty(seconds: float) -> None:
-    """The board is looked for ten times as often: until then time is simulated as fast as this machine can."""
-    time.sleep(0.1 * seconds)
-
-
 def sample(sequence: int, board_us: int, flags: int = 0, echo: int = 0) -> Sample:
     return Sample(sequence, echo, board_us, State.READY, flags, 0, 0, (), (), ())
 
 
 @pytest.mark.parametrize("steps", [[400], [60], [30, 30]])
 def test_after_the_hosts_clock_stood_still_the_next_trial_has_its_currents(steps: list[int]) -> None:
-    bench = RealBench(sleep=hasty)
+    bench = RealBench()
     clock = Stopping(bench)
     bench.idle(1200)
     for ticks in steps:
@@ -58,7 +51,7 @@ def test_after_the_hosts_clock_stood_still_the_next_trial_has_its_currents(steps
 
 
 def test_a_clock_that_stood_still_in_the_first_second_shows_by_commands_that_are_all_late() -> None:
-    bench = RealBench(sleep=hasty)
+    bench = RealBench()
     clock = Stopping(bench)
     bench.idle(300)
     clock.stand_still(400)

@@ -51,9 +51,7 @@ class RealBench:
     def __init__(
         self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None,
         board_began_us: int = 0, wire: type[BenchWire | TcpWire] = BenchWire,
-        sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
-        """sleep: of the thread that looks for a board that is gone."""
         self.device = load_device(device) if isinstance(device, str) else device
         self.operator: EmulatedOperator | None = None
         if hand is None:
@@ -63,7 +61,7 @@ class RealBench:
             hand = Late(self.operator)
         self.board = Bench(self.device, hand, board_began_us)
         self.hand, self._wire = hand, wire
-        self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port, sleep=sleep)
+        self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
         self.link.open()
         self.link.home(self.board.device.tip)
 
