@@ -1,15 +1,13 @@
 """The device page: what it shows of a device on the bench, what is wrong, and the steps that make it ready."""
 
 import math
-from itertools import product
 from pathlib import Path
 
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import LEFT, PageDriver, texts
 from PySide6.QtTest import QTest
-from screens import cut_texts, settle
-from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
+from status_messages import NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
@@ -187,13 +185,3 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
     show(page, opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
     assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
-
-
-def test_no_text_is_cut(bench: Bench, page: DevicePage) -> None:
-    for bad, size in product((False, True), ((1256, 620), (1000, 490), (1896, 980))):
-        bench.resize(*size)
-        if bad:
-            off = "the board: an encoder's signal is bad"
-            show(page, opened(**ON_BENCH), ready(3, checks=LOST, brakes_off=off))
-        settle(page)
-        assert cut_texts(page) == [], (bad, size)

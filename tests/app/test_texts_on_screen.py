@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, running
 from PySide6.QtCore import Qt
-from screens import Screens, settle
+from screens import Screens
 from sessions import session_of
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
@@ -23,7 +23,8 @@ from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, TRY
 from experiments.protocol_file import Consent
 
-SIZES = ((1280, 720), (1366, 768), (1920, 1080))
+SIZES = (SMALLEST, (1366, 768), (1920, 1080))
+SIZES_OF_LARGE_TEXT = ((1280, 720), (1920, 1080))
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -137,6 +138,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, lost": device(ready(3, checks=LOST), None),
+    "device, off": device(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "try": try_page(), "try, real": try_page(by_start=True),
@@ -156,13 +158,12 @@ def text(request) -> Iterator[int]:
 
 def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
     found = {}
-    for size in (SMALLEST, *SIZES)[bool(theme.text_px(100) > 100) :]:  # larger text needs a larger window
+    for size in SIZES_OF_LARGE_TEXT if theme.text_px(100) > 100 else SIZES:
         screens.main.setMinimumSize(1, 1)  # as on a screen of that size
         screens.main.resize(*size)
-        settle(screens.main)
-        assert (screens.main.width(), screens.main.height()) == size
         if said := faults(screens.main):
             found[size] = said
+        assert (screens.main.width(), screens.main.height()) == size
     return found
 
 
@@ -199,18 +200,7 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
 def test_at_twice_the_pixels(request) -> None:
     """3840 x 2160 at 200 %: Qt takes its scale when it starts."""
     environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-n",
-        "0",
-        __file__,
-        "-k",
-        "running or passes",
-    ]
+    chosen = ["-p", "no:cacheprovider", "-n", "0", __file__, "-k", "running or passes"]
+    command = [sys.executable, "-m", "pytest", "-q", *chosen]
     done = subprocess.run(command, env=environment, cwd=request.config.rootpath, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout

@@ -7,7 +7,8 @@ from page_driver import PageDriver
 from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
-from screens import cut_texts, point, settle
+from screens import point, settle
+from texts_on_screen import faults
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
@@ -58,7 +59,7 @@ def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_
     settle(held.page)
     buttons = held.page.controls.segments["device"].findChildren(QPushButton)
     assert [one.text() for one in buttons if one.isChecked()] == ["Er-two brakes"] and len(buttons) == 4
-    assert len({one.y() for one in buttons}) == 2 and cut_texts(held.page.controls) == []
+    assert len({one.y() for one in buttons}) == 2 and faults(held.page.controls) == []
 
 
 def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:

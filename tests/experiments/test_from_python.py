@@ -90,6 +90,6 @@ def test_the_snippet_of_the_readme_and_the_notebook_run():
     notebook = json.loads((ROOT / "docs/from-python.ipynb").read_text())
     cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"), "it is shown executed"
-    for code in (snippet, "\n".join(cells)):
-        whole = f"import matplotlib\nmatplotlib.use('Agg')\n{code}"
-        subprocess.run([sys.executable, "-c", whole], cwd=ROOT, check=True, capture_output=True)
+    each = [f"exec({code!r}, {{}})" for code in (snippet, "\n".join(cells))]
+    whole = "\n".join(["import matplotlib", "matplotlib.use('Agg')", *each])
+    subprocess.run([sys.executable, "-c", whole], cwd=ROOT, check=True, capture_output=True)

@@ -107,7 +107,7 @@ def is_row_of(line: dict[str, str], study: Path) -> None:
 
 def test_a_row_is_the_study_of_the_same_assumptions_and_seed(small, whole, tmp_path):
     ranges = load_ranges(small)
-    for world, line in list(zip(worlds_of(ranges, 2, 1, 2), lines(whole), strict=True))[1:3]:
+    for world, line in list(zip(worlds_of(ranges, 2, 1, 2), lines(whole), strict=True))[1:2]:
         protocol, population = ranges.study(world.values, world.seed)
         assert protocol.low_gain == world.values["assumptions.low_gain"] and protocol.seed == int(line["seed"])
         assert protocol.rules == line["rules"]

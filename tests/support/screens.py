@@ -12,7 +12,6 @@ from app.window.main_window import MainWindow
 from app.window.participant.participant_window import ParticipantWindow
 from app.window.run.run_page import RunPage
 from app.window.widgets.page import RUN
-from app.window.widgets.parts import OneLine
 from app.window.windows import Windows
 
 
@@ -96,30 +95,3 @@ def point(view: QWidget, place: QPointF) -> None:
         QEvent.Type.MouseMove, place, view.mapToGlobal(place), none, none, Qt.KeyboardModifier.NoModifier
     )
     QApplication.sendEvent(view, event)
-
-
-def cut_texts(window: QWidget) -> list[str]:
-    """Texts that do not fit where they stand, and do not say so themselves."""
-    cut = []
-    for widget in window.findChildren(QLabel):
-        if not widget.isVisible() or not widget.text() or isinstance(widget, OneLine):
-            continue
-        width, height = widget.width(), widget.height()
-        fits = height >= widget.heightForWidth(width) if widget.wordWrap() else width >= widget.sizeHint().width()
-        if not fits or not _inside(widget):
-            cut.append(widget.text())
-    for button in window.findChildren(QAbstractButton):
-        if button.isVisible() and button.text() and (button.width() < button.sizeHint().width() or not _inside(button)):
-            cut.append(button.text())
-    return cut
-
-
-def _inside(widget: QWidget) -> bool:
-    """Whether a widget lies whole within all that hold it."""
-    parent = widget.parentWidget()
-    while parent is not None:
-        place = widget.mapTo(parent, widget.rect().topLeft())
-        if not parent.rect().contains(widget.rect().translated(place)):
-            return False
-        parent = parent.parentWidget()
-    return True
