@@ -15,11 +15,19 @@ from core.brake import torque_gain
 from core.device import Device
 from core.kernels import kernel
 from core.linkage import coupled_angle, joint_angles
+from core.mechanism import PLACES
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
 from core.simulator.runge_kutta import STEP_SCRATCH, kinetic
-from core.simulator.solver_numbers import ADDED_J, DELTA_OMEGA, EDGE_S, UNEXPLAINED, UNEXPLAINED_J
+from core.simulator.solver_numbers import (
+    ADDED_J,
+    DELTA_OMEGA,
+    EDGE_S,
+    RATE_ROUNDING,
+    UNEXPLAINED,
+    UNEXPLAINED_J,
+)
 from core.simulator.state import (
     FIDELITIES,
     IDEAL,
@@ -117,11 +125,14 @@ def energy_residual(state):
 
 @kernel
 def start(model, data):
-    """A new state: rows and mass at its position, brakes off, the play in the middle of the backlash."""
+    """A new state: rows and mass at its position, each joint slips as it moves, brakes off, the play in the middle."""
     mechanism, brakes, state = model.mechanism[0], model.brakes[0], data.state[0]
     state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
     update_kinematics(mechanism, state)
     state.kinetic_start = kinetic(state)
+    for j in range(PLACES):  # before `resolve` asks how a joint goes on that stands while these move
+        if abs(state.rate[j]) > RATE_ROUNDING:
+            state.sign[j] = 1.0 if state.rate[j] > 0.0 else -1.0
     for i in range(4):
         state.play[i] = 0.5 * brakes.play[i]
         state.edge[i] = 0.0

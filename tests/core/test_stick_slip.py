@@ -225,3 +225,21 @@ def test_split_inside_the_backlash_is_measured_from_the_middle_of_each_range():
         middle, half = 0.5 * (minus - plus), 0.5 * (plus + minus)
         expected = least_squares_split(g, -plus, minus, f)
         assert np.sum(((torque - middle) / half) ** 2) <= np.sum(((expected - middle) / half) ** 2) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("bar", [BENCH_FOUR, FOUR, THREE, random_five_bar(1)], ids=lambda bar: bar.name)
+def test_a_still_joint_of_a_tip_that_starts_in_motion_is_not_driven_by_its_brake(bar):
+    """One joint has no rate, the others slip: the still one sticks, or its brake works against the way it goes."""
+    rng, asked = np.random.default_rng(1), 0
+    for p in bar.open_tips(rng, 25):
+        for j in range(4):
+            g = bar.rows(p)[j]
+            velocity = rng.choice((-0.3, 0.3)) * np.array((-g[1], g[0])) / np.hypot(*g)
+            hand = new_hand(np.zeros(1), rng.normal(0.0, 20.0, (1, 2)))
+            simulation = Simulation(bar.device, tuple(p), tuple(velocity), hand=hand)
+            simulation.rows(1, Schedule(np.zeros(1), rng.uniform(0.1, 3.0, (1, 4))), Grid(0, 0, 1, 1e-3))
+            state = simulation.state[0]
+            if abs(state.rate[j]) < 1e-9:
+                asked += 1
+                assert state.torque[j] * (state.g[j] @ state.acceleration + state.bias[j]) <= 1e-9
+    assert asked >= 75
