@@ -12,7 +12,7 @@ import numpy as np
 
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
-from core.control.velocity_field import Seen
+from core.control.velocity_field import KEPT, Seen
 from core.kernels import kernel
 from core.mechanism import JOINTS
 
@@ -52,7 +52,7 @@ class Tick(NamedTuple):
     g: np.ndarray  # (4, 2) 1/m, rows of the joints: omega_i = g_i . v
     mass: np.ndarray  # (3,) kg, M_xx, M_xy, M_yy of the tip
     brakes: np.record  # as `core.simulator.state.pack_brakes` has them
-    memory: np.ndarray  # (21,), places as in `velocity_field`
+    memory: np.ndarray  # (24,), places as in `velocity_field`
     current: np.ndarray  # (4,) A
 
 
@@ -156,6 +156,18 @@ def actuate(tick, i, force):
         raise IndexError("actuate: there is no such brake")
     torque = torque_for_force(force, tick.g[i, 0], tick.g[i, 1])
     tick.current[i] = current_for_torque(tick.brakes, i, torque)
+
+
+@kernel
+def ask_within(tick, i, least, most):
+    """Ask brake i for the torque (N m) within two bounds, 0 at least, that is nearest to its last one; that torque.
+
+    Bounds that tremble by less than they are apart move no current.
+    """
+    torque = max(min(max(tick.memory[KEPT + i], least), most), 0.0)
+    tick.memory[KEPT + i] = torque
+    tick.current[i] = current_for_torque(tick.brakes, i, torque)
+    return torque
 
 
 @kernel

@@ -2,11 +2,13 @@
 
 The brake whose force opposes the motion across the path most is asked for the force b |v . n|, n the normal towards the
 path. Our own baseline, without a source. Our choice: motion towards the path is braked too, as a dashpot does, so that
-the tip does not shoot over it; one brake at a time, as the paper's controllers; the sense of a joint
-that hardly turns is that of the settled rules.
+the tip does not shoot over it; one brake at a time, as the paper's controllers; the sense of a joint that hardly turns
+is that of the settled rules. Our choice, too: the force asked for is the one from b (|v . n| - c) to b |v . n| that is
+nearest to the last one, c the rules' `back_speed` (four times the velocity's noise or more), so that noise seldom moves
+a current.
 """
 
-from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, actuate
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, ask_within, torque_for_force
 from core.control.proportional import push_of, sense_of
 from core.kernels import kernel
 
@@ -15,7 +17,7 @@ DAMPING = Parameter("damping_N_s_m", "damping", "N s/m", 1.0, 200.0, (10.0, 2000
 
 @kernel
 def decide(controller, field, tick):
-    """b |v . n| on the brake that opposes that motion most."""
+    """b |v . n|, less what may be noise, on the brake that opposes that motion most."""
     seen, g, rules = tick.seen, tick.g, controller.rules
     push, v = push_of(tick, rules), (seen.vx, seen.vy)
     inward = seen.vx * field.n_x + seen.vy * field.n_y  # m/s
@@ -25,10 +27,10 @@ def decide(controller, field, tick):
         against = sense_of(g, i, v, push, rules.still_rate) * lever * inward
         if tick.brakes.present[i] != 0.0 and against > most:
             best, most = i, against
-    if best < 0:
-        return NONE
-    actuate(tick, best, controller.values[1] * abs(inward))
-    return OWN + best
+    for i in range(4):
+        damping = torque_for_force(controller.values[1], g[i, 0], g[i, 1]) if i == best else 0.0  # N s
+        ask_within(tick, i, damping * (abs(inward) - rules.back_speed), damping * abs(inward))
+    return OWN + best if best >= 0 else NONE
 
 
 ALGORITHM = Algorithm("damper", (GAP_M, DAMPING), ("damp {J}",), decide)

@@ -19,7 +19,7 @@ import math
 from core.brake import current_for_torque, torque_gain
 from core.control.algorithm import GAP_M, OWN, Algorithm, Parameter, torque_for_force
 from core.control.reflect import nearest_on_edge
-from core.control.velocity_field import PATTERN
+from core.control.velocity_field import KEPT
 from core.kernels import kernel
 from core.mechanism import JOINTS
 
@@ -67,7 +67,7 @@ def decide(controller, field, tick):
     """The pattern of brakes that ends nearest the path."""
     seen, g, mass, present = tick.seen, tick.g, tick.mass, tick.brakes.present
     horizon = max(controller.values[1], LEAST_S)
-    h, unsure, last = horizon / STEPS, controller.rules.back_speed * horizon, int(tick.memory[PATTERN])
+    h, unsure, last = horizon / STEPS, controller.rules.back_speed * horizon, int(tick.memory[KEPT])
     off0, on0 = torque_on(tick, 0, controller.force_normalised)
     off1, on1 = torque_on(tick, 1, controller.force_normalised)
     off2, on2 = torque_on(tick, 2, controller.force_normalised)
@@ -114,7 +114,7 @@ def decide(controller, field, tick):
     for i in range(4):
         if best >> i & 1:
             tick.current[i] = current_for_torque(tick.brakes, i, on[i])
-    tick.memory[PATTERN] = best
+    tick.memory[KEPT] = best
     return OWN + best
 
 

@@ -21,8 +21,9 @@ TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
 #: N m), the sense in which each joint turned when the lock began, how far joints have turned back since (in plays),
 #: whether the guard was sure at the last tick, and whether it is at this one (NaN: it did not decide).
 LOCKED, HELD, SENSE, BACK, SURE, HOLDS = 8, 9, 13, 17, 18, 19
-#: The brakes that the look-ahead took last, as bits.
-PATTERN = 20
+#: What a controller keeps of its last decision (four places): the torque that it wanted of each brake, N m; the
+#: look-ahead, in the first, its brakes as bits.
+KEPT = 20
 
 
 class Seen(NamedTuple):
@@ -58,8 +59,8 @@ NO_FIELD = Field(*[math.nan] * 7)  # without a tip, velocity and force there is 
 
 
 def new_memory() -> np.ndarray:
-    """What a controller remembers between ticks, (21,), at the start of a trial: towards the end, on no side."""
-    return np.array([1.0, 0.0, 0.0, *[math.nan] * 4, 1.0, *[0.0] * 11, math.nan, 0.0])
+    """What a controller remembers between ticks, (24,), at the start of a trial: towards the end, on no side."""
+    return np.array([1.0, 0.0, 0.0, *[math.nan] * 4, 1.0, *[0.0] * 11, math.nan, *[0.0] * 4])
 
 
 @kernel
