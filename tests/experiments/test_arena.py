@@ -17,7 +17,7 @@ from core.path import line
 from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.metrics import BY_NAME
-from experiments.assumptions import IDEAL, SENSINGS
+from experiments.assumptions import SENSINGS
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.study.controller_check import laws_of
@@ -48,10 +48,6 @@ def test_the_laws_of_every_controller_are_kept_on_every_display(kind):
     assert [law for law in laws if law.broken] == []
 
 
-#: Controllers whose currents follow the velocity chatter by its noise where encoders give it.
-BY_VELOCITY = {"velocity-ratio", "damper"}
-
-
 def chatter(kind, sensing):
     """Chatter (1/s), mean of two people on every display and path."""
     assumed = replace(ARENA.assumptions, sensing=sensing)
@@ -64,9 +60,8 @@ def chatter(kind, sensing):
 
 
 @pytest.mark.parametrize("sensing", SENSINGS)
-def test_no_new_controller_chatters_more_than_sdof_unless_by_the_noise_of_velocity(sensing):
-    held = [kind for kind in NEW if sensing == IDEAL or kind not in BY_VELOCITY]
-    found, most = {kind: chatter(kind, sensing) for kind in held}, chatter("sdof", sensing)
+def test_no_new_controller_chatters_more_than_sdof(sensing):
+    found, most = {kind: chatter(kind, sensing) for kind in NEW}, chatter("sdof", sensing)
     assert {kind: value for kind, value in found.items() if value > most} == {}
 
 
@@ -145,6 +140,19 @@ def test_velocity_ratio_brakes_the_joint_of_two_that_is_too_fast():
                 assert words == ("ratio A" if a / wanted_a > b / wanted_b else "ratio B")
             braked.add(words)
     assert braked == {"ratio A", "ratio B", "none"}
+
+
+@pytest.mark.parametrize("kind", ["velocity-ratio", "damper"])
+def test_a_velocity_that_trembles_by_less_than_its_noise_moves_no_current_and_one_that_falls_does(kind):
+    device, rng = load_device("four-brake"), np.random.default_rng(34)
+    _, tick, controller = one_tick(device, kind, (0.05, 0.03), (5.0, 2.0))
+    currents = []
+    for off in (0.4, -0.4, *rng.uniform(-0.4, 0.4, 50), -6.0):  # of the width that noise may have
+        seen = tick.seen._replace(vy=0.03 + off * SETTLED.back_speed)
+        decide(controller, PATH, tick._replace(seen=seen))
+        currents.append(tick.current.copy())
+    assert currents[1].any() and np.ptp(currents[1:-1], axis=0).max() == 0.0
+    assert np.abs(currents[-1] - currents[1]).max() > 0.05
 
 
 def test_direct_force_cancels_an_outward_push_where_it_can_and_leaves_an_inward_one_alone():
