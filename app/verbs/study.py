@@ -17,6 +17,8 @@ from app.verbs.common import (
 )
 from core.files import InputError
 
+#: The sweep that ships; its protocol has the same name.
+ARENA = "arena"
 #: Of a study that is new; one that is resumed has as many as it had.
 OPERATORS = 3
 SIMULATED_PEOPLE, LEAST_SIMULATED = 100, 30  # of `phd power`
@@ -35,7 +37,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",
         "phd study --operators 3 --seed 1 --out study-1", prints="the summary",
     ).add_argument  # fmt: skip
-    option("protocol", nargs="?", metavar="PROTOCOL.toml", help="a file, or a shipped one's name (default: paper)")
+    option(
+        "protocol", nargs="?", metavar="PROTOCOL.toml",
+        help="a file, or a shipped one's name (default: paper); arena: the sweep that ships, all controllers on all "
+        "displays, ranked",
+    )  # fmt: skip
     option("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
     option("--seed", type=whole_number_of(0), metavar="N", help="of everything random (default: the protocol's)")
     option("--device", **DEVICES)
@@ -51,8 +57,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--sweep", metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
-        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv; arena ships: all "
-        "controllers on all displays",
+        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
     )  # fmt: skip
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
@@ -115,6 +120,8 @@ def power_verb(args: argparse.Namespace) -> None:
 
 
 def study(args: argparse.Namespace) -> None:
+    if args.protocol == ARENA and not args.sweep:
+        args.sweep, args.protocol = ARENA, None
     if args.sweep:
         return sweep(args)
     if args.cluster:

@@ -206,6 +206,13 @@ def test_what_stands_in_the_file_cannot_be_said_beside_it(file, tmp_path, capsys
     assert "--cluster: is for --sweep alone" in capsys.readouterr().err
 
 
+def test_the_name_arena_means_the_sweep_that_ships(file, capsys):
+    assert "a sweep needs a new or empty folder" in refusal(capsys, "study", "arena", "--out", file.parent)
+    assert "stands in the file of a sweep, arena" in refusal(
+        capsys, "study", "arena", "--seed", 2, "--out", file.parent
+    )
+
+
 def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path):
     file.write_text(SMALL.replace("operators = 2", "operators = 400"))
     out = tmp_path / "out"
