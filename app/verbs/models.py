@@ -9,6 +9,8 @@ from typing import Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
+from core.files import InputError
+from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 #: Displays with two brakes, three, four, and four on the central axis.
@@ -79,6 +81,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "--map", choices=("force", "steerability"),
         help="only this map: what the brakes can show at right angles to the motion, over the workspace and all "
         f"directions of motion, each device beside the others (default of --device then: {' '.join(MAPPED)})",
+    )  # fmt: skip
+    option(
+        "--lengths-within", type=number_between(0.0, 1.0, "a share between 0 and 1"), metavar="SHARE",
+        help="of --map force: beside each device the same with the base distance and link lengths, changed by at most "
+        "this share, with which its brakes show most across the motion, as a device file",
     )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
@@ -192,12 +199,23 @@ def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
 def figures_verb(args: argparse.Namespace) -> None:
     if args.map and not args.device:
         args.device = MAPPED
-    devices = devices_of(args)
+    devices, texts = devices_of(args), {}
+    if args.lengths_within:
+        if args.map != "force":
+            raise InputError("--lengths-within: is for --map force alone")
+        from experiments.paper_figures.lengths import with_better_lengths
+
+        better = [with_better_lengths(device, args.lengths_within) for device in devices]
+        texts = {args.out / f"{device.name}.toml": device.text.encode() for device in better}
+        refuse_existing_files(texts)
+        devices = [device for pair in zip(devices, better, strict=True) for device in pair]
     from experiments.paper_figures import draw_all
 
     drawn = with_progress("drawing", draw_all, devices, args.out, args.map, compiles=True)
+    write_new_files(texts)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
-    print_result(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
+    found += [{"name": path.stem, "shows": "a device file", "files": [str(path)]} for path in texts]
+    print_result(args, found, "\n".join(f"{file}: {figure['shows']}" for figure in found for file in figure["files"]))
 
 
 def fit_operator_verb(args: argparse.Namespace) -> None:
