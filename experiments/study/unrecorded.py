@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from core import tick_log
 from core.control.controllers import Preset, make_preset
@@ -221,9 +222,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
 
 def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np.ndarray:
     """Mean square of the acceleration (m2/s4) in the band during the movement, of each trial."""
-    from scipy.signal import butter, sosfiltfilt  # here: it takes a second, which an app that starts lacks
-
-    band = butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
+    band = scipy.signal.butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
     found = []
     for operator in range(1, PEOPLE + 1):
         person = person_of(population, protocol.seed, operator)
@@ -233,6 +232,7 @@ def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np
                 trial = trial_of(protocol, person, operator, planned, switched_on(device, protocol), preset)
                 rows = run_trial(trial)
                 moving = rows[:, tick_log.PHASE] == tick_log.MOVE
-                filtered = sosfiltfilt(band, rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1], axis=0)[moving]
+                acceleration = rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1]
+                filtered = scipy.signal.sosfiltfilt(band, acceleration, axis=0)[moving]
                 found.append(float(np.mean(np.sum(filtered**2, axis=1))) if moving.any() else math.nan)
     return np.array(found)
