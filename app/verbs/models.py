@@ -9,6 +9,8 @@ from typing import Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
+from experiments.simulate.scene import read_scene
+from experiments.trial.population import load_population
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 #: Displays with two brakes, three, four, and four on the central axis.
@@ -85,13 +87,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 def simulate_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import is_cobot_scene
-    from experiments.simulate.scene import read_scene
+    from experiments.simulate.simulate import simulate
 
     if is_cobot_scene(args.scene):
         return simulate_cobot_verb(args)
     scene = read_scene(args.scene)
-    from experiments.simulate.simulate import simulate
-
     if scene.integrator == "karnopp":
         print(f"note: {args.scene}: {KARNOPP}", file=sys.stderr)
     compiling = watch_compiling()
@@ -190,22 +190,20 @@ def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
 
 
 def figures_verb(args: argparse.Namespace) -> None:
+    from experiments.paper_figures import draw_all
+
     if args.map and not args.device:
         args.device = MAPPED
     devices = devices_of(args)
-    from experiments.paper_figures import draw_all
-
     drawn = with_progress("drawing", draw_all, devices, args.out, args.map, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
     print_result(args, found, "\n".join(f"{file}: {figure.shows}" for figure in drawn for file in figure.files))
 
 
 def fit_operator_verb(args: argparse.Namespace) -> None:
-    from experiments.trial.population import load_population
-
-    like = load_population(args.like)
     from experiments.operator_fit.fit import fit_operator
 
+    like = load_population(args.like)
     found = with_progress("fitting", fit_operator, args.folder, args.participant, args.out, like)
     lines = []
     for person in found:
