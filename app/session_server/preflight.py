@@ -15,6 +15,7 @@ from core.faults import FAULTS, advice, after
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import counted
 from experiments.protocol import Protocol
+from experiments.recording.atomic_files import reason_of
 from hardware.hid import HidReading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
@@ -107,7 +108,7 @@ def measure_disk(folder: Path) -> tuple[Check, float]:
         with tempfile.TemporaryFile(dir=existing) as file:
             sync_s = statistics.median(_time_to_write(file) for _ in range(LOOKS))
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
+        reason = reason_of(error)
         advice = f"{folder} cannot be written to: {reason}. Choose another data folder."
         return Check("Disk", BAD, reason, advice), 0.0
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
