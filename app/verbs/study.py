@@ -108,7 +108,7 @@ def power_verb(args: argparse.Namespace) -> None:
     protocol = load_protocol(args.protocol)
     asked = question_of(protocol, args.between, args.measure, args.power)
     names = args.population or sorted(path.stem for path in SHIPPED_FOLDER.glob("*.toml"))
-    source = args.pilot or {one.name: one for one in map(load_population, names)}
+    source = args.pilot or {found.name: found for found in map(load_population, names)}
     what = protocol, asked, source, args.people or SIMULATED_PEOPLE, args.out
     summary = with_progress("power", power, *what, compiles=args.pilot is None)
     print_result(args, summary, summary_text(summary))

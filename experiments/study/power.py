@@ -1,7 +1,5 @@
 """`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
 
-import csv
-import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +15,7 @@ from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
-from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.analysis.trials_table import TrialRow, csv_bytes, read_table, to_compare
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -105,8 +103,8 @@ def simulated_trials(
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
-    calls = (joblib.delayed(_trials_of)(protocol, population, one, measure, os.getpid())
-             for one in range(1, people + 1))  # fmt: skip
+    calls = (joblib.delayed(_trials_of)(protocol, population, person, measure, os.getpid())
+             for person in range(1, people + 1))  # fmt: skip
     found: list[TrialRow] = []
     for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
         found += rows
@@ -114,10 +112,10 @@ def simulated_trials(
     return found
 
 
-def _trials_of(protocol: Protocol, population: Population, one: int, measure: Metric, parent: int) -> list[TrialRow]:
+def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric, parent: int) -> list[TrialRow]:
     if parent != os.getpid():
         end_with(parent)
-    return [row for row, _ in operator_trials(protocol, population, one, (measure,))]
+    return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 
 def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, asked: Question, pilot: bool) -> list[Answer]:
@@ -167,26 +165,26 @@ def write_power(found: Sequence[Answer], asked: Question, protocol: Protocol, ou
     first, second = (" ".join(preset.name.split()) for preset in (asked.first, asked.second))
     about = f'"{first}" against "{second}", {asked.measure.short}, protocol {protocol.name}'
     lines: list[Sequence[object]] = [COLUMNS]
-    for one in found:
-        ends = (_cell(one.needed.people), _cell(one.needed.low), _cell(one.needed.high))
+    for each in found:
+        ends = (_cell(each.needed.people), _cell(each.needed.low), _cell(each.needed.high))
         what = (first, second, asked.measure.name, asked.measure.unit, asked.power)
-        lines.append((one.source, one.configuration, *what, *ends, one.shift))
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
+        lines.append((each.source, each.configuration, *what, *ends, each.shift))
     measure = asked.measure
     warning = FROM_PILOT if pilot else SIMULATED
     picture = power_figure(found, asked, f"{about}. {warning[0].upper()}{warning[1:]}.")
-    write_new_files({out / "power.csv": text.getvalue().encode(), out / "power.png": picture})
+    write_new_files({out / "power.csv": csv_bytes(lines), out / "power.png": picture})
     return {
         "out": str(out),
         "question": f"{about}, found with a power of {percent(asked.power)}",
         "answers": [
             {
-                "from": f"{one.source}, {one.configuration}",
-                "people": one.words,
-                "median_difference": f"median difference {significant(one.shift * measure.scale)} {measure.shown_unit}",
+                "from": f"{each.source}, {each.configuration}",
+                "people": each.words,
+                "median_difference": (
+                    f"median difference {significant(each.shift * measure.scale)} {measure.shown_unit}"
+                ),
             }
-            for one in found
+            for each in found
         ],
         "warnings": [warning],
     }
