@@ -21,7 +21,7 @@ from core.simulator.simulated_device import SimulatedDevice, start_again
 from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
+from experiments.analysis.report import HAND, STEP, Moved
 from experiments.analysis.trials_table import TrialRow, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
@@ -41,6 +41,7 @@ BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag an
 BAND_HZ = 20.0, 100.0  # assumed
 DETECTED_M_S2 = 0.1  # rms; assumed
 PEOPLE = 3
+SUBSTEPS, ASIDE_M = 10, 1e-6  # of the changes STEP and HAND
 #: N s/m, from one to the other: ten a decade, two digits each.
 GAINS = [float(f"{10.0 ** (k / 10.0):.2g}") for k in range(41)]
 
