@@ -196,7 +196,7 @@ def _cell(count: int | None) -> str:
 
 def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
     """PNG: the power against the number of people, a panel a configuration, a line a source."""
-    configurations = list(dict.fromkeys(one.configuration for one in found))
+    configurations = list(dict.fromkeys(answer.configuration for answer in found))
     note += (
         " Test: signed-rank on each person's mean, Holm over all pairs of controllers, as phd analyze does. "
         "Bars: 95 % interval of the number that is needed."
@@ -205,10 +205,10 @@ def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
         margins, height = (0.6, 0.15, 0.5, 0.35), 3.4
         figure, grid = sheet(note, (PAGE_IN, height), margins, (1, len(configurations)), (0.25, 0.0), sharey=True)
         for axes, configuration in zip(grid[0], configurations, strict=True):
-            here = [one for one in found if one.configuration == configuration]
-            for place, one in enumerate(here):
-                (line,) = axes.plot(CURVE, one.curve, "o-", markersize=2.5, linewidth=1.2, label=one.source)
-                low, high = (MOST_PEOPLE if end is None else end for end in one.needed[1:])
+            here = [answer for answer in found if answer.configuration == configuration]
+            for place, answer in enumerate(here):
+                (line,) = axes.plot(CURVE, answer.curve, "o-", markersize=2.5, linewidth=1.2, label=answer.source)
+                low, high = (MOST_PEOPLE if end is None else end for end in answer.needed[1:])
                 height = asked.power + 0.02 * (place - 0.5 * (len(here) - 1))
                 axes.plot((low, high), (height, height), color=line.get_color(), linewidth=3.0, alpha=0.5)
             axes.axhline(asked.power, color="black", linewidth=0.6, linestyle=":")
