@@ -9,19 +9,23 @@ import sys
 
 import numpy as np
 
+from app.loop.loop import run_stopped_trial
 from app.progress import watch_compiling
+from core.control.velocity_field import field_around
+from core.device import load_device
 from core.kernels import INTERPRETED
 from core.kernels.cache import cache_place, tellers
+from core.path import Segment, build_path
+from core.simulator.simulation import Simulation
+from experiments.plan import PlannedTrial
+from experiments.protocol import load_protocol
+from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
+from experiments.trial.population import load_population
+from experiments.trial.real_trial import load_kernels
 
 
 def compile_trials() -> None:
     """Run a trial of a simulated operator on one path, with its measures; then load what a real device needs."""
-    from experiments.plan import PlannedTrial
-    from experiments.protocol import load_protocol
-    from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
-    from experiments.trial.population import load_population
-    from experiments.trial.real_trial import load_kernels
-
     protocol = load_protocol()
     device, preset = protocol.devices[0], protocol.controllers[1]
     person, planned = person_of(load_population(), protocol.seed, 1), PlannedTrial(1, 1, device.name, 1, 1, 1)
@@ -31,12 +35,6 @@ def compile_trials() -> None:
 
 def compile_scene_and_loop() -> None:
     """Run a step of a scene, which needs every integrator; then the control loop."""
-    from app.loop.loop import run_stopped_trial
-    from core.control.velocity_field import field_around
-    from core.device import load_device
-    from core.path import Segment, build_path
-    from core.simulator.simulation import Simulation
-
     Simulation(load_device("three-brake"), (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))
     field_around(build_path(Segment((-0.1, 0.4), (0.1, 0.4)), "path"), np.array([[0.0, 0.38]]), 1.0)  # as it is drawn
     run_stopped_trial()

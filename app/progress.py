@@ -14,6 +14,7 @@ from importlib import import_module
 from types import ModuleType
 
 from core.files import InputError
+from core.kernels.cache import watchers
 from experiments.numbers import percent
 
 #: On Linux one of these names where a window can be.
@@ -109,8 +110,6 @@ class CompileProgress:
 
 def watch_compiling() -> CompileProgress:
     """Show a bar for each compilation of kernels from now on."""
-    from core.kernels.cache import watchers
-
     compiling = CompileProgress()
     watchers[:] = [compiling]
     return compiling

@@ -38,7 +38,7 @@ class Client:
         except OSError as error:
             raise InputError(f"no memory for the ticks of the control loop ({error.strerror or error})") from None
         self._server = Child(
-            "app.session_server.server", setup.to_json(), self.ring.handle, stderr=DEVNULL, start_new_session=True,
+            "app.session_server.process", setup.to_json(), self.ring.handle, stderr=DEVNULL, start_new_session=True,
             **self.ring.inherited,
         )  # fmt: skip
 

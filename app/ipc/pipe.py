@@ -41,7 +41,7 @@ class Pipe:
         """Whether messages wait for the other end to make room."""
         return self._written < self._waiting and self._writer.is_alive()
 
-    def flush(self, wait_s: float) -> None:
+    def flush(self, wait_s: float = 1.0) -> None:
         """Wait until everything is sent or the other end is gone, at most `wait_s`."""
         end = time.perf_counter() + wait_s
         while self.has_backlog and time.perf_counter() < end:

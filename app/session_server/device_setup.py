@@ -7,7 +7,6 @@ reports how it is; a person's hand moves it.
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from app.ipc import messages as m
 from app.ipc.messages import CONNECT, DONE, HOME, WAITS, ZERO, Check, DeviceStatus, Setup, StepCard
 from app.ipc.ring import Ring
 from app.session_server.preflight import check_device, check_hand, check_real, check_sensor
+from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
@@ -30,9 +30,6 @@ from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial
 from hardware.hid import HidHand
-
-if TYPE_CHECKING:
-    from app.session_server.session_progress import SessionProgress
 
 Write = Callable[..., None]  # an event and its fields, into the journal
 
@@ -50,7 +47,7 @@ class SimulatedSetup:
         self.hand, self._ring = hand, ring
         self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
 
-    def card(self, progress: "SessionProgress") -> StepCard | None:
+    def card(self, progress: SessionProgress) -> StepCard | None:
         """The card of the step before the coming trial; None: no step."""
         coming = progress.coming
         if coming is None or coming.configuration == progress.rigged:
@@ -60,7 +57,7 @@ class SimulatedSetup:
         text = f"{following}The device is simulated: there is nothing to change by hand."
         return StepCard(f"Change to {device.name}", text, "It is done")
 
-    def confirm(self, progress: "SessionProgress", write: Write) -> None:
+    def confirm(self, progress: SessionProgress, write: Write) -> None:
         """The experimenter has done it."""
         assert progress.coming is not None
         write(RERIGGED, configuration=progress.coming.configuration)
@@ -75,7 +72,7 @@ class SimulatedSetup:
         if self._ring.presses == presses:
             self._ring.allow()
 
-    def tip(self, progress: "SessionProgress | None", tried: SimulatedDevice | None) -> m.Point:
+    def tip(self, progress: SessionProgress | None, tried: SimulatedDevice | None) -> m.Point:
         """Where the handle is in the coming configuration, m. tried: the device of Try, once it is built."""
         if progress is None:
             return tried.tip if tried is not None else (0.0, 0.0)
@@ -139,7 +136,7 @@ class RealSetup:
             return HOME
         return DONE if status.zeroed else ZERO
 
-    def card(self, progress: "SessionProgress") -> StepCard | None:
+    def card(self, progress: SessionProgress) -> StepCard | None:
         """The card of the step before the coming trial; None: no step."""
         if progress.coming is None or not (step := self.step(device := self._device(progress))):
             return None
@@ -155,11 +152,11 @@ class RealSetup:
         }
         return StepCard(title, text[step], device_page=True)
 
-    def confirm(self, progress: "SessionProgress", write: Write) -> None:
+    def confirm(self, progress: SessionProgress, write: Write) -> None:
         """The experimenter has done it: now the loop does its part."""
         self.do(progress, self.step(self._device(progress)))
 
-    def do(self, progress: "SessionProgress", step: str, by: str = "") -> None:
+    def do(self, progress: SessionProgress, step: str, by: str = "") -> None:
         """Let the loop do a step, again if need be; nothing while one is being done. by: who signs a bring-up."""
         if step in (m.GO_ON, m.BREAK_OFF):
             self._send(m.BringUpAnswer(step == m.GO_ON))
@@ -176,7 +173,7 @@ class RealSetup:
         }  # fmt: skip
         self._send(jobs[step])
 
-    def _device(self, progress: "SessionProgress") -> Device:
+    def _device(self, progress: SessionProgress) -> Device:
         """The device of the coming trial."""
         assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
@@ -211,7 +208,7 @@ class RealSetup:
         """
         self._send(m.Reset(presses))
 
-    def tip(self, progress: "SessionProgress | None", tried: SimulatedDevice | None) -> m.Point:
+    def tip(self, progress: SessionProgress | None, tried: SimulatedDevice | None) -> m.Point:
         """Where the handle is, rounded, m: a hand that rests changes no snapshot. Before homing: where the jig is."""
         x, y = self.status.tip if self.status and self.status.homed else self._home
         return round(x, 3), round(y, 3)

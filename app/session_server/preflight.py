@@ -7,17 +7,16 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import counted
-
-if TYPE_CHECKING:
-    from experiments.protocol import Protocol
-    from hardware.hid import HidReading
+from experiments.protocol import Protocol
+from experiments.recording.atomic_files import reason_of
+from hardware.hid import HidReading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
@@ -67,7 +66,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
     return Check("Hand", GOOD, "force sensor")
 
 
-def check_hand(hand: str, reading: "HidReading | None") -> Check:
+def check_hand(hand: str, reading: HidReading | None) -> Check:
     """hand: of `INPUTS`. reading: of a six-axis device; None: another hand."""
     if reading is None:
         return Check("Hand", GOOD, INPUTS[hand].title.lower())
@@ -109,7 +108,7 @@ def measure_disk(folder: Path) -> tuple[Check, float]:
         with tempfile.TemporaryFile(dir=existing) as file:
             sync_s = statistics.median(_time_to_write(file) for _ in range(LOOKS))
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
+        reason = reason_of(error)
         advice = f"{folder} cannot be written to: {reason}. Choose another data folder."
         return Check("Disk", BAD, reason, advice), 0.0
     text = f"{free / 1e9:.0f} GB free" if free >= 1e10 else f"{free / 1e9:.1f} GB free"
@@ -229,7 +228,7 @@ def with_advice(name: str, reason: str) -> str:
     return f"{notice}. {advice(reason)}".strip()
 
 
-def ignored_features(setup: Setup, protocol: "Protocol") -> str:
+def ignored_features(setup: Setup, protocol: Protocol) -> str:
     """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
     asked = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,

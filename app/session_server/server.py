@@ -1,4 +1,4 @@
-"""The session server: a process that owns the session, its recordings, journal and tables.
+"""The session server: owns the session, its recordings, journal and tables. Its process begins in `process`.
 
 It is not real time and draws nothing. The window that started it is at the other end of its standard input and output.
 If the window hangs, the running trial goes on. If the window dies, a trial that its pointer moves is stopped and kept,
@@ -9,31 +9,31 @@ import contextlib
 import faulthandler
 import os
 import signal
-import sys
-import tempfile
 import time
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
+
+from filelock import BaseFileLock
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from app.ipc.pipe import Pipe
 from app.ipc.ring import Ring
+from app.session_server.commands import do
 from app.session_server.loop_process import LoopProcess
+from app.session_server.lsl import Outlets
+from app.session_server.state import ServerState
 from core import tick_log
 from core.files import InputError
 from experiments.inputs import INPUTS, is_person
-
-if TYPE_CHECKING:
-    from filelock import BaseFileLock
-
-    from app.session_server.lsl import Outlets
-    from experiments.protocol import Protocol
+from experiments.protocol import Protocol, load_protocol
+from experiments.recording.atomic_files import reason_of
+from experiments.session import files
+from experiments.session.files import LOCK, InUse, hold_lock
 
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
 PULSE_S = 0.1
-CLOSE_S = 1.0  # longest wait for a window to take the last messages
 LOCK_S = 1.5  # longest wait for a server whose window is gone, and which is about to end
 FINISHING = ".finishing"  # in the data folder: a server whose window is gone is still at its last trial
 LOG = ".session_server.log"  # in the data folder; only where something failed that should not
@@ -45,10 +45,8 @@ class SessionServer:
     """The session server of one window."""
 
     def __init__(
-        self, setup: Setup, protocol: "Protocol", ring: Ring, loop: LoopProcess, window: Pipe, lsl: "Outlets | None"
+        self, setup: Setup, protocol: Protocol, ring: Ring, loop: LoopProcess, window: Pipe, lsl: Outlets | None
     ) -> None:
-        from app.session_server.state import ServerState
-
         self._ring, self._window = ring, window
         self._state = ServerState(setup, protocol, ring, loop, lsl)
         self._state.show = self._send_state
@@ -78,13 +76,11 @@ class SessionServer:
             if failed:
                 last = last._replace(stage=m.FAILED, notice=self.end, notice_bad=True)
             self._window.send(last)
-            self._window.flush(CLOSE_S)
+            self._window.flush()
             # not closed: that our end goes with the process tells the window that everything is done
 
     def _listen(self) -> None:
         """Do the commands of the window."""
-        from app.session_server.commands import do
-
         for command in self._window.receive(BEAT_S):
             if isinstance(command, m.Quit):
                 self.end = command.reason or "the window was closed"
@@ -128,41 +124,26 @@ class SessionServer:
             self._pulse_s = now
 
 
-def main() -> None:
-    """The process: reads commands from standard input, writes answers to standard output."""
-    setup, ring = Setup.from_json(sys.argv[1]), Ring(sys.argv[2])
-    window = Pipe(open(os.dup(0), "rb"), open(os.dup(1), "wb"))
-    early = tempfile.TemporaryFile()  # takes what should not happen, before the data folder is ours
-    null = os.open(os.devnull, os.O_RDWR)
-    for number, file in ((0, null), (1, early.fileno()), (2, early.fileno())):
-        os.dup2(file, number)
-    with contextlib.ExitStack() as left:
-        left.callback(window.flush, CLOSE_S)
-        loop = LoopProcess(ring, setup.real_time, setup.link)  # it takes its time, and so do all the imports below
-        left.callback(lambda: None if loop.ended else loop.kill())
-        from app.session_server.lsl import Outlets
-        from experiments.session.files import InUse
-
-        try:
-            lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
-            protocol = take_folder(setup, left)
-            _log_into(setup.data_dir / LOG, early, left)
-            server = SessionServer(setup, protocol, ring, loop, window, lsl)
-        except (InputError, OSError) as error:
-            window.send(m.CannotServe(refusal_of(error, setup.data_dir), isinstance(error, OSError | InUse)))
-            return
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
-        server.serve()
+def run(setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early: BinaryIO, left: contextlib.ExitStack) -> None:
+    """Serve a window to its end. early: has the errors from before the data folder is ours; left: undone at the end."""
+    try:
+        lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
+        protocol = take_folder(setup, left)
+        _log_into(setup.data_dir / LOG, early, left)
+        server = SessionServer(setup, protocol, ring, loop, window, lsl)
+    except (InputError, OSError) as error:
+        window.send(m.CannotServe(refusal_of(error, setup.data_dir), isinstance(error, OSError | InUse)))
+        return
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: setattr(server, "end", TERMINATED))
+    server.serve()
 
 
-def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
+def take_folder(setup: Setup, left: contextlib.ExitStack) -> Protocol:
     """Lock the data folder and read the protocol of new sessions; `left` undoes it and removes what is empty.
 
     InputError or OSError if the folder cannot be served.
     """
-    from experiments.session.files import LOCK
-
     data_dir = setup.data_dir
     new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
     left.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
@@ -173,10 +154,8 @@ def take_folder(setup: Setup, left: contextlib.ExitStack) -> "Protocol":
     return read_protocol(setup)
 
 
-def _hold_lock(data_dir: Path) -> "BaseFileLock":
+def _hold_lock(data_dir: Path) -> BaseFileLock:
     """Lock the folder; waits for a server whose window is gone and which finishes its trial."""
-    from experiments.session.files import hold_lock
-
     while True:
         try:
             return hold_lock(data_dir, LOCK_S)
@@ -190,7 +169,7 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
     if isinstance(error, FileExistsError | NotADirectoryError):
         return f"{data_dir}: is a file, or lies in one, and not a folder"
     if isinstance(error, OSError):
-        return f"{data_dir}: cannot be written to ({(error.strerror or str(error)).lower()})"
+        return f"{data_dir}: cannot be written to ({reason_of(error)})"
     return str(error)
 
 
@@ -204,11 +183,8 @@ def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
     faulthandler.enable()
 
 
-def read_protocol(setup: Setup) -> "Protocol":
+def read_protocol(setup: Setup) -> Protocol:
     """The protocol of new sessions. InputError if it cannot be run, or not by the named participant."""
-    from experiments.protocol import load_protocol
-    from experiments.session import files
-
     protocol = load_protocol(
         setup.protocol, devices=setup.devices, rules=setup.rules, low_gain=setup.low_gain, seed=setup.seed
     )

@@ -6,37 +6,33 @@ between two trials stands in `experiments.plan.steps_between`.
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from app.ipc import messages as m
 from app.ipc.messages import StepCard
+from app.session_server.device_setup import RealSetup, SimulatedSetup, Write
+from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.session.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
 
-if TYPE_CHECKING:
-    from app.session_server.device_setup import RealSetup, SimulatedSetup
-    from app.session_server.session_progress import SessionProgress
-
-    DeviceSetup = SimulatedSetup | RealSetup
-
-Write = Callable[..., None]  # an event and its fields, into the journal
+DeviceSetup = SimulatedSetup | RealSetup
 
 
 class SessionStep(NamedTuple):
     name: str  # the stage of the session while it is due
-    due: "Callable[[SessionProgress, DeviceSetup], StepCard | None]"  # what is to be done; None: it is not due
+    due: Callable[[SessionProgress, DeviceSetup], StepCard | None]  # what is to be done; None: it is not due
     ended_by: type  # the command that ends it
     #: what that command does; InputError: it is not over yet
-    end: "Callable[[SessionProgress, DeviceSetup, Write, Any], None]"
+    end: Callable[[SessionProgress, DeviceSetup, Write, Any], None]
 
 
-def _questions(progress: "SessionProgress", _: "DeviceSetup") -> StepCard | None:
+def _questions(progress: SessionProgress, _: DeviceSetup) -> StepCard | None:
     if progress.asked is None:
         return None
     return StepCard("Questions", "The participant answers them on the other screen.", "")
 
 
-def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command: m.Answers) -> None:
+def _answer(progress: SessionProgress, _: DeviceSetup, write: Write, command: m.Answers) -> None:
     assert progress.asked is not None
     configuration, block, controller = progress.asked
     values = dict(command.values)
@@ -46,7 +42,7 @@ def _answer(progress: "SessionProgress", _: "DeviceSetup", write: Write, command
         write(ANSWERS, configuration=configuration, block=block, values=values)
 
 
-def _break(progress: "SessionProgress", _: "DeviceSetup") -> StepCard | None:
+def _break(progress: SessionProgress, _: DeviceSetup) -> StepCard | None:
     if not progress.break_due:
         return None
     return StepCard(
@@ -54,7 +50,7 @@ def _break(progress: "SessionProgress", _: "DeviceSetup") -> StepCard | None:
     )
 
 
-def _end_break(progress: "SessionProgress", _: "DeviceSetup", write: Write, _command: m.Confirm) -> None:
+def _end_break(progress: SessionProgress, _: DeviceSetup, write: Write, _command: m.Confirm) -> None:
     if (left := progress.break_left_s()) > 0.0:
         raise InputError(f"The break lasts {left:.0f} s more.")
     write(BREAK_ENDED, settled=progress.session.finished_count)
@@ -73,12 +69,12 @@ STEPS = (
 )
 
 
-def due_step(progress: "SessionProgress", device: "DeviceSetup") -> tuple[SessionStep, StepCard] | None:
+def due_step(progress: SessionProgress, device: DeviceSetup) -> tuple[SessionStep, StepCard] | None:
     """The first due step and its card; None: the next trial may start, or none is left."""
     return next(((step, card) for step in STEPS if (card := step.due(progress, device)) is not None), None)
 
 
-def stage_of(progress: "SessionProgress", device: "DeviceSetup") -> str:
+def stage_of(progress: SessionProgress, device: DeviceSetup) -> str:
     """The stage of an open session between two trials."""
     if (due := due_step(progress, device)) is not None:
         return due[0].name

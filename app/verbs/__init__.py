@@ -1,1 +1,1 @@
-"""The verbs of the command line, in light modules: what a verb needs is imported when it runs."""
+"""The verbs of the command line. What reads recordings, computes or draws is imported as its verb runs: 3 s for all."""

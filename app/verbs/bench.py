@@ -4,6 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
+from app.verbs import growth
 from app.verbs.common import add_verb, print_result, whole_number_of, with_progress
 from core.files import InputError
 
@@ -56,10 +57,10 @@ def bench_other(args: argparse.Namespace, option: str) -> None:
     """Measure how the cost of a study grows with its trials, or how late the control loop's ticks are."""
     if args.out is not None or args.quick:
         raise InputError(f"{option}: takes neither --out nor --quick")
-    from app.verbs import growth, loop_lateness
-
     if option == "--scale":
         found = with_progress("measuring", growth.measure_all)
         return print_result(args, found, growth.table(found))
+    from app.verbs import loop_lateness
+
     found = with_progress("measuring", loop_lateness.measure_all, args.loop, compiles=True)
     print_result(args, found, loop_lateness.table(found))

@@ -9,10 +9,17 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.ipc.scheduling import take_scheduling
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
+from app.verbs.run import port_of, reached
+from core.device import load_device
 from core.files import InputError
 from experiments.inputs import MOUSE
+from experiments.protocol import home_of, load_protocol
+from experiments.recording.atomic_files import refusing
+from hardware.haply import HAPLY
+from hardware.own_driver import own_failure
 
 if TYPE_CHECKING:
     from experiments.bring_up.bring_up import Result
@@ -118,16 +125,11 @@ def say(text: str) -> None:
 
 
 def bring_up(args: argparse.Namespace) -> int:
-    from app.ipc.scheduling import take_scheduling
-    from app.verbs.run import reached
-    from core.device import load_device
     from experiments.bring_up.bring_up import BringUp
     from experiments.bring_up.record import brake_steps, content, to_amend, write_record
     from experiments.bring_up.steps import steps_for, with_needs
-    from experiments.protocol import home_of, load_protocol
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
-    from hardware.own_driver import own_failure
     from hardware.serial_device import device_at
 
     if not args.by.strip():
@@ -181,9 +183,6 @@ def verdict_on(steps: list[dict[str, Any]]) -> str:
 
 def link_port(args: argparse.Namespace) -> str:
     """The port of --link. InputError: it names no real device."""
-    from app.verbs.run import port_of
-    from hardware.haply import HAPLY
-
     if not (port := port_of(args)):
         raise InputError(
             "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
@@ -196,7 +195,6 @@ def link_port(args: argparse.Namespace) -> str:
 def make_folder(data_dir: Path) -> None:
     """InputError before anything is done, rather than after ten minutes."""
     from experiments.bring_up.record import FOLDER
-    from experiments.recording.atomic_files import refusing
 
     for folder in (data_dir, data_dir / FOLDER):
         with refusing(folder, "cannot be used"):

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from app.progress import ProgressBar, watch_compiling
+from core.device import load_device
 from core.files import InputError
+from experiments.assumptions import NO_VIBRATION
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
@@ -92,16 +94,12 @@ def number_between(above: float, below: float, wanted: str) -> Callable[[str], f
 
 
 def low_gain(text: str) -> float | str:
-    from experiments.assumptions import NO_VIBRATION
-
     wanted = f"a number greater than 0, in N s/m, or {NO_VIBRATION!r}"
     return text if text == NO_VIBRATION else number_between(0.0, math.inf, wanted)(text)
 
 
 def devices_of(args: argparse.Namespace) -> list:
     """The devices of --device. InputError if one cannot be read, or two have one name."""
-    from core.device import load_device
-
     devices = [load_device(device) for device in args.device or DEFAULT_DEVICES]
     for device in devices:
         if device.castor:

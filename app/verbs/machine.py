@@ -9,9 +9,15 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from app.ipc.messages import BAD
+from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, DEFAULT_DEVICES, PORTS, add_verb, print_result, whole_number_of
+from core.device import load_device, shipped_devices
 from core.files import InputError
+from core.path import Segment, build_path
+from experiments.protocol import load_protocol
+from hardware.emulated_board.line_faults import read_fault
 
 #: state -> mark, colour on a terminal
 MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
@@ -96,7 +102,6 @@ def refused(allowed: bool) -> str:
 
 def doctor_verb(args: argparse.Namespace) -> int:
     from app.doctor import examine
-    from app.ipc.messages import BAD
 
     checks = examine(args.data_dir, args.port)
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
@@ -114,13 +119,7 @@ def doctor_verb(args: argparse.Namespace) -> int:
 
 
 def emulate(args: argparse.Namespace) -> None:
-    from hardware.emulated_board.line_faults import read_fault
-
     faults = [read_fault(text) for text in args.fault]
-    from core.device import load_device, shipped_devices
-    from core.path import Segment, build_path
-    from experiments.protocol import load_protocol
-
     every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
     devices = list(map(load_device, [args.device] if args.device else every))
     if devices[0].castor:
@@ -165,8 +164,6 @@ def low_latency() -> str:
 
     Called last: it ends garbage collection.
     """
-    from app.ipc.scheduling import leave_core, program_cores, take_scheduling
-
     got = take_scheduling()
     leave_core(got.core)
     if got.core < 0:

@@ -11,6 +11,8 @@ from app.progress import watch_compiling
 from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
 from core.files import InputError
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
+from experiments.simulate.scene import read_scene
+from experiments.trial.population import load_population
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 #: Displays with two brakes, three, four, and four on the central axis.
@@ -92,13 +94,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 def simulate_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import is_cobot_scene
-    from experiments.simulate.scene import read_scene
+    from experiments.simulate.simulate import simulate
 
     if is_cobot_scene(args.scene):
         return simulate_cobot_verb(args)
     scene = read_scene(args.scene)
-    from experiments.simulate.simulate import simulate
-
     if scene.integrator == "karnopp":
         print(f"note: {args.scene}: {KARNOPP}", file=sys.stderr)
     compiling = watch_compiling()
@@ -197,20 +197,19 @@ def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
 
 
 def figures_verb(args: argparse.Namespace) -> None:
+    from experiments.paper_figures import draw_all
+    from experiments.paper_figures.lengths import with_better_lengths
+
     if args.map and not args.device:
         args.device = MAPPED
     devices, texts = devices_of(args), {}
     if args.lengths_within:
         if args.map != "force":
             raise InputError("--lengths-within: is for --map force alone")
-        from experiments.paper_figures.lengths import with_better_lengths
-
         better = [with_better_lengths(device, args.lengths_within) for device in devices]
         texts = {args.out / f"{device.name}.toml": device.text.encode() for device in better}
         refuse_existing_files(texts)
         devices = [device for pair in zip(devices, better, strict=True) for device in pair]
-    from experiments.paper_figures import draw_all
-
     drawn = with_progress("drawing", draw_all, devices, args.out, args.map, compiles=True)
     write_new_files(texts)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
@@ -219,11 +218,9 @@ def figures_verb(args: argparse.Namespace) -> None:
 
 
 def fit_operator_verb(args: argparse.Namespace) -> None:
-    from experiments.trial.population import load_population
-
-    like = load_population(args.like)
     from experiments.operator_fit.fit import fit_operator
 
+    like = load_population(args.like)
     found = with_progress("fitting", fit_operator, args.folder, args.participant, args.out, like)
     lines = []
     for person in found:

@@ -5,10 +5,16 @@ import re
 import tempfile
 from pathlib import Path
 
+import shtab
+
 from app.progress import watch_compiling
 from app.verbs.common import add_verb, print_result, summary_text
+from core.control.own_file import read_own
 from core.device import SHIPPED_FOLDER, load_device
 from core.files import InputError
+from core.own_files import read_own_text
+from experiments.protocol import load_protocol
+from experiments.recording.atomic_files import make_empty_folder, write_new_files
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
 DEVICE = "my-device"
@@ -40,9 +46,6 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def new_verb(args: argparse.Namespace) -> None:
-    from experiments.protocol import load_protocol
-    from experiments.recording.atomic_files import make_empty_folder, write_new_files
-
     load_device(args.device, SHIPPED_FOLDER)  # InputError: there is none
     shipped = (SHIPPED_FOLDER / f"{args.device}.toml").read_text(encoding="utf-8")
     device = re.sub(r'(?m)^name = ".*"$', f'name = "{DEVICE}"', shipped, count=1)
@@ -62,8 +65,6 @@ def new_verb(args: argparse.Namespace) -> None:
 
 
 def check_controller_verb(args: argparse.Namespace) -> int:
-    from core.control.own_file import read_own
-    from core.own_files import read_own_text
     from experiments.study.controller_check import check_controller
 
     given = dict(map(_setting, args.set))
@@ -83,8 +84,6 @@ def _setting(text: str) -> tuple[str, float]:
 
 
 def completion_verb(args: argparse.Namespace) -> None:
-    import shtab
-
-    from app.cli import make_parser
+    from app.cli import make_parser  # it imports this module
 
     print(shtab.complete(make_parser(), shell=args.shell))

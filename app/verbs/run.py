@@ -3,15 +3,19 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from app.ipc.client import Client
+from app.ipc.messages import Setup
 from app.progress import ScreenCheck, import_window_module, watch_compiling
+from app.session_server.preflight import ignored_features
 from app.verbs.common import DATA, DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
+from app.window.widgets import palette
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
-
-if TYPE_CHECKING:
-    from experiments.protocol import Protocol
+from experiments.plan import print_plan
+from experiments.protocol import Protocol, load_protocol
+from hardware.haply import HAPLY
+from hardware.own_driver import DRIVER, load_driver
 
 #: for --help: mouse (pulls the handle by a spring)
 HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
@@ -65,25 +69,19 @@ def label(text: str) -> str:
 def run(args: argparse.Namespace) -> int | None:
     port = port_of(args)
     if args.print_plan:
-        print_plan(args)
+        plan_verb(args)
         return None
     link = reached(port, args.force)
     display = ScreenCheck("open a window on")
     for device in protocol_of(args).devices if link else ():
         if device.castor:
             raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
-    from app.ipc.client import Client
-    from app.ipc.messages import Setup
-    from app.window.widgets import palette
-
     devices = tuple(map(whole, args.device)) if args.device else None
     setup = Setup(
         data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
         args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
-        from app.session_server.preflight import ignored_features
-
         if without := ignored_features(setup, protocol_of(args)):
             print(f"phd: {without}", file=sys.stderr)
     client = Client(setup)
@@ -119,8 +117,6 @@ def port_of(args: argparse.Namespace) -> str:
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
         return ""
-    from hardware.haply import HAPLY
-    from hardware.own_driver import DRIVER
     from hardware.serial_port import is_address
 
     if args.link.startswith(DRIVER):
@@ -147,8 +143,6 @@ def reached(port: str, force: str) -> str:
     """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
     if not port:
         return ""
-    from hardware.haply import HAPLY
-    from hardware.own_driver import DRIVER, load_driver
     from hardware.serial_port import find_port, is_missing
 
     if port.startswith(DRIVER):
@@ -166,19 +160,16 @@ def reached(port: str, force: str) -> str:
     return f"{port} {force}"
 
 
-def protocol_of(args: argparse.Namespace) -> "Protocol":
+def protocol_of(args: argparse.Namespace) -> Protocol:
     """The protocol with the options of the command line."""
-    from experiments.protocol import load_protocol
-
     asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
     protocol = load_protocol(args.protocol, devices=args.device, **asked)
     protocol.refuse_unknown_low_gain()
     return protocol
 
 
-def print_plan(args: argparse.Namespace) -> None:
+def plan_verb(args: argparse.Namespace) -> None:
     from experiments.analysis.own_measures import own_metrics
-    from experiments.plan import print_plan
     from experiments.session.files import free_participant
 
     protocol = protocol_of(args)

@@ -16,6 +16,8 @@ from app.verbs.common import (
     with_progress,
 )
 from core.files import InputError
+from experiments.protocol import load_protocol
+from experiments.trial.population import SHIPPED_FOLDER, load_population
 
 #: The sweep that ships; its protocol has the same name.
 ARENA = "arena"
@@ -106,14 +108,12 @@ def add(verbs: argparse._SubParsersAction) -> None:
 def power_verb(args: argparse.Namespace) -> None:
     if args.pilot and (args.population or args.people):
         raise InputError("--from: a pilot has its own people; --population and --people are for simulated ones")
-    from experiments.protocol import load_protocol
     from experiments.study.power import power, question_of
-    from experiments.trial.population import SHIPPED_FOLDER, load_population
 
     protocol = load_protocol(args.protocol)
     asked = question_of(protocol, args.between, args.measure, args.power)
     names = args.population or sorted(path.stem for path in SHIPPED_FOLDER.glob("*.toml"))
-    source = args.pilot or {one.name: one for one in map(load_population, names)}
+    source = args.pilot or {found.name: found for found in map(load_population, names)}
     what = protocol, asked, source, args.people or SIMULATED_PEOPLE, args.out
     summary = with_progress("power", power, *what, compiles=args.pilot is None)
     print_result(args, summary, summary_text(summary))
@@ -126,15 +126,12 @@ def study(args: argparse.Namespace) -> None:
         return sweep(args)
     if args.cluster:
         raise InputError("--cluster: is for --sweep alone, a study runs on this machine")
-    from experiments.protocol import load_protocol
-    from experiments.trial.population import load_population
+    from experiments.analysis.chart_figures import SCREEN
+    from experiments.study.study import resume_study, run_study
 
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
     protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
     population = load_population(args.population or "average")
-    from experiments.analysis.chart_figures import SCREEN
-    from experiments.study.study import resume_study, run_study
-
     if args.resume:
         given = {"operators": args.operators, "devices": args.device and protocol.devices}
         given |= {"protocol": args.protocol and protocol, "population": args.population and population}

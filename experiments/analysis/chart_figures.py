@@ -247,7 +247,6 @@ def _draw_panel(axes: Axes, chart: Chart, show_counts: bool, slanted: bool) -> N
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
-    """Draw a chart."""
     for at in chart.boxes:
         box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
         draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.look)

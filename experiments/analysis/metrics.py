@@ -12,6 +12,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from core.control.algorithm import BY_GUARD, GAP, LOCKED, NONE, RELEASED, UNREACHABLE
 from core.control.controllers import DECISIONS
@@ -61,10 +62,8 @@ def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> 
     """
     if len(tip) < 20:  # shorter than the filter's own padding
         return None
-    from scipy import signal  # here: it takes more than a second, which a window that starts lacks
-
-    sections = signal.butter(4, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
-    smooth = signal.sosfiltfilt(sections, tip.T, axis=1)
+    sections = scipy.signal.butter(4, cutoff_hz, fs=SAMPLE_RATE_HZ, output="sos")
+    smooth = scipy.signal.sosfiltfilt(sections, tip.T, axis=1)
     velocity = np.gradient(smooth, 1.0 / SAMPLE_RATE_HZ, axis=1)
     return np.gradient(velocity, 1.0 / SAMPLE_RATE_HZ, axis=1).T
 

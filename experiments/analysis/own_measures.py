@@ -78,23 +78,24 @@ def _number(value: object) -> float | None:
 def _declared(file: str, text: str) -> tuple[Measure, ...]:
     """InputError, one sentence, for a file that declares no measures."""
     where, measures = f"{file}.py", getattr(run_own(file, text), "MEASURES", None)
-    if not isinstance(measures, Sequence) or not measures or not all(isinstance(one, Measure) for one in measures):
+    if not isinstance(measures, Sequence) or not measures or not all(isinstance(each, Measure) for each in measures):
         raise InputError(f"{where}: must have MEASURES = (Measure(..),), as docs/examples/protocols/my_measure.py has")
-    for one in measures:
-        if not isinstance(one.name, str) or not NAME.fullmatch(one.name):
-            raise InputError(f"{where}: a measure's name must be of letters (a to z), digits and _, not {one.name!r}")
-        if one.name in TAKEN:
-            raise InputError(f"{where}: {one.name} is a column that tables have already: give the measure another name")
-        texts = one.title, one.unit, one.meaning
-        if not all(isinstance(text, str) and text.isprintable() for text in texts) or not one.title:
-            raise InputError(f"{where}: {one.name}: title, unit and meaning must be text, in one line")
-        if not isinstance(one.decimals, int) or not 0 <= one.decimals <= 9:
-            raise InputError(f"{where}: {one.name}: decimals must be a whole number from 0 to 9, not {one.decimals!r}")
-        if one.better not in BETTER:
-            raise InputError(f"{where}: {one.name}: better must be one of {', '.join(BETTER)}, not {one.better!r}")
-        if not callable(one.of):
-            raise InputError(f"{where}: {one.name}: of must be a function of a movement")
-    if len({one.name for one in measures}) < len(measures):
+    for measure in measures:
+        name = measure.name
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            raise InputError(f"{where}: a measure's name must be of letters (a to z), digits and _, not {name!r}")
+        if name in TAKEN:
+            raise InputError(f"{where}: {name} is a column that tables have already: give the measure another name")
+        texts = measure.title, measure.unit, measure.meaning
+        if not all(isinstance(text, str) and text.isprintable() for text in texts) or not measure.title:
+            raise InputError(f"{where}: {name}: title, unit and meaning must be text, in one line")
+        if not isinstance(measure.decimals, int) or not 0 <= measure.decimals <= 9:
+            raise InputError(f"{where}: {name}: decimals must be a whole number from 0 to 9, not {measure.decimals!r}")
+        if measure.better not in BETTER:
+            raise InputError(f"{where}: {name}: better must be one of {', '.join(BETTER)}, not {measure.better!r}")
+        if not callable(measure.of):
+            raise InputError(f"{where}: {name}: of must be a function of a movement")
+    if len({measure.name for measure in measures}) < len(measures):
         raise InputError(f"{where}: two measures have the same name")
     return tuple(measures)
 
@@ -103,10 +104,10 @@ def metrics_in(file: str, text: str) -> tuple[Metric, ...]:
     """The measures of a file, as the shipped ones are. InputError, one sentence, if it declares none that can be."""
     return tuple(
         Metric(
-            one.name, one.unit, one.title, one.title, one.meaning or one.title, InFile(file, text, one.name),
-            shown_unit=one.unit, decimals=one.decimals, figure=f"file_own_{one.name}", compared=True, better=one.better,
+            own.name, own.unit, own.title, own.title, own.meaning or own.title, InFile(file, text, own.name),
+            shown_unit=own.unit, decimals=own.decimals, figure=f"file_own_{own.name}", compared=True, better=own.better,
         )
-        for one in _declared(file, text)
+        for own in _declared(file, text)
     )  # fmt: skip
 
 

@@ -43,7 +43,6 @@ TEMPLATE = Path(__file__).with_name("report_template.md")
 #: The measures that the report leads with: those of the figures, and what judges the statements.
 SHOWN = tuple(metric.name for metric in JUDGED)
 SIMULATED = "The operators are simulated: read it as what this model says, not as people."
-SUBSTEPS, ASIDE_M = 10, 1e-6
 STEP, HAND = "step of a tenth", "hand 1 um aside"
 
 
@@ -235,12 +234,16 @@ def _contrasts(results: Sequence[Result], names: Mapping[int, str], own: Sequenc
         for r in results:
             if (r.measure, r.statistic) == (metric.name, "hodges_lehmann"):
                 pair = f"{_name(r.first, names)} - {_name(r.second, names)}"
-                p = "" if r.p_holm is None else "< 0.001" if r.p_holm < 0.001 else f"{r.p_holm:.3f}"
-                measure = _with_unit(metric)
-                lines.append((measure, r.configuration, pair, _number(r, metric.scale, metric.decimals), p))
+                p = "" if r.p_holm is None else _p(r.p_holm).removeprefix("= ")
+                difference = _number(r, metric.scale, metric.decimals)
+                lines.append((_with_unit(metric), r.configuration, pair, difference, p))
                 tested |= r.p_holm is not None
     how = " with the 95 % interval of Wilcoxon's test; p after Holm's correction for all pairs of the same rows."
     return _table(("measure", "device", "controllers", "difference", "p"), lines), how if tested else "."
+
+
+def _p(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"= {p:.3f}"
 
 
 def _with_unit(metric: Metric) -> str:
@@ -334,7 +337,7 @@ def _differ(results: Sequence[Result], own: Sequence[Metric]) -> Iterable[str]:
         tests = [r for r in results if (r.measure, r.statistic) == (metric.name, "chi_square")]
         chances = {r.configuration: r.p for r in tests if r.p is not None}
         if chances:
-            listed = ", ".join(f"{where} p {'< 0.001' if p < 0.001 else f'= {p:.3f}'}" for where, p in chances.items())
+            listed = ", ".join(f"{where} p {_p(p)}" for where, p in chances.items())
             differs = "differs" if all(p < 0.05 for p in chances.values()) else "does not everywhere differ"
             yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
 
@@ -363,13 +366,12 @@ def _speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
                 judged = "slow trials do look accurate" if r.low > 0.0 else "fast trials are the more accurate ones"
             yield f"Twice the speed, same person and task: path error {_number(r, 1e3, 2)} mm; {judged}."
     for configuration in dict.fromkeys(r.configuration for r in speed if r.configuration != "all"):
-        results_of_device = [r for r in speed if r.configuration == configuration]
-        raw = {r.first: 1e3 * (r.value or 0.0) for r in results_of_device if r.statistic == "mean_error"}
-        adjusted = {
-            r.first: 1e3 * (r.value or 0.0) for r in results_of_device if r.statistic == "error_at_common_speed"
-        }
-        listed = ", ".join(f"{_name(k, names)} {raw[k]:.2f} -> {adjusted[k]:.2f}" for k in raw)
-        same = sorted(raw, key=raw.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
+        measured, adjusted = (
+            {r.first: 1e3 * (r.value or 0.0) for r in speed if (r.configuration, r.statistic) == (configuration, name)}
+            for name in ("mean_error", "error_at_common_speed")
+        )
+        listed = ", ".join(f"{_name(k, names)} {measured[k]:.2f} -> {adjusted[k]:.2f}" for k in measured)
+        same = sorted(measured, key=measured.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
         kept = "stays" if same else "changes"
         yield f"Path error at equal speed, {configuration} (mm, measured -> adjusted): {listed}; the order {kept}."
 
@@ -390,15 +392,18 @@ def _order(results: Sequence[Result], names: Mapping[int, str]) -> Iterable[str]
     orders = [r for r in results if r.test == "order"]
     for base in [r for r in orders if r.measure == r.second]:
         others = [r for r in orders if (r.second, r.configuration) == (base.measure, base.configuration)][1:]
-        by: dict[str, list[str]] = {}  # what is swapped -> the definitions that do so
+        same: list[str] = []  # the definitions that give the same order
+        swap: dict[str, list[str]] = {}  # those that swap some controllers, by which
         for other in others:
             pairs = [f"{_name(a, names)} and {_name(b, names)}" for a, b in swapped(base.first, other.first)]
-            by.setdefault(", ".join(pairs), []).append(other.measure)
-        same = [f"the same by {'; '.join(by.pop(''))}"] if "" in by else []
-        texts = [*same, *(f"{pairs} change places by {'; '.join(measures)}" for pairs, measures in by.items())]
+            (swap.setdefault(", ".join(pairs), []) if pairs else same).append(other.measure)
         order = " < ".join(_name(k, names) for k in base.first.split(" < "))
-        about = f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"
-        yield ". ".join([about, *(f"{text[:1].upper()}{text[1:]}" for text in texts)]) + "."
+        told = [f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}"]
+        told += [f"The same by {'; '.join(same)}"] if same else []
+        told += [
+            f"{pairs[:1].upper()}{pairs[1:]} change places by {'; '.join(measures)}" for pairs, measures in swap.items()
+        ]
+        yield ". ".join(told) + "."
 
 
 def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
@@ -431,7 +436,7 @@ def error_table(moved: Sequence[Moved], names: Mapping[int, str]) -> str:
             share = f" ({significant(100.0 * move.worst_share, 2)} %)" if move and move.worst_share is not None else ""
             moves = [significant(metric.scale * size, 1) for size in (move.median, move.worst)] if move else []
             cells.append(" / ".join(moves) + share)
-        lines.append((names.get(controller, f"controller {controller}"), change, *cells))
+        lines.append((_name(controller, names), change, *cells))
     return _table(("controller", "changed", *(f"{metric.short} ({metric.shown_unit})" for metric in FIGURES)), lines)
 
 

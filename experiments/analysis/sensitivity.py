@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from experiments.analysis.metrics import (
     BY_NAME,
@@ -173,9 +174,7 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
 
 def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None:
     """Kendall's tau-b of two rankings of the same things; None where one of them is all ties."""
-    from scipy import stats  # here: it takes more than a second, which a window that starts lacks
-
-    tau = float(stats.kendalltau(first, second).statistic)
+    tau = float(scipy.stats.kendalltau(first, second).statistic)
     return None if math.isnan(tau) else tau
 
 

@@ -4,7 +4,6 @@ Means of each participant's trials; Friedman across controllers; Wilcoxon signed
 measure and configuration; Hodges-Lehmann differences and matched-pairs rank-biserial correlations with intervals; the
 trend over the order of trials; path error against speed, and adjusted for it. "pooled": the mean of a participant's
 configurations. Below six participants there are no p-values and no intervals: three people prove nothing for others.
-SciPy's statistics are imported where they are used: it takes a second, which a window that starts has no time for.
 
 Trials of one person are no independent observations; people are. So each participant's trials in a cell
 (configuration, controller) become one score, and intervals and tests count participants. Which trials count, the
@@ -17,6 +16,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_controller, own_columns, to_compare
@@ -160,11 +160,9 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval:
     Fewer people only widen it: the root mean square of its half-widths over all subsets of m of these people is
     t(m - 1) s / sqrt(m), with s the standard deviation of them all, and that falls with every person more.
     """
-    from scipy import stats
-
     data = np.asarray(values, dtype=float)
     n, middle = len(data), float(np.mean(data))
-    half = float(stats.t.ppf(0.5 * (1.0 + LEVEL), n - 1) * stats.sem(data)) if n > 1 else math.inf
+    half = float(scipy.stats.t.ppf(0.5 * (1.0 + LEVEL), n - 1) * scipy.stats.sem(data)) if n > 1 else math.inf
     return Interval(n, middle, middle - half, middle + half)
 
 
@@ -174,13 +172,11 @@ def median_interval(values: Sequence[float] | np.ndarray) -> Interval:
     From the k-th smallest to the k-th largest value, the largest k that covers the median of people with at least
     95 %. Below six values none does.
     """
-    from scipy import stats
-
     data = np.sort(np.asarray(values, dtype=float))
     n, middle = len(data), float(np.median(data))
     if n < LEAST_PEOPLE:
         return Interval(n, middle, -math.inf, math.inf)
-    k = int(stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
+    k = int(scipy.stats.binom.ppf(0.5 * (1.0 - LEVEL), n, 0.5))
     return Interval(n, middle, float(data[k - 1]), float(data[n - k]))
 
 
@@ -202,9 +198,7 @@ def friedman(measure: str, configuration: str, table: ByController) -> list[Resu
     data = np.array([[of_people[person] for person in people] for of_people in table.values()])
     if np.all(data == data[0]):  # every participant the same with every controller: nothing to rank
         return []
-    from scipy import stats
-
-    chi_square, p = map(float, stats.friedmanchisquare(*data))
+    chi_square, p = map(float, scipy.stats.friedmanchisquare(*data))
     about = ("friedman", measure, configuration, " ".join(map(str, table)), "", len(people))
     return [
         Result(*about, "chi_square", chi_square, p=p if len(people) >= LEAST_PEOPLE else None),
@@ -236,10 +230,8 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
 
 def signed_rank_p(differences: np.ndarray) -> float:
     """Two-sided p of Wilcoxon's signed-rank test: exact without ties and zeros, zeros left out."""
-    from scipy import stats
-
     rest = differences[differences != 0.0]
-    return float(stats.wilcoxon(rest).pvalue) if len(rest) else 1.0
+    return float(scipy.stats.wilcoxon(rest).pvalue) if len(rest) else 1.0
 
 
 def holm(chances: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -288,10 +280,8 @@ def signed_rank_distribution(n: int) -> np.ndarray:
 
 def rank_biserial(differences: np.ndarray) -> float:
     """Matched pairs: (sum of ranks over 0 minus sum of those under it) / sum of all, in [-1, 1]; 0 if all are 0."""
-    from scipy import stats
-
     rest = differences[differences != 0.0]
-    ranks = stats.rankdata(np.abs(rest))
+    ranks = scipy.stats.rankdata(np.abs(rest))
     return float(np.sign(rest) @ ranks / ranks.sum()) if len(rest) else 0.0
 
 
@@ -301,9 +291,7 @@ def rank_biserial_interval(effect: float, people: int) -> tuple[float, float]:
     Our choice: as of so many independent people that the share varies without a shift as it does, 3 n (n + 1) /
     (2 (2 n + 1)); with half a rank of continuity. Its coverage stands in docs/judging.md.
     """
-    from scipy import stats
-
-    z, n = stats.norm.ppf(0.5 * (1.0 + LEVEL)), 1.5 * people * (people + 1) / (2 * people + 1)
+    z, n = scipy.stats.norm.ppf(0.5 * (1.0 + LEVEL)), 1.5 * people * (people + 1) / (2 * people + 1)
     ends = []
     for side in (-1.0, 1.0):
         share = np.clip(0.5 * (1.0 + effect) + side / (people * (people + 1)), 0.0, 1.0)

@@ -20,7 +20,7 @@ from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.simulator.state import pack_brakes, pack_mechanism
-from experiments.bring_up.step import NO_CURRENT, SHARE, Finding, Four, Seen
+from experiments.bring_up.step import SHARE, Finding, Seen
 from experiments.identify.step_response import COLUMNS, Step
 from experiments.identify.two_currents import identify_two_currents, summary_of
 
@@ -35,18 +35,6 @@ TRANSIENT_S = 0.3
 #: The share of the model's torque that counts as the brake's; the models are assumed, so it is wide. Our choice
 LEAST, MOST = 0.4, 2.5
 ENOUGH_ROWS = 400
-
-
-def in_turn(t: float, largest: np.ndarray) -> Four:
-    """10 % on and off, `TIMES` times, for each brake in turn."""
-    braked = np.flatnonzero(largest)
-    number, rest = divmod(t, 2.0 * HALF_S)
-    turn = int(number) // TIMES
-    if turn >= len(braked) or rest >= HALF_S:
-        return NO_CURRENT
-    currents = np.zeros(4)
-    currents[braked[turn]] = SHARE * largest[braked[turn]]
-    return tuple(currents.tolist())  # type: ignore[return-value]
 
 
 class Motion(NamedTuple):

@@ -165,13 +165,13 @@ def judge_push(direction: Point, words: str) -> Callable[[Seen], Finding]:
 # ----------------------------------------------------------------------------------------------- currents, no hand
 
 
-def one_after_another(t: float, largest: np.ndarray) -> Four:
-    """Each brake in turn has 10 % for `ON_S`, then none for as long."""
-    number, rest = divmod(t, 2.0 * ON_S)
-    braked = np.flatnonzero(largest)
+def in_turn(t: float, largest: np.ndarray, on_s: float = ON_S, times: int = 1) -> Four:
+    """Each brake in turn has 10 % for `on_s`, then none for as long, so many times."""
+    number, rest = divmod(t, 2.0 * on_s)
+    braked, turn = np.flatnonzero(largest), int(number) // times
     currents = np.zeros(4)
-    if number < len(braked) and rest < ON_S:
-        currents[braked[int(number)]] = SHARE * largest[braked[int(number)]]
+    if turn < len(braked) and rest < on_s:
+        currents[braked[turn]] = SHARE * largest[braked[turn]]
     return tuple(currents.tolist())  # type: ignore[return-value]
 
 

@@ -81,7 +81,8 @@ def _plain(board: str | None) -> str:
 def newest_content(data_dir: Path, board: str) -> tuple[Path, Content] | None:
     """The newest record of a board, file and content; None: there is none. InputError: it was damaged."""
     found = [(file, read_sealed(file)) for file in (data_dir / FOLDER).glob(f"{_plain(board)}-*.json")]
-    return max((one for one in found if one[1].get("board") == board), key=lambda one: one[1]["time"], default=None)
+    own = ((file, about) for file, about in found if about.get("board") == board)
+    return max(own, key=lambda written: written[1]["time"], default=None)
 
 
 def newest_record(data_dir: Path, board: str) -> Written | None:

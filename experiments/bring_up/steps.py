@@ -1,13 +1,14 @@
 """The steps of bringing a board up, in their order: what is asked, what currents flow, what must have passed."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from core.device import Device
 from core.files import InputError
 from core.workspace import tip_is_free
-from experiments.bring_up.brakes_in_motion import LASTS_S, in_turn, judge_brakes
+from experiments.bring_up.brakes_in_motion import HALF_S, LASTS_S, TIMES, judge_brakes
 from experiments.bring_up.checks import (
     LINKS,
     ON_S,
@@ -17,6 +18,7 @@ from experiments.bring_up.checks import (
     are_there,
     has_pushed,
     has_turned,
+    in_turn,
     judge_board,
     judge_currents,
     judge_encoder,
@@ -29,7 +31,6 @@ from experiments.bring_up.checks import (
     judge_watchdog,
     judge_zero,
     moves,
-    one_after_another,
 )
 from experiments.bring_up.step import Point, Step
 
@@ -92,7 +93,7 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
     found += [
         Step("currents", "Current steps of 10 %", judge_currents, 2.0 * ON_S * count,
              "Do not touch the handle: brakes get 10 % of their current, one after another.", {"do": "let go"}, True,
-             ("quiet",), drive=one_after_another),
+             ("quiet",), drive=in_turn),
         Step("watchdog", "Watchdog: this computer falls silent", judge_watchdog, 0.3, "Do not touch the handle.",
              {"do": "let go"}, needs=("currents",), drive=all_on, may_fault=True,
              silent_s=SILENT_S),
@@ -107,7 +108,7 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
         needs = (*hands_safe, "currents", "watchdog", "stop", "supply back")
         found.append(
             Step("brakes", "Brakes at their joints", judge_brakes, LASTS_S, f"{ask}get 10 %.", {"circle": list(home)},
-                 needs=needs, begins=moves, drive=in_turn)
+                 needs=needs, begins=moves, drive=partial(in_turn, on_s=HALF_S, times=TIMES))
         )  # fmt: skip
     found.append(
         Step("latency", "Latency and jitter", judge_latency, latency_s,

@@ -149,7 +149,7 @@ def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
     """A trial to export, or why it is left out."""
     recording, home = read_recording(path), path.parent.parent
     if not recording.whole:
-        return "; ".join(recording.damaged) or "cut off before its end"
+        return recording.faults
     if session.has_table and path.stem not in session.recorded:
         return f"has no row in {TABLE}: the trial is running, or phd recover is needed"
     try:

@@ -23,7 +23,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, wr
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import new_folders, write_new_file
+from experiments.recording.atomic_files import new_folders, reason_of, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session import journal
 from experiments.session.files import TABLE, read_stored
@@ -70,7 +70,7 @@ def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
     except OSError as error:
-        raise InputError(f"{job.folder}: cannot be written ({(error.strerror or str(error)).lower()})") from None
+        raise InputError(f"{job.folder}: cannot be written ({reason_of(error)})") from None
 
 
 def write_session_report(session: Path, out: Path) -> None:

@@ -149,8 +149,6 @@ def _room(
 
     With its axes, the mean time constants at (current, log2 of speed), the currents and the logs of the speeds.
     """
-    import mpl_toolkits.mplot3d  # noqa: F401  (makes the projection known)
-
     figure = new_figure(PAGE_IN, 5.6)
     with matplotlib.rc_context({"grid.color": LINE, "grid.linewidth": 0.6}):
         axes: Any = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")

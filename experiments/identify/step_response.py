@@ -143,17 +143,17 @@ def measure(steps: Sequence[Step], where: str, dead_s: float = 0.0) -> list[Meas
     """Time constant and steady torque of each averaged step, whose torque begins to follow `dead_s` late."""
     found = []
     places = np.linspace(0.0, 1.0, len(steps))
-    ordered = sorted(zip(steps, places.tolist(), strict=True), key=lambda one: one[0].key)
-    together = [zip(*repeats, strict=True) for _, repeats in groupby(ordered, key=lambda one: one[0].key)]
+    ordered = sorted(zip(steps, places.tolist(), strict=True), key=lambda placed: placed[0].key)
+    together = [zip(*repeats, strict=True) for _, repeats in groupby(ordered, key=lambda placed: placed[0].key)]
     averaged = [(mean_step(repeats), repeats, when) for repeats, when in together]
     for key in sorted({(step.speed_rpm, step.rising) for step, *_ in averaged}):
-        alike = [one for one in averaged if (one[0].speed_rpm, one[0].rising) == key]
+        alike = [entry for entry in averaged if (entry[0].speed_rpm, entry[0].rising) == key]
         typical = typical_time_constant([step for step, *_ in alike], where)
         for step, repeats, when in alike:
             a, height = time_constant_of_step(step, typical, dead_s)
             begin = min(STEADY * typical, 0.9 * float(step.t[-1]))
             height = height if typical / NEAR < a < typical * NEAR else 0.0
-            torque, *torques = (steady_torque(one, begin, a, height) for one in [step, *repeats])
+            torque, *torques = (steady_torque(each, begin, a, height) for each in [step, *repeats])
             found.append(Measured(step, typical, a, torque, torques, list(when), whole_turns(step, begin)))
     return found
 

@@ -105,7 +105,7 @@ def motion_of(recording: Recording, way: Segment) -> Motion:
         mean(mean(mean(tip))), mean(mean(slope(tip))), mean(slope(slope(tip))), slope(slope(slope(tip))),
         mean(mean(mean(force))),
     )  # fmt: skip
-    return Motion(path.length, phase[: len(smooth[0])][::STRIDE], *(one[::STRIDE] for one in smooth))
+    return Motion(path.length, phase[: len(smooth[0])][::STRIDE], *(samples[::STRIDE] for samples in smooth))
 
 
 def mean(z: np.ndarray) -> np.ndarray:

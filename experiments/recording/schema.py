@@ -95,6 +95,11 @@ class Recording:
         """Whether every recorded tick was read unchanged."""
         return self.complete and not self.damaged
 
+    @property
+    def faults(self) -> str:
+        """Why it is not whole."""
+        return "; ".join(self.damaged) or "cut off before its end"
+
     def column(self, name: str) -> np.ndarray:
         """One column (rows,). InputError if the recording has none of that name."""
         if name not in self.columns:

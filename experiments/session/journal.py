@@ -294,14 +294,11 @@ def exclude_run(folder: Path, run: int, reason: str) -> None:
     """
     data_dir = folder.parents[1]
     try:
-        lock = hold_lock(folder)
-        try:
+        with hold_lock(folder):
             write_table(folder / TABLE, mark_run(folder, rows_of(folder), run, EXCLUDED, reason), replacing=True)
             close_journal(folder)
             if (data_dir / TABLE).exists():
                 write_pooled_table(data_dir)
-        finally:
-            lock.release()
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({reason_of(error)})") from None
 

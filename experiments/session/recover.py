@@ -26,7 +26,6 @@ from experiments.session import files, journal
 from experiments.session.verify import verify
 
 RECOVERED = "recovered"
-CUT_OFF = "cut off before its end"
 
 
 @dataclass
@@ -133,7 +132,7 @@ def _recover_stream(session: Path, path: Path, done: Rescue, sync: bool) -> None
 
 def as_recovered(stream: Recording) -> Recording:
     """The readable part of a stream, marked as recovered."""
-    outcome = {**stream.outcome, "status": RECOVERED, "reason": "; ".join(stream.damaged) or CUT_OFF}
+    outcome = {**stream.outcome, "status": RECOVERED, "reason": stream.faults}
     return replace(stream, outcome=outcome, complete=True, damaged=[])
 
 

@@ -10,7 +10,6 @@ import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -475,7 +474,7 @@ class Session:
     def _about(self, key_sha256: str) -> dict[str, Any]:
         """The content of session.json. key_sha256: of the key of a blind session, else empty."""
         return self._common() | {
-            "created": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "created": events.now(),
             "hand": self.hand,
             "person": self.person._asdict() if self.person else None,
             "assumed": self.protocol.assumed,

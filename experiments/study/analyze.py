@@ -146,12 +146,9 @@ def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found:
     if not about.get("blind"):
         return journal
     key = read_key(session, str(about.get("key_sha256")))
-    lock = hold_lock(session)
-    try:
+    with hold_lock(session):
         write_event(session, KEY_OPENED, who=who, analysis=str(out))
         close_journal(session)
-    finally:
-        lock.release()
     found.keys[str(about["participant"])] = key
     return replace(journal, key=key)
 
@@ -160,8 +157,7 @@ def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found
     """The row of a recording, or none; what its figures and report are to name goes into `found`."""
     recording = read_recording(path)
     if not recording.whole:
-        why = "; ".join(recording.damaged) or "cut off before its end"
-        found.left_out.append(f"{path.relative_to(folder)} ({why})")
+        found.left_out.append(f"{path.relative_to(folder)} ({recording.faults})")
         return []
     about = recording.metadata
     try:

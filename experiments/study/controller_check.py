@@ -53,7 +53,9 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
         "broken": sum(law.broken > 0 for law in laws),
         "wall_s": wall_s,
         "tick_us": tick_us(protocol, preset),
-        "tick_of_sdof_us": tick_us(protocol, next(one for one in protocol.controllers.values() if one.kind == "sdof")),
+        "tick_of_sdof_us": tick_us(
+            protocol, next(known for known in protocol.controllers.values() if known.kind == "sdof")
+        ),
     }
 
 
@@ -79,37 +81,36 @@ LAWS = (
 
 def _trials(protocol: Protocol) -> list[tuple[int, str, int]]:
     return [
-        (one, device.name, path)
-        for one in range(1, PEOPLE + 1)
+        (person, device.name, path)
+        for person in range(1, PEOPLE + 1)
         for device in protocol.devices
         for path in protocol.paths
     ]
 
 
-def _rows(protocol: Protocol, preset: Preset, one: int, device: str, path: int) -> np.ndarray:
+def _rows(protocol: Protocol, preset: Preset, number: int, device: str, path: int) -> np.ndarray:
     planned = PlannedTrial(1, 1, device, 1, path, 1)
-    person = person_of(load_population(), protocol.seed, one)
-    there = switched_on(protocol.device(device), protocol)
-    trial = trial_of(protocol, person, one, planned, there, preset)
-    brakes = there.model.brakes.tobytes()
+    person = person_of(load_population(), protocol.seed, number)
+    simulated = switched_on(protocol.device(device), protocol)
+    trial = trial_of(protocol, person, number, planned, simulated, preset)
+    brakes = simulated.model.brakes.tobytes()
     rows = run_trial(trial).copy()
-    written = float(brakes != there.model.brakes.tobytes())
+    written = float(brakes != simulated.model.brakes.tobytes())
     return np.column_stack((rows, np.tile((trial.outcome()["energy_added_max_J"], written), (len(rows), 1))))
 
 
-def _looked_at(protocol: Protocol, preset: Preset, one: int, device: str, path: int) -> tuple[float, ...]:
+def _looked_at(protocol: Protocol, preset: Preset, number: int, device: str, path: int) -> tuple[float, ...]:
     """The numbers of `LAWS` in one trial."""
-    rows = _rows(protocol, preset, one, device, path)
+    rows, again = (_rows(protocol, preset, number, device, path) for _ in range(2))
     brakes = protocol.device(device).brakes
     current = rows[:, tick_log.CURRENT : tick_log.CURRENT + len(JOINTS)]
-    most = np.where(brakes.present > 0.0, brakes.current_max, 0.0)
-    there = brakes.present > 0.0
+    braked = brakes.present > 0.0
+    most = np.where(braked, brakes.current_max, 0.0)
     moving = rows[:, tick_log.T : tick_log.SLAVE_X]
-    again = _rows(protocol, preset, one, device, path)
     return (
         float(rows[-1, -2]),
         float(max(np.max(current - most), np.max(-current), 0.0)),
-        float(np.max(np.abs(current[:, ~there]), initial=0.0)),
+        float(np.max(np.abs(current[:, ~braked]), initial=0.0)),
         float(np.count_nonzero(~np.isfinite(moving[:, : tick_log.TARGET_X]).all(axis=1))),
         float(np.count_nonzero((rows[:, : tick_log.TARGET_X] != again[:, : tick_log.TARGET_X]).any(axis=1)))
         if len(rows) == len(again)

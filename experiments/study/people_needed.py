@@ -109,11 +109,11 @@ def signed_rank_chances(differences: np.ndarray) -> np.ndarray:
     sums = np.sum(np.where((differences > 0.0) & (ranks > 0), ranks, 0), axis=1)
     chances = np.ones(len(differences))
     for zeros in np.unique(empty):
-        of_it, n = empty == zeros, differences.shape[1] - int(zeros)
+        alike, n = empty == zeros, differences.shape[1] - int(zeros)
         if n:
             below = _cumulative(n)
-            from_both_ends = np.minimum(sums[of_it], n * (n + 1) // 2 - sums[of_it])
-            chances[of_it] = np.minimum(1.0, 2.0 * below[from_both_ends])
+            from_both_ends = np.minimum(sums[alike], n * (n + 1) // 2 - sums[alike])
+            chances[alike] = np.minimum(1.0, 2.0 * below[from_both_ends])
     return chances
 
 
@@ -125,4 +125,4 @@ def _cumulative(n: int) -> np.ndarray:
 def scores_of(table: Mapping[int, Mapping[str, float]], controllers: Sequence[int]) -> np.ndarray:
     """Scores (people, controllers) of a table of one configuration; NaN where a person has none with a controller."""
     people = list(dict.fromkeys(person for of in table.values() for person in of))
-    return np.array([[table.get(one, {}).get(person, np.nan) for one in controllers] for person in people])
+    return np.array([[table.get(c, {}).get(person, np.nan) for c in controllers] for person in people])

@@ -1,7 +1,5 @@
 """`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
 
-import csv
-import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +15,7 @@ from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
-from experiments.analysis.trials_table import TrialRow, read_table, to_compare
+from experiments.analysis.trials_table import TrialRow, csv_bytes, read_table, to_compare
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -105,8 +103,8 @@ def simulated_trials(
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
-    calls = (joblib.delayed(_trials_of)(protocol, population, one, measure, os.getpid())
-             for one in range(1, people + 1))  # fmt: skip
+    calls = (joblib.delayed(_trials_of)(protocol, population, person, measure, os.getpid())
+             for person in range(1, people + 1))  # fmt: skip
     found: list[TrialRow] = []
     for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
         found += rows
@@ -114,10 +112,10 @@ def simulated_trials(
     return found
 
 
-def _trials_of(protocol: Protocol, population: Population, one: int, measure: Metric, parent: int) -> list[TrialRow]:
+def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric, parent: int) -> list[TrialRow]:
     if parent != os.getpid():
         end_with(parent)
-    return [row for row, _ in operator_trials(protocol, population, one, (measure,))]
+    return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 
 def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, asked: Question, pilot: bool) -> list[Answer]:
@@ -167,26 +165,26 @@ def write_power(found: Sequence[Answer], asked: Question, protocol: Protocol, ou
     first, second = (" ".join(preset.name.split()) for preset in (asked.first, asked.second))
     about = f'"{first}" against "{second}", {asked.measure.short}, protocol {protocol.name}'
     lines: list[Sequence[object]] = [COLUMNS]
-    for one in found:
-        ends = (_cell(one.needed.people), _cell(one.needed.low), _cell(one.needed.high))
+    for each in found:
+        ends = (_cell(each.needed.people), _cell(each.needed.low), _cell(each.needed.high))
         what = (first, second, asked.measure.name, asked.measure.unit, asked.power)
-        lines.append((one.source, one.configuration, *what, *ends, one.shift))
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
+        lines.append((each.source, each.configuration, *what, *ends, each.shift))
     measure = asked.measure
     warning = FROM_PILOT if pilot else SIMULATED
     picture = power_figure(found, asked, f"{about}. {warning[0].upper()}{warning[1:]}.")
-    write_new_files({out / "power.csv": text.getvalue().encode(), out / "power.png": picture})
+    write_new_files({out / "power.csv": csv_bytes(lines), out / "power.png": picture})
     return {
         "out": str(out),
         "question": f"{about}, found with a power of {percent(asked.power)}",
         "answers": [
             {
-                "from": f"{one.source}, {one.configuration}",
-                "people": one.words,
-                "median_difference": f"median difference {significant(one.shift * measure.scale)} {measure.shown_unit}",
+                "from": f"{each.source}, {each.configuration}",
+                "people": each.words,
+                "median_difference": (
+                    f"median difference {significant(each.shift * measure.scale)} {measure.shown_unit}"
+                ),
             }
-            for one in found
+            for each in found
         ],
         "warnings": [warning],
     }
@@ -198,7 +196,7 @@ def _cell(count: int | None) -> str:
 
 def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
     """PNG: the power against the number of people, a panel a configuration, a line a source."""
-    configurations = list(dict.fromkeys(one.configuration for one in found))
+    configurations = list(dict.fromkeys(answer.configuration for answer in found))
     note += (
         " Test: signed-rank on each person's mean, Holm over all pairs of controllers, as phd analyze does. "
         "Bars: 95 % interval of the number that is needed."
@@ -207,10 +205,10 @@ def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
         margins, height = (0.6, 0.15, 0.5, 0.35), 3.4
         figure, grid = sheet(note, (PAGE_IN, height), margins, (1, len(configurations)), (0.25, 0.0), sharey=True)
         for axes, configuration in zip(grid[0], configurations, strict=True):
-            here = [one for one in found if one.configuration == configuration]
-            for place, one in enumerate(here):
-                (line,) = axes.plot(CURVE, one.curve, "o-", markersize=2.5, linewidth=1.2, label=one.source)
-                low, high = (MOST_PEOPLE if end is None else end for end in one.needed[1:])
+            here = [answer for answer in found if answer.configuration == configuration]
+            for place, answer in enumerate(here):
+                (line,) = axes.plot(CURVE, answer.curve, "o-", markersize=2.5, linewidth=1.2, label=answer.source)
+                low, high = (MOST_PEOPLE if end is None else end for end in answer.needed[1:])
                 height = asked.power + 0.02 * (place - 0.5 * (len(here) - 1))
                 axes.plot((low, high), (height, height), color=line.get_color(), linewidth=3.0, alpha=0.5)
             axes.axhline(asked.power, color="black", linewidth=0.6, linestyle=":")

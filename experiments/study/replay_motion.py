@@ -66,7 +66,7 @@ def read_recorded(file: Path) -> Recorded:
     """A recorded trial that can be replayed. InputError if it is damaged, was cut off, or never came to `move`."""
     recording = read_recording(file)
     if not recording.whole:
-        raise InputError(f"{file}: is not whole ({'; '.join(recording.damaged) or 'cut off before its end'})")
+        raise InputError(f"{file}: is not whole ({recording.faults})")
     session = file.resolve().parent.parent
     if not (session / STORED).is_file():
         raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")

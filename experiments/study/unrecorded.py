@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from core import tick_log
 from core.control.controllers import Preset, make_preset
@@ -20,7 +21,7 @@ from core.simulator.simulated_device import SimulatedDevice, start_again
 from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import ASIDE_M, HAND, STEP, SUBSTEPS, Moved
+from experiments.analysis.report import HAND, STEP, Moved
 from experiments.analysis.trials_table import TrialRow, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
@@ -40,6 +41,7 @@ BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag an
 BAND_HZ = 20.0, 100.0  # assumed
 DETECTED_M_S2 = 0.1  # rms; assumed
 PEOPLE = 3
+SUBSTEPS, ASIDE_M = 10, 1e-6  # of the changes STEP and HAND
 #: N s/m, from one to the other: ten a decade, two digits each.
 GAINS = [float(f"{10.0 ** (k / 10.0):.2g}") for k in range(41)]
 
@@ -221,9 +223,7 @@ def largest_without_vibration(protocol: Protocol, population: Population) -> flo
 
 def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np.ndarray:
     """Mean square of the acceleration (m2/s4) in the band during the movement, of each trial."""
-    from scipy.signal import butter, sosfiltfilt  # here: it takes a second, which an app that starts lacks
-
-    band = butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
+    band = scipy.signal.butter(2, BAND_HZ, "band", fs=1.0 / TICK_S, output="sos")
     found = []
     for operator in range(1, PEOPLE + 1):
         person = person_of(population, protocol.seed, operator)
@@ -233,6 +233,7 @@ def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np
                 trial = trial_of(protocol, person, operator, planned, switched_on(device, protocol), preset)
                 rows = run_trial(trial)
                 moving = rows[:, tick_log.PHASE] == tick_log.MOVE
-                filtered = sosfiltfilt(band, rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1], axis=0)[moving]
+                acceleration = rows[:, tick_log.TIP_AX : tick_log.TIP_AY + 1]
+                filtered = scipy.signal.sosfiltfilt(band, acceleration, axis=0)[moving]
                 found.append(float(np.mean(np.sum(filtered**2, axis=1))) if moving.any() else math.nan)
     return np.array(found)

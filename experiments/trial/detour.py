@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import Path, PathFile, Polyline, build_path, outline
@@ -61,9 +62,7 @@ def grown(obstacle: ObstacleFile, clear: float) -> np.ndarray:
 
 def convex_hull(points: np.ndarray) -> np.ndarray:
     """The corners of the convex hull of points (n, 2), counter-clockwise."""
-    from scipy.spatial import ConvexHull  # here: 0.4 s, which an app that starts lacks
-
-    return points[ConvexHull(points).vertices]
+    return points[scipy.spatial.ConvexHull(points).vertices]
 
 
 def is_inside(hull: np.ndarray, points: np.ndarray) -> np.ndarray:

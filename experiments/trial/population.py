@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import numpy as np
+import scipy  # its parts, of a second each, are loaded where they are first used
 
 from core.files import Table, is_assumed, parse_toml, read_text, shipped_or_file
 from experiments.trial.operator import Person
@@ -43,10 +44,8 @@ class Spread(Table, frozen=True):
         assert self.mean is not None and self.sd is not None  # checked with the file
         if self.sd == 0.0:
             return self.mean
-        from scipy.special import ndtr, ndtri  # here: 0.3 s, which an app that starts lacks
-
-        least, most = (float(ndtr((limit - self.mean) / self.sd)) for limit in limits)
-        number = self.mean + self.sd * float(ndtri(least + share * (most - least)))
+        least, most = (float(scipy.special.ndtr((limit - self.mean) / self.sd)) for limit in limits)
+        number = self.mean + self.sd * float(scipy.special.ndtri(least + share * (most - least)))
         return min(max(number, limits[0]), limits[1])
 
     def check(self, limits: tuple[float, float]) -> None:

@@ -13,7 +13,7 @@ Sources, read and not copied: the client library HaplyHAPI 1.0.1 on PyPI (`Board
 Motors and encoders are bits, bit i for port i + 1; the two zeros say that there is no analog and no PWM pin. What has
 one value each comes in the order of the ports. The board sets the torques of a 2 and reads its encoders at once; it
 holds them until the next 2. There are no checksums, no numbers of frames, and **no watchdog**: a board that hears
-nothing keeps its torques. It drives its motors by voltage, up to `TORQUE_END`, and measures no current.
+nothing keeps its torques. It drives its motors by voltage, up to 0.123 N m, and measures no current.
 
 On the 2diy's third version, joint A is at port 2 and joint B at port 1. The M0 board counts half the encoder's steps.
 Not verified on a device: that positive torque turns a joint towards positive angles.
@@ -22,7 +22,6 @@ Not verified on a device: that positive torque turns a joint towards positive an
 import struct
 
 DEVICE = 5  # number of the device on the board, any
-TORQUE_END = 0.123  # N m, at which the M3's firmware ends
 BOTH, COUNTER_CLOCKWISE = 0b11, 1
 RESET = bytes((0, 0))
 TORQUES, ANGLES = struct.Struct("<2B2f"), struct.Struct("<B2f")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from protocols import PAPER, short
-from sessions import Killed, crash_in_trial, files, new_session, of, run_trials
+from sessions import Killed, crash_in_trial, files, killing, new_session, of, run_trials
 from simulated_loop import local_window
 
 from app.cli import main
@@ -130,12 +130,9 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
 
 
 def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypatch):
-    def kill(*arguments, **options):
-        raise Killed
-
     session = Session.resume(data, "01", sync=False)
     with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(sessions, "write_table", kill)
+        patch.setattr(sessions, "write_table", killing())
         session.unblind("Dr Weiss")
     session.close()
     assert any("controller is K" in fault["fault"] for fault in verify(data)["faults"])

@@ -40,6 +40,13 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OnBench]:
     assert not any(board.board.currents)
 
 
+def begin(built: OnBench) -> None:
+    built.window.until_stage(m.NO_SESSION)
+    built.send(m.Open("01"))
+    built.until(lambda s: s.card and "Hold the handle" in s.card.text)
+    built.send(m.PrepareDevice(m.BRING_UP, "A. Builder"))
+
+
 def do_what_is_asked(built: OnBench, orders: dict[str, dict]) -> None:
     """Until it is over: the hand obeys once a step, and the window says when it is done."""
     shown, told = "", set()
@@ -59,10 +66,7 @@ def do_what_is_asked(built: OnBench, orders: dict[str, dict]) -> None:
 
 
 def test_the_window_leads_through_the_steps_and_the_session_keeps_the_record(built: OnBench, tmp_path: Path) -> None:
-    built.window.until_stage(m.NO_SESSION)
-    built.send(m.Open("01"))
-    built.until(lambda s: s.card and "Hold the handle" in s.card.text)
-    built.send(m.PrepareDevice(m.BRING_UP, "A. Builder"))
+    begin(built)
     built.until(lambda: built.status.bring_up is not None)
     built.send(m.Start())  # not meanwhile
     do_what_is_asked(built, {"Emergency stop": {"do": "press stop"}})
@@ -73,10 +77,7 @@ def test_the_window_leads_through_the_steps_and_the_session_keeps_the_record(bui
 
 
 def test_it_can_be_broken_off(built: OnBench) -> None:
-    built.window.until_stage(m.NO_SESSION)
-    built.send(m.Open("01"))
-    built.until(lambda s: s.card and "Hold the handle" in s.card.text)
-    built.send(m.PrepareDevice(m.BRING_UP, "A. Builder"))
+    begin(built)
     built.until(lambda: built.status.bring_up and built.status.bring_up.confirmed)
     built.send(m.PrepareDevice(m.BREAK_OFF))
     built.until(lambda s: s.notice_bad and "broken off" in s.notice)

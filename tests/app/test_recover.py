@@ -12,7 +12,7 @@ import pytest
 from disks import flip_a_bit
 from recorded import batch_ends
 from refusals import refusal
-from sessions import Killed, crash_in_trial, files, of, run_trials, session_of
+from sessions import Killed, crash_in_trial, files, killing, of, run_trials, session_of
 
 from app.cli import main
 from experiments.analysis.trials_table import read_table
@@ -117,13 +117,7 @@ def test_a_trial_that_was_closed_before_the_crash_counts_as_it_ended(tmp_path):
 @pytest.mark.parametrize("step", ["save_as_parquet", "set_aside", "append_row", "journal.write_event"])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_crash_while_recovering_is_recovered_from(data, monkeypatch, step, when):
-    real = operator.attrgetter(step)(recovery)
-
-    def kill(*arguments, **options):
-        if when == "after":
-            real(*arguments, **options)
-        raise Killed
-
+    kill = killing(operator.attrgetter(step)(recovery) if when == "after" else None)
     with monkeypatch.context() as patch, pytest.raises(Killed):
         patch.setattr(f"experiments.session.{'' if '.' in step else 'recover.'}{step}", kill)
         recover(data)

@@ -3,14 +3,11 @@
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from protocols import protocol_of, short
-from sessions import Killed, new_session, of, run, run_trials, unfinished
-from synthetic_hand import SyntheticHand
+from sessions import Killed, killing, move_to_the_end, new_session, of, run, run_trials, unfinished
 
 from app.cli import main
-from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
@@ -176,13 +173,7 @@ def test_a_lost_table_is_made_again_from_recordings_and_journal(data):
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_crash_between_journal_and_table_is_recovered_from(data, monkeypatch, step, when):
     session = Session.resume(data, "01", sync=False)
-    real = getattr(sessions, step)
-
-    def kill(*arguments, **options):
-        if when == "after":
-            real(*arguments, **options)
-        raise Killed
-
+    kill = killing(getattr(sessions, step) if when == "after" else None)
     with monkeypatch.context() as patch, pytest.raises(Killed):
         patch.setattr(sessions, step, kill)
         session.skip("gone") if step == "append_row" else session.redo(4, "gone")
@@ -212,15 +203,6 @@ def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
 def practising(tmp_path, **values):
     """A session of a hand at the mouse, with two practice trials a configuration."""
     return Session(tmp_path, Participant("01"), short(paths=1, practice_trials="2", **values), sync=False)
-
-
-def move_to_the_end(trial, writer, most=60_000):
-    """A hand at the mouse that follows the trial to its end."""
-    tip = trial.simulation.state["tip"][0]
-    hand, rows = SyntheticHand(trial.planned.segment, (tip[0], tip[1])), np.empty((20, tick_log.WIDTH))
-    while not trial.finished and trial.ticks < most:
-        trial.aim(*hand((tip[0], tip[1]), tick_log.PHASES.index(trial.phase), 0.02))
-        writer.write(rows[: trial.run(rows)])
 
 
 def test_practice_comes_before_each_configuration_is_recorded_apart_and_counts_nowhere(tmp_path):

@@ -13,10 +13,9 @@ from exports import table
 from protocols import short
 from recorded import record, ticks
 from refusals import refusal
-from sessions import closed_session, crash_in_trial, files, new_session
+from sessions import closed_session, crash_in_trial, files, new_session, run, run_to_move
 
 from app.cli import main
-from core import tick_log
 from core.device import load_device
 from experiments.analysis.metrics import Movement
 from experiments.recording.reader import read_recording
@@ -106,12 +105,9 @@ def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
     session = new_session(data, "77", short(paths=1, seed="2"))
     try:
         trial, writer = session.begin(session.next_planned())
-        rows = np.empty((1, tick_log.WIDTH))
-        while trial.phase != "move":
-            writer.write(rows[: trial.run(rows)])
+        run_to_move(trial, writer)
         play = np.array(trial.simulation.state["play"][0])
-        while not trial.finished:
-            writer.write(rows[: trial.run(rows)])
+        run(trial, writer)
         session.finish(trial, writer)
         recorded = read_recorded(recordings(data, "77")[0])
         found, edge = play_after(recorded.recording, recorded.first, trial.simulation.device)
@@ -174,11 +170,9 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
 def test_a_trial_that_never_came_to_move_has_no_hand_to_replay(tmp_path, capsys):
     session = new_session(tmp_path, protocol=short(paths=1))
     trial, writer = session.begin(session.next_planned())
-    rows = np.empty((200, tick_log.WIDTH))
-    writer.write(rows[: trial.run(rows)])
+    run(trial, writer, 200, 200)
     trial.abort("enough")
-    while not trial.finished:
-        writer.write(rows[: trial.run(rows)])
+    run(trial, writer)
     session.finish(trial, writer)
     session.close()
     assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 2

@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
-from sessions import closed_session, crash_in_trial, new_session, run, run_trials
-from synthetic_hand import SyntheticHand
+from sessions import closed_session, crash_in_trial, move_to_the_end, new_session, run, run_to_move, run_trials
 
 from app.cli import main
 from core import tick_log
@@ -51,11 +50,7 @@ def by_hand(tmp_path_factory):
     session = Session(folder, Participant("02"), short(paths=1, practice_trials="1"), sync=False)
     for _ in range(2):
         trial, writer = session.begin(session.next_planned())
-        rows, at = np.empty((20, tick_log.WIDTH)), trial.simulation.state["tip"][0]
-        hand = SyntheticHand(1, (at[0], at[1]))
-        while not trial.finished:
-            trial.aim(*hand((at[0], at[1]), tick_log.PHASES.index(trial.phase), 0.02))
-            writer.write(rows[: trial.run(rows)])
+        move_to_the_end(trial, writer)
         session.finish(trial, writer)
     session.close()
     session = Session(folder, Participant("03", "hid"), short(paths=1), sync=False)
@@ -66,9 +61,7 @@ def by_hand(tmp_path_factory):
 
 def stop_in_the_movement(session):
     trial, writer = session.begin(session.next_planned())
-    rows = np.empty((1, tick_log.WIDTH))
-    while trial.phase != "move":
-        writer.write(rows[: trial.run(rows)])
+    run_to_move(trial, writer)
     run(trial, writer, trial.ticks + 700, 100)
     trial.abort("the participant let go")
     run(trial, writer)

@@ -5,7 +5,6 @@ Skipped where compiler or emulator are missing. As a script it feeds a million b
 both boards.
 """
 
-import random
 import sys
 import tempfile
 from collections import Counter
@@ -26,7 +25,7 @@ from reference_board import (
 )
 from simulated_board import samples
 from test_board_states import SEEN, happen, in_state
-from test_wire_frames import damage, host_frames
+from test_wire_frames import noise_and_damage
 
 from hardware.emulated_board.board import TICK_US
 from hardware.wire.frames import encode_frame
@@ -181,21 +180,14 @@ def test_random_sessions_give_the_same_bytes_states_and_currents(program: Progra
 def fuzzed(n: int, seed: int) -> tuple[RecordedBoard, int]:
     """A board that met n bytes: noise, damaged frames, and true frames that hold anything; how many were true."""
     rng = np.random.default_rng(seed)
-    noise = rng.integers(0, 256, n // 3, dtype=np.uint8)
-    noise[rng.random(len(noise)) < 0.03] = 0  # or few pieces would have the length of a frame
-    frames, spoil, damaged, size = host_frames(), random.Random(seed), [], 0
-    while size < n // 3:
-        bad = damage(spoil.choice(frames), spoil.choice(frames), spoil)
-        if all(piece + b"\0" not in frames for piece in bad.split(b"\0")):
-            damaged.append(bad if bad.endswith(b"\0") else bad + b"\0")
-            size += len(damaged[-1])
+    noise = noise_and_damage(rng, seed, n // 3, n // 3)
     true, size = [], 0
     while size < n // 3:
         kind = int(rng.integers(1, 9))
         length = {1: 1, 2: 24, 3: 21, 4: 17, 6: 4}.get(kind, 0) if rng.random() < 0.7 else int(rng.integers(0, 124))
         true.append(encode_frame(bytes([kind]) + rng.bytes(length)))
         size += len(true[-1])
-    stream = b"".join((noise.tobytes(), b"\0", *damaged, *true))
+    stream = b"".join((noise, *true))
     bench = recorded().start()
     cuts = np.unique(rng.integers(0, len(stream), n // 300)).tolist()
     for first, last in zip([0, *cuts], [*cuts, len(stream)], strict=True):

@@ -72,21 +72,26 @@ def damage(frame: bytes, other: bytes, rng: random.Random) -> bytes:
     return bytes(bad)
 
 
+def noise_and_damage(rng: np.random.Generator, seed: int, noise: int, damaged: int) -> bytes:
+    """So many random bytes, then at least so many of frames of all kinds that were damaged, none of them true."""
+    random_bytes = rng.integers(0, 256, noise, dtype=np.uint8)
+    random_bytes[rng.random(noise) < 0.03] = 0  # frames' ends are common, or few pieces would have a frame's length
+    frames, spoil, pieces, size = host_frames(), random.Random(seed), [b"\0"], 0
+    while size < damaged:
+        bad = damage(spoil.choice(frames), spoil.choice(frames), spoil)
+        if all(piece + b"\0" not in frames for piece in bad.split(b"\0")):  # or it would be a true one
+            pieces.append(bad if bad.endswith(b"\0") else bad + b"\0")
+            size += len(pieces[-1])
+    return random_bytes.tobytes() + b"".join(pieces)
+
+
 def fuzz(n: int, seed: int, decoders: dict[str, object]) -> dict[str, int]:
     """Feed n bytes, half random, half true frames of all kinds that were damaged, to each in random pieces; accepted.
 
     2^-32 of the pieces would pass their CRC: one in some 10^10 bytes.
     """
     rng = np.random.default_rng(seed)
-    noise = rng.integers(0, 256, n // 2, dtype=np.uint8)
-    noise[rng.random(n // 2) < 0.03] = 0  # frames' ends are common, or few pieces would have the length of a frame
-    frames, spoil, damaged, size = host_frames(), random.Random(seed), [b"\0"], 0
-    while size < n - n // 2:
-        bad = damage(spoil.choice(frames), spoil.choice(frames), spoil)
-        if all(piece + b"\0" not in frames for piece in bad.split(b"\0")):  # or it would be a true one
-            damaged.append(bad if bad.endswith(b"\0") else bad + b"\0")
-            size += len(damaged[-1])
-    stream = noise.tobytes() + b"".join(damaged)
+    stream = noise_and_damage(rng, seed, n // 2, n - n // 2)
     cuts = np.unique(rng.integers(0, len(stream), n // 200)).tolist()
     accepted = dict.fromkeys(decoders, 0)
     for first, last in zip([0, *cuts], [*cuts, len(stream)], strict=True):

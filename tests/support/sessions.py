@@ -2,10 +2,12 @@
 
 import contextlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from protocols import PAPER
+from synthetic_hand import SyntheticHand
 
 from core import tick_log
 from experiments.protocol import Protocol
@@ -16,6 +18,17 @@ from experiments.trial.population import load_population
 
 class Killed(BaseException):
     """Stands for a kill: nothing that tidies up after exceptions of the program may catch it."""
+
+
+def killing(after: Callable | None = None) -> Callable:
+    """Stands in place of a function: the process is killed in it, or once it has done what it does (`after`)."""
+
+    def kill(*arguments, **options):
+        if after is not None:
+            after(*arguments, **options)
+        raise Killed
+
+    return kill
 
 
 def of(data: Path) -> Path:
@@ -50,6 +63,22 @@ def run(trial, writer, ticks: int = 10**9, piece: int = 500) -> None:
     while not trial.finished and trial.ticks < ticks:
         writer.write(rows[: trial.run(rows)])
         writer.flush()
+
+
+def run_to_move(trial, writer) -> None:
+    """Its ticks, one by one, until the movement begins."""
+    rows = np.empty((1, tick_log.WIDTH))
+    while trial.phase != "move":
+        writer.write(rows[: trial.run(rows)])
+
+
+def move_to_the_end(trial, writer, most: int = 60_000) -> None:
+    """A hand at the mouse that follows the trial to its end."""
+    tip = trial.simulation.state["tip"][0]
+    hand, rows = SyntheticHand(trial.planned.segment, (tip[0], tip[1])), np.empty((20, tick_log.WIDTH))
+    while not trial.finished and trial.ticks < most:
+        trial.aim(*hand((tip[0], tip[1]), tick_log.PHASES.index(trial.phase), 0.02))
+        writer.write(rows[: trial.run(rows)])
 
 
 def crash_in_trial(session: Session, ticks: int = 2500, closed: bool = False) -> Path:

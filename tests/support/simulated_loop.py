@@ -57,10 +57,7 @@ class SimulatedLoop:
         grip = running.data.hand.grips[0]
         for _ in range(PIECE):
             if ring.control.stop == HAND_BACK:
-                grip.force_max = self._force_max
-                self._answers.append(TrialReturned(self._trial.changed()))
-                self._trial = None
-                return
+                break
             end_early(ring.controls, running.run, int(ring.control.server_beat), len(ring.rows))  # never silent
             if not running.run["simulated_hand"][0]:
                 take_aim(ring.control, grip, running.data.state[0].tip, running.run["phase"][0], self._force_max)
@@ -68,10 +65,12 @@ class SimulatedLoop:
             run_ticks(running, row)
             put(ring.controls, ring.rows, row[0])
             if self._trial.finished:
-                grip.force_max = self._force_max
-                self._answers.append(TrialReturned(self._trial.changed()))
-                self._trial = None
-                return
+                break
+        else:
+            return
+        grip.force_max = self._force_max
+        self._answers.append(TrialReturned(self._trial.changed()))
+        self._trial = None
 
     def kill(self) -> None:
         self.closed = True
