@@ -8,6 +8,7 @@ the end are left out and counted.
 
 import csv
 import io
+import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -119,7 +120,9 @@ def _drawn(score: np.ndarray, people: Sequence[Person]) -> np.ndarray:
         members = np.array([n for n, person in enumerate(people) if person[:2] == group])
         chosen[:, members] = rng.choice(members, (DRAWS, len(members)))
     median = np.nanmedian if np.isnan(score).any() else np.median  # it is the slower one
-    return np.asarray(median(score[chosen], axis=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a draw of people none of whom reached the end has no value
+        return np.asarray(median(score[chosen], axis=1))
 
 
 def _order(values: np.ndarray) -> np.ndarray:
