@@ -115,7 +115,7 @@ def power_verb(args: argparse.Namespace) -> None:
 
 
 def study(args: argparse.Namespace) -> None:
-    if args.sweep:
+    if args.sweep is not None:
         return sweep(args)
     if args.cluster:
         raise InputError("--cluster: is for --sweep alone, a study runs on this machine")
@@ -123,8 +123,9 @@ def study(args: argparse.Namespace) -> None:
     from experiments.trial.population import load_population
 
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
-    protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
-    population = load_population(args.population or "average")
+    named = "paper" if args.protocol is None else args.protocol  # an empty name is refused, as a shell gives it
+    protocol = load_protocol(named, devices=args.device, **overrides)
+    population = load_population("average" if args.population is None else args.population)
     from experiments.analysis.chart_figures import SCREEN
     from experiments.study.study import resume_study, run_study
 

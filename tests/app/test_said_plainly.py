@@ -145,6 +145,7 @@ def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_
 def test_a_bar_that_was_closed_writes_lines_again_when_the_next_work_begins():
     with no_terminal() as said:
         progress = ProgressBar("compiling kernels")
+        progress.close()  # an entry whose parts were all compiled before
         for number in (1, 2):
             progress(0.1, f"{number} of 9")
             wait_until(lambda number=number: f"compiling kernels: {number} of 9\n" in said.getvalue())
