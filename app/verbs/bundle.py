@@ -56,6 +56,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def bundle_verb(args: argparse.Namespace) -> None:
+    if missing := [name for name in PROGRAM if not (ROOT / name).exists()]:
+        raise InputError(
+            f"{ROOT}: has no {missing[0]}, as where pip installs; run ./phd bundle in the program's source folder"
+        )
     inside = [name for name in PROGRAM if ROOT / name in args.folder.resolve().parents]
     if inside:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
