@@ -1,12 +1,13 @@
 """The first hour with an experiment of one's own: a folder to start from, words nearly right, completion."""
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from app.cli import main
+from app.cli import main, make_parser, with_verb
 from core.device import load_device, shipped_devices
 from core.workspace import free_tips
 
@@ -34,6 +35,16 @@ def test_a_word_nearly_right_is_asked_about_and_one_for_nothing_is_named(
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2 and wanted in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_takes_every_command_that_a_page_shows():
+    root = Path(__file__).resolve().parents[2]
+    pages = [root / "README.md", *root.glob("docs/*.md"), root / "app/verbs/new_experiment/README.md"]
+    blocks = re.findall(r"^```sh\n(.*?)^```", "".join(page.read_text(encoding="utf-8") for page in pages), re.M | re.S)
+    shown = re.findall(r"^(?:\./)?phd\b(.*)$", "".join(blocks), re.M)
+    commands = [words for line in shown if (words := shlex.split(line, comments=True))[:1] != ["test"]]
+    parser = make_parser()
+    assert len(commands) > 20 and [words for words in commands if parser.parse_known_args(with_verb(words))[1]] == []
 
 
 @pytest.mark.parametrize("device", [name for name in shipped_devices() if name != "haply-2diy"])

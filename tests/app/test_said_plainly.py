@@ -282,6 +282,7 @@ def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
         "share_done": 0.0,
         "already_done": 3,
         "wall_s": 1.0,
+        "low_gain_N_s_m": None,
     }
     lines = dict(re.split(r"\s{2,}", line) for line in summary_text(summary).splitlines())
     assert lines == {
@@ -290,6 +291,7 @@ def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
         "share done": "0 %",
         "already done": "3",
         "wall (s)": "1",
+        "low gain (N s/m)": "none",
     }
 
 
