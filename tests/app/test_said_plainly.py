@@ -177,7 +177,7 @@ def test_more_operators_than_a_study_may_have_are_refused_and_nothing_is_written
 def test_a_study_that_the_disk_has_no_room_for_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("experiments.study.study.shutil.disk_usage", lambda path: usage._replace(free=40_000_000))
-    with pytest.raises(InputError, match=r"10 operators record about 0\.5 GB, and 0\.0 GB are free there"):
+    with pytest.raises(InputError, match="records about 480 MB, and 40 MB are free there: take fewer --operators"):
         run_study(tmp_path / "not" / "yet" / "there", 10, PAPER, PEOPLE)
     assert not list(tmp_path.iterdir())
 
