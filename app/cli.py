@@ -45,7 +45,7 @@ def _run(argv: Sequence[str]) -> int:
     try:
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
-            guess = did_you_mean(unknown[0], args.options)
+            guess = did_you_mean(unknown[0], [*args.options, "--version"])
             raise InputError(f"unrecognized arguments: {' '.join(unknown)}{guess} (see phd {args.verb} --help)")
         code = args.do(args) or DONE
         sys.stdout.flush()

@@ -27,7 +27,8 @@ UDEV_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="046d|256f", MODE="0660", TAG+=
 #: little from other programs
 LATENESS_CHECKS = ("host", "cores", "scheduling", "load")
 MUCH_STOLEN = 0.01  # of all cores' time. Our choice: ticks are then late by milliseconds several times a minute
-REINSTALL = "Remove the folder .venv and run ./phd again."
+REINSTALL = "Remove the folder .venv and run ./phd again; where pip installed the program, install it again."
+PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
 
 
 def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
@@ -55,8 +56,12 @@ def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
 
 
 def wanted_libraries() -> list[Requirement]:
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    needs = map(Requirement, project["dependencies"])
+    """What the program asks for: its pyproject.toml, or what pip has kept of that where it installed the program."""
+    if PYPROJECT.exists():
+        asked = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
+    else:
+        asked = importlib.metadata.requires("phd") or []
+    needs = map(Requirement, asked)
     return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
 
 

@@ -84,7 +84,7 @@ class ProgressBar:
         self._ended.set()
         if self._lines is not None:
             self._lines.join()
-            self._lines, self._ended = None, threading.Event()  # a bar of kernels comes again with the next entry
+        self._lines, self._ended = None, threading.Event()  # a bar of kernels comes again with the next entry
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
             self.shown = ""

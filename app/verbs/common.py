@@ -142,7 +142,7 @@ def summary_text(summary: dict) -> str:
 def _shown(key: str, value: object) -> object:
     if isinstance(value, float):
         return f"{100.0 * value:.4g} %" if SHARES.intersection(key.split("_")) else f"{value:.4g}"
-    return value
+    return "none" if value is None else value
 
 
 def label_of_key(key: str) -> str:

@@ -120,9 +120,9 @@ def power_verb(args: argparse.Namespace) -> None:
 
 
 def study(args: argparse.Namespace) -> None:
-    if args.protocol == ARENA and not args.sweep:
+    if args.protocol == ARENA and args.sweep is None:
         args.sweep, args.protocol = ARENA, None
-    if args.sweep:
+    if args.sweep is not None:
         return sweep(args)
     if args.cluster:
         raise InputError("--cluster: is for --sweep alone, a study runs on this machine")
@@ -130,8 +130,9 @@ def study(args: argparse.Namespace) -> None:
     from experiments.study.study import resume_study, run_study
 
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
-    protocol = load_protocol(args.protocol or "paper", devices=args.device, **overrides)
-    population = load_population(args.population or "average")
+    named = "paper" if args.protocol is None else args.protocol  # an empty name is refused, as a shell gives it
+    protocol = load_protocol(named, devices=args.device, **overrides)
+    population = load_population("average" if args.population is None else args.population)
     if args.resume:
         given = {"operators": args.operators, "devices": args.device and protocol.devices}
         given |= {"protocol": args.protocol and protocol, "population": args.population and population}

@@ -17,7 +17,7 @@ class Bus:
 
         its time (us), encoder counts, force counts, current (mA) of each brake, and its `Fault` (NONE: none).
         """
-        raise OSError("own_device.py: its bus is not filled in yet")
+        raise OSError("the bus of this driver is not filled in yet")
 
 
 class OwnDevice:

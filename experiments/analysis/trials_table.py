@@ -26,7 +26,7 @@ from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.protocol import label
-from experiments.recording.atomic_files import MOST_SHOWN, replace_file, write_new_file
+from experiments.recording.atomic_files import MOST_SHOWN, reason_of, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -277,7 +277,9 @@ def read_table(path: str | Path) -> list[TrialRow]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise InputError(f"{path}: the table cannot be read: {reason_of(error)}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
     if not lines or tuple(lines[0][: len(_LEAST)]) != _LEAST:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")

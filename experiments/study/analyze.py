@@ -5,6 +5,7 @@ session was opened. What is damaged or was cut off is left out and named; every 
 table in DIR, and those that differ are named.
 """
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -124,7 +125,10 @@ def analyze(
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", found.rows)
         warned = conclude(folder, out, found, timeouts, purpose) if found.rows else []
-    except BaseException:
+    except BaseException:  # an interrupt too: an analysis is there whole or not at all
+        for folder_made in (out / "figures", out / "report"):
+            shutil.rmtree(folder_made, ignore_errors=True)
+        (out / TABLE).unlink(missing_ok=True)
         if not any(out.iterdir()):
             out.rmdir()
         raise

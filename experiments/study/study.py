@@ -102,7 +102,8 @@ def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
     wanted = operators * len(make_plan(protocol, "01", coded=False)) * TRIAL_BYTES
     if wanted > (free := shutil.disk_usage(existing).free):
         raise InputError(
-            f"{out}: {operators} operators record about {1e-9 * wanted:.1f} GB, and {1e-9 * free:.1f} GB are free there"
+            f"{out}: this study records about {1e-6 * wanted:.0f} MB, and {1e-6 * free:.0f} MB are free there: "
+            "take fewer --operators or another folder"
         )
 
 

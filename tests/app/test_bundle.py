@@ -56,6 +56,13 @@ def test_a_folder_that_holds_something_or_lies_in_what_is_copied_is_refused_and_
     assert "lies in docs" in capsys.readouterr().err and not folder.exists()
 
 
+def test_where_pip_installed_the_program_a_bundle_is_refused_and_nothing_made(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(bundle, "ROOT", tmp_path / "site-packages")
+    assert main(["bundle", str(tmp_path / "out")]) == 2
+    assert "run ./phd bundle in the program's source folder" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_a_bundle_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, there) -> None:
     def fail(folder) -> None:
@@ -66,5 +73,6 @@ def test_a_bundle_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, the
     folder = tmp_path / "made"
     if there:
         folder.mkdir()
-    assert main(["bundle", str(folder)]) == 1
+        monkeypatch.chdir(folder)
+    assert main(["bundle", "." if there else str(folder)]) == 1
     assert folder.exists() == there and not list(folder.glob("*"))

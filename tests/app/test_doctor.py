@@ -81,6 +81,12 @@ def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
     assert line.state == state and says in line.text and bool(line.advice) == (state == BAD)
 
 
+def test_where_pip_installed_the_program_the_libraries_asked_for_are_the_same(monkeypatch, tmp_path) -> None:
+    beside_source = {need.name for need in doctor.wanted_libraries()}
+    monkeypatch.setattr(doctor, "PYPROJECT", tmp_path / "none")
+    assert {need.name for need in doctor.wanted_libraries()} == beside_source
+
+
 @pytest.mark.parametrize(
     ("answer", "states"),
     [

@@ -1,28 +1,50 @@
 """The first hour with an experiment of one's own: a folder to start from, words nearly right, completion."""
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from app.cli import main
+from app.cli import main, make_parser, with_verb
 from core.device import load_device, shipped_devices
 from core.workspace import free_tips
 
 SAID = {
     "a verb": (["stdy"], "did you mean study?"),
     "an option": (["study", "--opertors", "3", "--out", "x"], "did you mean --operators?"),
+    "the version": (["--verison"], "did you mean --version?"),
     "a value": (["run", "--theme", "drk"], "did you mean dark?"),
+}
+NOTHING = {
+    "an empty protocol": (["study", "", "--out", "x"], "unknown protocol ''"),
+    "an empty population": (["study", "--population", "", "--out", "x"], "unknown population ''"),
+    "an empty sweep": (["study", "--sweep", "", "--out", "x"], "unknown sweep ''"),
+    "no pilot": (
+        ["power", "paper", "--between", "1", "3", "--from", "x", "--out", "y"],
+        "x/trials.csv: the table cannot be read: no such file or directory\n",
+    ),
 }
 
 
-@pytest.mark.parametrize("case", SAID)
-def test_a_word_that_is_nearly_right_is_asked_about(case: str, capsys, tmp_path: Path, monkeypatch):
+@pytest.mark.parametrize("arguments, wanted", (SAID | NOTHING).values(), ids=SAID | NOTHING)
+def test_a_word_nearly_right_is_asked_about_and_one_for_nothing_is_named(
+    arguments: list[str], wanted: str, capsys, tmp_path: Path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    arguments, wanted = SAID[case]
     assert main(arguments) == 2 and wanted in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_takes_every_command_that_a_page_shows():
+    root = Path(__file__).resolve().parents[2]
+    pages = [root / "README.md", *root.glob("docs/*.md"), root / "app/verbs/new_experiment/README.md"]
+    blocks = re.findall(r"^```sh\n(.*?)^```", "".join(page.read_text(encoding="utf-8") for page in pages), re.M | re.S)
+    shown = re.findall(r"^(?:\./)?phd\b(.*)$", "".join(blocks), re.M)
+    commands = [words for line in shown if (words := shlex.split(line, comments=True))[:1] != ["test"]]
+    parser = make_parser()
+    assert len(commands) > 20 and [words for words in commands if parser.parse_known_args(with_verb(words))[1]] == []
 
 
 @pytest.mark.parametrize("device", [name for name in shipped_devices() if name != "haply-2diy"])

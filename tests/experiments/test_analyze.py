@@ -89,6 +89,17 @@ def test_a_whole_folder_changes_nothing(study, tmp_path):
     assert done["left_out"] == [] and done["changed"] == []
 
 
+def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, monkeypatch):
+    def interrupted(data, folder, **_):
+        folder.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("experiments.study.analyze.draw_boxplots", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        analyze(study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_table_is_said_to_differ(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "study")
     stale = (folder / "trials.csv").read_text()
