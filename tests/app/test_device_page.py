@@ -63,7 +63,7 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
     shown = texts(page)
     for what in (
         "All is well.", "four-brake", "B-7", "/dev/ttyACM0", "0.9.0, protocol 1", "ready: no current", "homed at",
-        "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0 mm   y 380.0 mm",
+        "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
         "UART at 2,000,000 baud, by an ST-LINK", "5.0 N   x 3.0   y -4.0", "1.6 ms at best",
         "12 of 812\u202f357 samples", "+12 ppm", "± 35 µs",
     ):  # fmt: skip

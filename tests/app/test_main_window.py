@@ -34,7 +34,7 @@ from texts_on_screen import faults
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
-from app.window.widgets import memory, words
+from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
 from core import tick_log
@@ -69,18 +69,28 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens: Screens) -> None:
-    def shares() -> list[float]:
+def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(
+    screens: Screens,
+) -> None:
+    def shown() -> list[bool]:
         settle(screens.main)
-        return [pill.text.width() / pill.text.sizeHint().width() for pill in screens.main.preflight.pills]
+        return [pill.text.isVisible() for pill in screens.main.preflight.pills]
 
     screens.hear(opened(), ready(checks=GREEN))
-    assert all(share >= 1.0 for share in shares())
+    assert all(shown())
     screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
-    assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and faults(screens.main) == []
+    assert shown()[4] and not all(shown()[:4]) and faults(screens.main) == []
     screens.main.resize(*SMALLEST)
-    settle(screens.main)
-    assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+    assert not shown()[4] and screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+
+
+def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:
+    theme.scale_text(3)
+    screens.hear(opened(), running())
+    screens.hear(running(), pulse(), ready(1, brakes_off="Esc was pressed"))
+    sizes = [made.font().pixelSize() for made in (screens.run.recording, screens.main.preflight.brakes)]
+    theme.scale_text(-3)
+    assert sizes == [24, 21]
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -214,6 +224,13 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.tick(rows[500:])
     screens.hear(ready(1))
     assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
+
+
+def test_the_footer_names_the_data_folder_before_the_session_server_serves(screens: Screens) -> None:
+    client = FakeClient()
+    client.setup = client.setup._replace(data_dir=Path("another"))
+    screens.main.show_client(client, None)
+    assert screens.main.footer.folder.text() == "another"
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ from app.window.widgets.page import ANALYSE, HOME, TRY
 from experiments.protocol_file import Consent
 
 SIZES = (SMALLEST, (1366, 768), (1920, 1080))
-SIZES_OF_LARGE_TEXT = ((1280, 720), (1920, 1080))
+SIZES_OF_LARGE_TEXT = ((1280, 720), (1366, 768), (1920, 1080))
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -188,6 +189,8 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     analyse = screens.main.pages[ANALYSE]
     qtbot.waitUntil(lambda: analyse.results is not None, timeout=60_000)
     if shown == "a trial":
+        late = replace(analyse.rows[0], status="timeout")  # the notes below the charts are long then
+        analyse._show_results(analyse.results._replace(rows=(late, *analyse.rows[1:])))
         analyse.open_trial(analyse.rows[-1])
         qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     else:

@@ -19,7 +19,6 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
-    END,
     NO_FOCUS,
     Flow,
     OneLine,
@@ -93,8 +92,8 @@ class AnalysePage(Page):
         )
         for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
-        self.caption = OneLine("", "quiet", dots=END)
-        self.warning, self.summary = (text_label("", name, theme.SMALL) for name in ("caution", "quiet"))
+        self.caption, self.warning = (wrapped_label("", name, theme.SMALL) for name in ("quiet", "caution"))
+        self.summary = text_label("", "quiet", theme.SMALL)
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
@@ -135,7 +134,8 @@ class AnalysePage(Page):
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
+        counts = row((self.warning, 1), self.summary, spacing=14)
+        left = column((self.stack, 1), self.caption, counts, self._foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
