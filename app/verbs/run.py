@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.progress import ScreenCheck, import_window_module, watch_compiling
-from app.verbs.common import DATA, DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
 
@@ -108,7 +108,7 @@ def data_dir_of(args: argparse.Namespace) -> Path:
         return args.data_dir
     memory = import_window_module("widgets.memory")
     memory.begin()
-    return Path(memory.remembered(memory.DATA_FOLDER) or DATA)
+    return Path(memory.remembered(memory.DATA_FOLDER))
 
 
 def port_of(args: argparse.Namespace) -> str:

@@ -173,9 +173,9 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
             figures[f"Joint {joint}"] = "  ".join(filter(None, (angle, count)))
         fx, fy = status.hand_force
         if status.homed and math.isfinite(sum(status.tip)):
-            figures["Handle"] = f"x {1e3 * status.tip[0]:.1f}   y {1e3 * status.tip[1]:.1f} mm"
+            figures["Handle"] = f"x {1e3 * status.tip[0]:z.1f}   y {1e3 * status.tip[1]:z.1f} mm"
         if status.force_channels and math.isfinite(fx + fy):
-            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:.1f}   y {fy:.1f}"
+            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f}"
         if rates:
             figures["Samples"] = f"{rates['samples']:.0f} a second"
     if report:

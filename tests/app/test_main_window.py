@@ -26,17 +26,19 @@ from fake_client import (
 )
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QLabel
 from screens import Screens, point, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
+from app import DATA
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
+from app.window.widgets.preflight import Checklist
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -54,6 +56,12 @@ def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_reada
         assert "Disk: 12 MB free. Free some space." in screens.main.preflight.advice.text()
     screens.hear(ready())
     assert screens.press(KEY.Key_Space) == [m.Start()]
+
+
+def test_a_wait_ends_in_dots_without_a_full_stop(qtbot) -> None:
+    qtbot.addWidget(shown := Checklist())
+    shown.show_checks((m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))
+    assert "connecting … The board is being reached." in [label.text() for label in shown.findChildren(QLabel)]
 
 
 def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
@@ -224,6 +232,11 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.tick(rows[500:])
     screens.hear(ready(1))
     assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
+
+
+def test_the_settings_name_the_folder_in_which_the_next_start_keeps_its_sessions(screens: Screens) -> None:
+    screens.main.show_settings()
+    assert words.from_home(DATA) in visible_texts(screens.main)
 
 
 def test_the_footer_names_the_data_folder_before_the_session_server_serves(screens: Screens) -> None:

@@ -163,8 +163,8 @@ def advice(snapshot: m.Snapshot) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """The text with a full stop."""
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+    """The text with a full stop, unless it ends as a sentence may."""
+    return text if text.endswith((".", "!", "?", "…")) else f"{text}."
 
 
 class Checklist(QWidget):
