@@ -134,8 +134,8 @@ class AnalysePage(Page):
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        counts = row((self.warning, 1), self.summary, spacing=14)
-        left = column((self.stack, 1), self.caption, counts, self._foot, spacing=8)
+        notes = row((self.caption, 1), self.summary, spacing=14)
+        left = column((self.stack, 1), notes, self.warning, self._foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
@@ -283,6 +283,7 @@ class AnalysePage(Page):
             self._concluding.ask(conclude, *given)
         else:
             self._show_charts(results, rows)
+        self.warning.setVisible(bool(self.warning.text()))
         self._make_room()
 
     def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
