@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
@@ -60,7 +60,7 @@ class Footer(Panel):
         super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
-        self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
+        self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)

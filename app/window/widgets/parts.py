@@ -73,20 +73,12 @@ def rule() -> QFrame:
 
 
 class OneLine(QLabel):
-    """A text in one line, shortened where there is no room: to the first of its parts, else with dots. Its tooltip has
-    all of it.
+    """A text in one line, shortened where there is no room: to the first of its parts, else with dots in its middle.
+    Its tooltip has all of it.
     """
 
-    def __init__(
-        self,
-        text: str = "",
-        name: str = "",
-        size: int = theme.SMALL,
-        bold: bool = False,
-        dots: Qt.TextElideMode = Qt.TextElideMode.ElideMiddle,
-    ) -> None:
+    def __init__(self, text: str = "", name: str = "", size: int = theme.SMALL, bold: bool = False) -> None:
         super().__init__("", objectName=name)
-        self._dots = dots
         self.setFont(theme.font(size, bold))
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
@@ -110,7 +102,7 @@ class OneLine(QLabel):
         parts = text.split(PART)
         shorter = (PART.join([*parts[:n], "…"]) for n in range(len(parts) - 1, 0, -1))
         fitting = (one for one in (text, *shorter) if metrics.horizontalAdvance(one) <= room)
-        shown = next(fitting, None) or metrics.elidedText(text, self._dots, room)
+        shown = next(fitting, None) or metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
 
 
