@@ -24,9 +24,9 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog, QLabel
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
 from screens import Screens, point, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
@@ -40,6 +40,7 @@ from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import Checklist
 from core import tick_log
+from experiments.session.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 RERIG = CARDS[m.RERIG].text
@@ -232,6 +233,31 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.tick(rows[500:])
     screens.hear(ready(1))
     assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
+
+
+class OwnWindows(QObject):
+    """The kinds of widgets that are shown as windows of their own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow():
+            self.seen.append(type(watched).__name__)
+        return False
+
+
+def test_no_part_of_a_page_is_a_window_of_its_own_while_it_is_made(qtbot) -> None:
+    watch, application = OwnWindows(), QApplication.instance()
+    application.installEventFilter(watch)
+    qtbot.addWidget(main := MainWindow(FakeClient()))
+    for name in PAGES:
+        main.show_page(name)
+    one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9)
+    main.pages[HOME].data.show_overview(DataOverview(Path("data"), (one,)))
+    application.removeEventFilter(watch)
+    assert watch.seen == []
 
 
 def test_the_settings_name_the_folder_in_which_the_next_start_keeps_its_sessions(screens: Screens) -> None:

@@ -188,7 +188,8 @@ class DataPanel(Panel):
         done = text_label("cannot be read" if session.problem else far)
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        bar.setVisible(not session.declined)
+        if session.declined:
+            bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
         made = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
         if session.lacking:
