@@ -265,6 +265,14 @@ def test_the_settings_name_the_folder_in_which_the_next_start_keeps_its_sessions
     assert words.from_home(DATA) in visible_texts(screens.main)
 
 
+def test_analyse_shows_the_data_folder_before_the_session_server_serves(screens: Screens, tmp_path: Path) -> None:
+    client = FakeClient()
+    client.setup = client.setup._replace(data_dir=tmp_path)
+    screens.main.show_client(client, None)
+    screens.main.show_page(ANALYSE)
+    assert str(tmp_path) in screens.main.pages[ANALYSE].empty.text()
+
+
 def test_the_footer_names_the_data_folder_before_the_session_server_serves(screens: Screens) -> None:
     client = FakeClient()
     client.setup = client.setup._replace(data_dir=Path("another"))

@@ -81,7 +81,7 @@ class AnalysePage(Page):
         self.chosen: TrialRow | None = None  # the trial that is open
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
-        self._folder = Path()  # that is shown or being read
+        self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
         self._excluding = BackgroundTask(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
@@ -142,6 +142,9 @@ class AnalysePage(Page):
 
     # what the main window hands over
 
+    def show_setup(self, setup: m.Setup) -> None:
+        self._data_dir = setup.data_dir
+
     def show_opened(self, opened: m.Opened) -> None:
         if self.opened is not None and opened.folder != self.opened.folder:
             self._asked = None
@@ -191,7 +194,7 @@ class AnalysePage(Page):
     def _of_session(self) -> Path:
         """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""
         if self.opened is None or not self.opened.folder:
-            return Path()
+            return self._data_dir
         folder = Path(self.opened.folder)
         return folder.parent.parent if self.opened.participant else folder
 
