@@ -105,7 +105,8 @@ class SessionProgress:
         if not without:
             return ""
         named = ", ".join(without[:MOST_NAMED]) + (", .." if len(without) > MOST_NAMED else "")
-        return f"The plan is done, but {len(without)} of its {len(session.plan)} trials have no result: {named}."
+        have = "has" if len(without) == 1 else "have"
+        return f"The plan is done, but {len(without)} of its {len(session.plan)} trials {have} no result: {named}."
 
     def seconds_left(self) -> float | None:
         """Estimated time of the rest of the session: median trial length and planned breaks; None: not known yet."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from app import DATA
 from app.progress import ProgressBar, watch_compiling
 from core.device import load_device
 from core.files import InputError
@@ -21,8 +22,6 @@ SHARES = {"share", "done"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 RULES = ("settled", "literal")
 
-#: Outside the program's own folder, so that deleting that keeps them.
-DATA = Path.home() / "phd-data"
 # arguments of several verbs, for `add_argument`
 FOLDER: dict[str, Any] = {
     "type": Path, "metavar": "DIR", "help": "a folder that phd study or phd run has written"

@@ -8,7 +8,7 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.progress import ScreenCheck, import_window_module, watch_compiling
 from app.session_server.preflight import ignored_features
-from app.verbs.common import DATA, DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from app.window.widgets import palette
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
@@ -106,7 +106,7 @@ def data_dir_of(args: argparse.Namespace) -> Path:
         return args.data_dir
     memory = import_window_module("widgets.memory")
     memory.begin()
-    return Path(memory.remembered(memory.DATA_FOLDER) or DATA)
+    return Path(memory.remembered(memory.DATA_FOLDER))
 
 
 def port_of(args: argparse.Namespace) -> str:

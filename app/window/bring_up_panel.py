@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import button, column, panel, row, scrolled, text_label, wrapped_label
+from app.window.widgets.parts import button, column, holder, panel, row, scrolled, text_label, wrapped_label
 from app.window.widgets.preflight import Checklist
 
 STATES = {"passed": m.GOOD, "failed": m.BAD, "not done": m.WAITING}
@@ -36,7 +36,7 @@ class BringUpPanel(QWidget):
         self.title, self.ask = text_label("", size=theme.TITLE, bold=True), wrapped_label("")
         self.results = Checklist()
         head = panel("Bring up the device", self.title, self.ask, row(self.name, self.begin, self.go_on, self.end, 1))
-        self.setLayout(column(head, (scrolled(self.results), 1), spacing=theme.GAP))
+        self.setLayout(column(head, (scrolled(holder(column(self.results, 1))), 1), spacing=theme.GAP))
         self.setVisible(False)
 
     def set_open(self, is_open: bool) -> None:

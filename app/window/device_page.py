@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import partial
 
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout
 
@@ -16,13 +17,14 @@ from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
     PANEL_MARGINS,
-    OneLine,
     Panel,
+    breakable,
     button,
     column,
     holder,
     panel,
     row,
+    scrolled,
     text_label,
     wrapped_label,
 )
@@ -168,12 +170,12 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
         for i, joint in enumerate(JOINTS):
             angle = f"{math.degrees(status.theta[i]):.2f}°" if status.homed and len(status.theta) == 4 else ""
             count = f"{grouped(encoders[joint])} counts" if joint in encoders else "computed" if angle else ""
-            figures[f"Joint {joint}"] = "   ".join(filter(None, (angle, count)))
+            figures[f"Joint {joint}"] = "  ".join(filter(None, (angle, count)))
         fx, fy = status.hand_force
         if status.homed and math.isfinite(sum(status.tip)):
-            figures["Handle"] = f"x {1e3 * status.tip[0]:.1f} mm   y {1e3 * status.tip[1]:.1f} mm"
+            figures["Handle"] = f"x {1e3 * status.tip[0]:z.1f}   y {1e3 * status.tip[1]:z.1f} mm"
         if status.force_channels and math.isfinite(fx + fy):
-            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:.1f}   y {fy:.1f}"
+            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f}"
         if rates:
             figures["Samples"] = f"{rates['samples']:.0f} a second"
     if report:
@@ -186,9 +188,9 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
         if report.get("round_trip_s") is not None:
             figures["Round trip"] = f"{1e3 * report['round_trip_s']:.1f} ms at best"
         if ticks := report.get("delay_ticks"):
-            figures["Delay"] = f"a current {ticks} {'tick' if ticks == 1 else 'ticks'} after its sample"
+            figures["Delay"] = f"{ticks} {'tick' if ticks == 1 else 'ticks'}, sample to current"
         if (clock := report.get("clock")) and clock["blocks"]:
-            figures["Clock offset"] = f"{clock['offset_s']:+.4f} s, ± {1e6 * clock['residual_s']:.0f} µs"
+            figures["Clock offset"] = f"{clock['offset_s']:+.4f} s ± {1e6 * clock['residual_s']:.0f} µs"
             figures["Clock drift"] = f"{1e6 * clock['drift']:+z.0f} ppm" if clock["blocks"] >= 3 else ""
     return figures
 
@@ -208,8 +210,9 @@ class DevicePage(Page):
         self._rates, self._recent = dict[str, float](), Rates()
         self.cards = Cards(self)
         self.no_figures, self.health = wrapped_label("", size=theme.TITLE), Checklist()
+        self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.why, self.quantised = wrapped_label("", "quiet"), wrapped_label("", "quiet")
-        self.values = {name: OneLine(NOTHING, size=theme.NORMAL) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
+        self.values = {name: wrapped_label(NOTHING) for name in (*BOARD, *SENSORS, *LINK, *CLOCK)}
         self.steps = {text: button(text, partial(self._ask, text)) for text in STEPS}
         self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
         self.bring_up = BringUpPanel(send)
@@ -223,17 +226,20 @@ class DevicePage(Page):
         head = row(title, 1, *buttons)  # above what grows: no button moves
         state = Panel()
         state.setLayout(column(head, self.health, self.quantised, self.why, spacing=8, margins=PANEL_MARGINS))
-        groups = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": (*LINK, *CLOCK)}
-        panels = [(panel(title, self._figures(names), 1), 1) for title, names in groups.items()]
-        self.bench = holder(column(state, (row(*panels, spacing=theme.GAP), 1), spacing=theme.GAP))
-        self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), 1, spacing=theme.GAP))
+        # shares of the width: what the board is called may take two lines, numbers that change may not
+        groups = ("Board", BOARD, 5), ("Sensors", SENSORS, 6), ("Link since it was opened", (*LINK, *CLOCK), 6)
+        panels = [(panel(title, self._figures(names), 1), share) for title, names, share in groups]
+        figures = scrolled(holder(row(*panels, spacing=theme.GAP)))
+        self.bench = holder(column(state, (figures, 1), spacing=theme.GAP))
+        self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
         grid = QGridLayout()
         grid.setColumnStretch(1, 1)
+        grid.setVerticalSpacing(4)
         for place, name in enumerate(names):
-            grid.addWidget(text_label(name, "quiet"), place, 0)
-            grid.addWidget(self.values[name], place, 1)
+            grid.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
+            grid.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
         return grid
 
     def show_setup(self, setup: m.Setup) -> None:
@@ -283,7 +289,7 @@ class DevicePage(Page):
         self.health.show_checks(tuple(found) or (m.Check("", m.GOOD, "All is well."),))
         figures = figures_of(status, self._rates) if status else {}
         for name, label in self.values.items():
-            label.setText(figures.get(name) or NOTHING)
+            label.setText(breakable(figures.get(name) or NOTHING))
         self.quantised.setText(quantised(status, opened.protocol) if status else "")
         why = why_no_step(opened, snapshot)
         self.why.setText(why)

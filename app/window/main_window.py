@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
@@ -60,7 +60,7 @@ class Footer(Panel):
         super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
-        self.recording = OneLine("Nothing is being recorded", dots=Qt.TextElideMode.ElideRight)
+        self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
         self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)
@@ -73,10 +73,13 @@ class Footer(Panel):
         if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
             self.lamp.setStyleSheet(sheet)
 
+    def show_folder(self, folder: Path) -> None:
+        self._path = folder
+        self.folder.setText(from_home(folder))
+
     def show_opened(self, opened: m.Opened) -> None:
         """Where the data are, and where the session comes from."""
-        self._path = Path(opened.folder)
-        self.folder.setText(from_home(self._path))
+        self.show_folder(Path(opened.folder))
         parts = [f"seed {opened.protocol.seed}", f"phd {__version__}"]
         if opened.plan_sha256:
             parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
@@ -132,6 +135,7 @@ class MainWindow(QWidget):
         self.preflight.advice.lie_over(self)
         self.cards = Cards(self._stack)
         self._connect()
+        self.footer.show_folder(client.setup.data_dir)
         self.show_page(HOME)
 
     def _lay_out(self) -> None:
@@ -323,6 +327,7 @@ class MainWindow(QWidget):
     def show_client(self, client: Client, then: object) -> None:
         """Another session server was started; then: a command for it once it serves, or None."""
         self.client, self._then, self.dead, self.opened = client, then, False, None
+        self.footer.show_folder(client.setup.data_dir)
         for page in self.pages.values():
             page.show_setup(client.setup)
         self.show_snapshot(m.Snapshot(m.PREPARING))

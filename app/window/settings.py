@@ -53,8 +53,7 @@ class SettingsCard(OverlayCard):
         self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
-        kept = memory.remembered(memory.DATA_FOLDER)
-        folder = OneLine(from_home(Path(kept)) if kept else "data, where PHD is started", "", theme.NORMAL)
+        folder = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
         grid = grid_of({
             "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),

@@ -63,11 +63,16 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
     shown = texts(page)
     for what in (
         "All is well.", "four-brake", "B-7", "/dev/ttyACM0", "0.9.0, protocol 1", "ready: no current", "homed at",
-        "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0 mm   y 380.0 mm",
+        "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
         "UART at 2,000,000 baud, by an ST-LINK", "5.0 N   x 3.0   y -4.0", "1.6 ms at best",
         "12 of 812\u202f357 samples", "+12 ppm", "± 35 µs",
     ):  # fmt: skip
         assert what in shown, what
+
+
+def test_a_force_of_nothing_has_no_sign(page: DevicePage) -> None:
+    page.show_pulse(told(status(hand_force=(-0.004, 0.0))))
+    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0"
 
 
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:

@@ -24,20 +24,23 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
 from screens import Screens, point, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
+from app import DATA
 from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
-from app.window.widgets import memory, words
+from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
 from app.window.widgets.plots import Graph
+from app.window.widgets.preflight import Checklist
 from core import tick_log
+from experiments.session.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 RERIG = CARDS[m.RERIG].text
@@ -56,6 +59,12 @@ def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_reada
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
+def test_a_wait_ends_in_dots_without_a_full_stop(qtbot) -> None:
+    qtbot.addWidget(shown := Checklist())
+    shown.show_checks((m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))
+    assert "connecting … The board is being reached." in [label.text() for label in shown.findChildren(QLabel)]
+
+
 def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
     late = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
     screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
@@ -69,18 +78,28 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_texts_of_the_preflight_row_are_shortened_where_there_is_no_room(screens: Screens) -> None:
-    def shares() -> list[float]:
+def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(
+    screens: Screens,
+) -> None:
+    def shown() -> list[bool]:
         settle(screens.main)
-        return [pill.text.width() / pill.text.sizeHint().width() for pill in screens.main.preflight.pills]
+        return [pill.text.isVisible() for pill in screens.main.preflight.pills]
 
     screens.hear(opened(), ready(checks=GREEN))
-    assert all(share >= 1.0 for share in shares())
+    assert all(shown())
     screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
-    assert all(0.0 < share for share in shares()) and min(shares()) < 1.0 and faults(screens.main) == []
+    assert shown()[4] and not all(shown()[:4]) and faults(screens.main) == []
     screens.main.resize(*SMALLEST)
-    settle(screens.main)
-    assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+    assert not shown()[4] and screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+
+
+def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:
+    theme.scale_text(3)
+    screens.hear(opened(), running())
+    screens.hear(running(), pulse(), ready(1, brakes_off="Esc was pressed"))
+    sizes = [made.font().pixelSize() for made in (screens.run.recording, screens.main.preflight.brakes)]
+    theme.scale_text(-3)
+    assert sizes == [24, 21]
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -214,6 +233,51 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.tick(rows[500:])
     screens.hear(ready(1))
     assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
+
+
+class OwnWindows(QObject):
+    """The kinds of widgets that are shown as windows of their own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow():
+            self.seen.append(type(watched).__name__)
+        return False
+
+
+def test_no_part_of_a_page_is_a_window_of_its_own_while_it_is_made(qtbot) -> None:
+    watch, application = OwnWindows(), QApplication.instance()
+    application.installEventFilter(watch)
+    qtbot.addWidget(main := MainWindow(FakeClient()))
+    for name in PAGES:
+        main.show_page(name)
+    one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9)
+    main.pages[HOME].data.show_overview(DataOverview(Path("data"), (one,)))
+    application.removeEventFilter(watch)
+    assert watch.seen == []
+
+
+def test_the_settings_name_the_folder_in_which_the_next_start_keeps_its_sessions(screens: Screens) -> None:
+    screens.main.show_settings()
+    assert words.from_home(DATA) in visible_texts(screens.main)
+
+
+def test_analyse_shows_the_data_folder_before_the_session_server_serves(screens: Screens, tmp_path: Path) -> None:
+    client = FakeClient()
+    client.setup = client.setup._replace(data_dir=tmp_path)
+    screens.main.show_client(client, None)
+    screens.main.show_page(ANALYSE)
+    assert str(tmp_path) in screens.main.pages[ANALYSE].empty.text()
+
+
+def test_the_footer_names_the_data_folder_before_the_session_server_serves(screens: Screens) -> None:
+    client = FakeClient()
+    client.setup = client.setup._replace(data_dir=Path("another"))
+    screens.main.show_client(client, None)
+    assert screens.main.footer.folder.text() == "another"
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(

@@ -94,6 +94,14 @@ def test_the_device_that_comes_has_no_numbers_of_the_trial_before_and_no_force_t
     assert (view.title, view.line) == ("", "") and set(view.force_texts.values()) == {"–"}
 
 
+def test_between_trials_the_curves_stay_and_no_value_beside_them_is_one_of_now(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
+    screens.hear(ready(1))
+    traces = screens.run.traces
+    assert (traces.force.value, traces.speed.value, len(traces.force.t)) == ("– N", "– m/s", 1000)
+
+
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     screens.hear(opened(), ready())
     assert (
@@ -222,7 +230,7 @@ def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screen
     rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")
     rows += [result(PLAN[7]._replace(run=61), "done")]  # it was done after all
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
-    assert f"1 of {len(PLAN)} trials have no result" in " ".join(visible_texts(console))
+    assert f"1 of {len(PLAN)} trials has no result" in " ".join(visible_texts(console))
 
 
 CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s

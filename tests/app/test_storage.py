@@ -234,7 +234,7 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     assert f"2 of its {last} trials have no result: {last - 1} (aborted), {last} (skipped)" in said[-1][0]
     session.redo(session.rows[-2].run, "there is time")
     storage.store_trial(Ended(session))
-    assert f"1 of its {last} trials have no result: {last} (skipped)" in said[-1][0]
+    assert f"1 of its {last} trials has no result: {last} (skipped)" in said[-1][0]
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,13 +19,16 @@ from tried import INITIAL, ended, tried
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.window.analyse import analyse_page
+from app.window.home.home_page import BOARD
 from app.window.main_window import SMALLEST
 from app.window.widgets import theme
-from app.window.widgets.page import ANALYSE, HOME, TRY
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, TRY
 from experiments.protocol_file import Consent
+from experiments.session.overview import DataOverview, SessionOverview
+from hardware.discovery import BoardFound
 
 SIZES = (SMALLEST, (1366, 768), (1920, 1080))
-SIZES_OF_LARGE_TEXT = ((1280, 720), (1920, 1080))
+SIZES_OF_LARGE_TEXT = ((1280, 720), (1366, 768), (1920, 1080))
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -123,6 +127,32 @@ def editor(screens: Screens) -> None:
     home.stack.setCurrentWidget(home.editor)
 
 
+def sessions(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9, lacking=3)
+    others = one._replace(participant="02", done=60), one._replace(participant="03", declined=True)
+    broken = one._replace(participant="04", problem="session.json: gone")
+    data = screens.main.pages[HOME].data
+    data._looking.forget()
+    data.show_overview(DataOverview(Path("data"), (one, *others, broken)))
+
+
+def ports(screens: Screens) -> None:
+    page(HOME, opened(""), before())(screens)
+    home = screens.main.pages[HOME]
+    home.link.show_value(BOARD)
+    home._refresh()
+    home.ports._looking.forget()
+    home.ports._show_found((BoardFound("/dev/ttyACM0", "B-7", "four-brake", 1, "1.0.0"), BoardFound("/dev/ttyUSB0")))
+
+
+def bring_up(screens: Screens) -> None:
+    results = ("Limits", "passed", "All are those of the file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
+    shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results)
+    device(ready(3, checks=WELL), status(bring_up=shown))(screens)
+    screens.main.pages[DEVICE].bring_up.set_open(True)
+
+
 def consent(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
@@ -134,6 +164,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
+    "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
@@ -188,6 +219,8 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     analyse = screens.main.pages[ANALYSE]
     qtbot.waitUntil(lambda: analyse.results is not None, timeout=60_000)
     if shown == "a trial":
+        late = replace(analyse.rows[0], status="timeout")  # the notes below the charts are long then
+        analyse._show_results(analyse.results._replace(rows=(late, *analyse.rows[1:])))
         analyse.open_trial(analyse.rows[-1])
         qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     else:

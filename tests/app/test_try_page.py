@@ -285,7 +285,7 @@ def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_devi
 def test_what_is_named_as_changed_is_what_reset_takes_back_and_nothing_else(held: Held) -> None:
     chosen = INITIAL._replace(controller=4, path=2, device="four-brake")
     held.page.show_snapshot(tried(chosen._replace(rules="literal", spring_N_m=400.0)))
-    assert held.page.controls.changes.text() == "Changed: rules, hand spring"
+    assert held.page.controls.changes.text() == "Changed: rules · hand spring"
     QTest.mouseClick(held.page.controls.reset, Qt.MouseButton.LeftButton)
     assert held.last() == chosen and not held.page.controls.changes.text() and not held.page.controls.reset.isEnabled()
 

@@ -134,7 +134,7 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
         owner = planes[-1] if planes else painter.device()
         text = given[-1]
         seen = isinstance(owner, QWidget) and owner.isVisible() and owner.window() is window
-        if seen and text and not isinstance(owner, QLabel):
+        if seen and text and (isinstance(owner, OneLine) or not isinstance(owner, QLabel)):
             metrics = QFontMetricsF(painter.font())
             tight = metrics.tightBoundingRect(text)
             if isinstance(given[0], QPointF):
@@ -144,7 +144,12 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
                 ink = _ink_of(metrics, metrics.boundingRect(room, int(given[1]), text), text)
                 room &= QRectF(owner.rect())
             cut = not room.adjusted(-SLACK_PX, -SLACK_PX, SLACK_PX, SLACK_PX).contains(ink)
-            dots = text.endswith("…") and not owner.toolTip() and not isinstance(owner, Plane)
+            if isinstance(owner, OneLine):  # a path, and what has parts, may be shorter
+                whole = owner.text()
+                parts = text.endswith(" · …") and whole.startswith(text.removesuffix("…"))
+                dots = text != whole and "/" not in whole and not parts
+            else:
+                dots = text.endswith("…") and not owner.toolTip() and not isinstance(owner, Plane)
             found.append(Ink(text, _in(owner, ink, window), owner, cut or dots))
 
     def draw_text(painter: QPainter, *given) -> object:

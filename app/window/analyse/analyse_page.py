@@ -19,7 +19,6 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
-    END,
     NO_FOCUS,
     Flow,
     OneLine,
@@ -82,7 +81,7 @@ class AnalysePage(Page):
         self.chosen: TrialRow | None = None  # the trial that is open
         self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
-        self._folder = Path()  # that is shown or being read
+        self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
         self._excluding = BackgroundTask(self._excluded)
         self.tabs: dict[str, QPushButton] = {}
@@ -93,8 +92,8 @@ class AnalysePage(Page):
         )
         for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
-        self.caption = OneLine("", "quiet", dots=END)
-        self.warning, self.summary = (text_label("", name, theme.SMALL) for name in ("caution", "quiet"))
+        self.caption, self.warning = (wrapped_label("", name, theme.SMALL) for name in ("quiet", "caution"))
+        self.summary = text_label("", "quiet", theme.SMALL)
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
@@ -135,12 +134,16 @@ class AnalysePage(Page):
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        left = column((self.stack, 1), row(self.caption, self.warning, self.summary, spacing=14), self._foot, spacing=8)
+        notes = row((self.caption, 1), self.summary, spacing=14)
+        left = column((self.stack, 1), notes, self.warning, self._foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
 
     # what the main window hands over
+
+    def show_setup(self, setup: m.Setup) -> None:
+        self._data_dir = setup.data_dir
 
     def show_opened(self, opened: m.Opened) -> None:
         if self.opened is not None and opened.folder != self.opened.folder:
@@ -191,7 +194,7 @@ class AnalysePage(Page):
     def _of_session(self) -> Path:
         """The data folder of the open session (DATA/sub-01/ses-01), or the one where sessions will be."""
         if self.opened is None or not self.opened.folder:
-            return Path()
+            return self._data_dir
         folder = Path(self.opened.folder)
         return folder.parent.parent if self.opened.participant else folder
 
@@ -283,6 +286,7 @@ class AnalysePage(Page):
             self._concluding.ask(conclude, *given)
         else:
             self._show_charts(results, rows)
+        self.warning.setVisible(bool(self.warning.text()))
         self._make_room()
 
     def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QBrush, QMouseEvent, QPen
 
 from app.window.widgets import theme
-from app.window.widgets.parts import END, OneLine
+from app.window.widgets.parts import OneLine
 from app.window.widgets.plots import Plot
 from app.window.widgets.theme import COLOURS, colour_of, shade
 from app.window.widgets.words import SHORT
@@ -38,7 +38,7 @@ class ChartPlot(Plot):
     chosen = Signal(object)  # a TrialRow
 
     def __init__(self) -> None:
-        super().__init__(OneLine("", "", theme.NORMAL, bold=True, dots=END))
+        super().__init__(OneLine("", "", theme.NORMAL, bold=True))
         self.chart = Chart("", "", "", (), "", (0.0, 1.0), ())  # nothing
         self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run

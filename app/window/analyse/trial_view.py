@@ -104,13 +104,13 @@ class TrialView(Panel):
 
     def _lay_out(self) -> None:
         self._middle = column((self.workspace, 3), (self.traces, 4))
-        for step in self.steps:
-            step.setVisible(not self._whole)
         self.setLayout(column(
             row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
             (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
+        for step in self.steps:
+            step.setVisible(not self._whole)
         self.exclude.hide()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -4,11 +4,11 @@ from functools import partial
 
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, text_label, wrapped_label
+from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, wrapped_label
 from app.window.widgets.work import BackgroundTask
 from hardware.discovery import BoardFound, scan_ports
 
@@ -78,13 +78,13 @@ class BoardPorts(QWidget):
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
             there = self._state.state not in (m.BAD, m.WAITING)
-            words = text_label("connected" if there else self._state.text, "good" if there else "caution")
-            self._rows.addLayout(row(OneLine(self._mine, size=theme.NORMAL), words, own))
+            words = wrapped_label("connected" if there else self._state.text, "good" if there else "caution")
+            self._rows.addLayout(row_of(self._mine, words, own))
         for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
             if found.port == self._opening:
                 show_wait(connect, OPENING)
-            self._rows.addLayout(row(OneLine(found.port, size=theme.NORMAL), text_label(found.words, "quiet"), connect))
+            self._rows.addLayout(row_of(found.port, wrapped_label(found.words, "quiet"), connect))
         typed = self._opening not in ("", *(board.port for board in self._found))
         self.connect_typed.setText(OPENING if typed else "Connect")
         self.connect_typed.setEnabled(not self._opening)
@@ -94,3 +94,8 @@ class BoardPorts(QWidget):
     def _connect_typed(self) -> None:
         if self.port.text():
             self.connect_asked.emit(self.port.text())
+
+
+def row_of(port: str, words: QLabel, do: QPushButton) -> QVBoxLayout:
+    """A port, which may have a long name; below it how it is, and what can be done."""
+    return column(OneLine(port, size=theme.NORMAL), row((words, 1), do), spacing=2)

@@ -188,13 +188,15 @@ class DataPanel(Panel):
         done = text_label("cannot be read" if session.problem else far)
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        about = column(name, text_label(f"{when.day} {when:%b %Y}", "quiet"), spacing=1)
-        bar.setVisible(not session.declined)
-        how_far = column(done, bar, spacing=3)
+        if session.declined:
+            bar.hide()
+        head = row(name, main, self._more(session, is_open), spacing=6)
+        made = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
         if session.lacking:
-            how_far.addWidget(wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL))
-            how_far.itemAt(2).widget().setToolTip(LACKING)
-        return row((about, 3), (how_far, 3), main, self._more(session, is_open), spacing=6)
+            lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
+            lacking.setToolTip(LACKING)
+            made.addWidget(lacking)
+        return made
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")

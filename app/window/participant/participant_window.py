@@ -64,7 +64,7 @@ class ParticipantView(Plane):
         super().show_handle(tip, taken, force_N)
         at = self.to_screen(tip) if tip is not None else QPointF()
         down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1
-        side = side if down > TEXT_TOP - (0.08 if self.side else 0.03) else 0  # the text is never under the dot
+        side = side if down > TEXT_TOP - (0.01 if self.side else 0.0) else 0  # the text is never under the dot
         if side != self.side:
             self.side = side
             self.repaint_still()

@@ -72,7 +72,7 @@ class RunPage(Page):
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
         self.recording = RecordingSign()
         self._opened_s = time.perf_counter()  # when the session was opened here
-        self._centre = holder(column(self.large, row(self.small, self.recording), (self.workspace, 1)))
+        self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
         self._right = stack(live, self.card)
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
@@ -273,6 +273,7 @@ class RunPage(Page):
             self.timing.clear()
         elif snapshot.running is None:
             self.show_panels()
+            self.traces.rest()
             self.workspace.view.rest(snapshot.tip)
         if snapshot.running is None and opened.real_device and not snapshot.place_known:
             self.workspace.view.show_text("", UNMEASURED)

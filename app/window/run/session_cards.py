@@ -94,7 +94,8 @@ class SessionCards(Cards):
         text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
         lacking = len(finished_cells(snapshot.rows)[1])
         if lacking:
-            text += f" {lacking} of {len(opened.plan)} trials have no result: × (aborted), – (skipped) or e (excluded)."
+            have = "trials has" if lacking == 1 else "trials have"
+            text += f" {lacking} of {len(opened.plan)} {have} no result: × (aborted), – (skipped) or e (excluded)."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))

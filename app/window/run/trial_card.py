@@ -45,7 +45,7 @@ class Measure(QWidget):
         about = column(
             OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
         )
-        self.setLayout(row((about, 2), (self.graph, 3), spacing=6, margins=(0, 2, 0, 2)))
+        self.setLayout(row((about, 1), (self.graph, 1), spacing=6, margins=(0, 2, 0, 2)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -109,7 +109,7 @@ class TrialCard(Panel):
         self.row: TrialRow | None = None
         self._since_s, self._has_curve = 0.0, False
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
-        self.what = OneLine("")
+        self.what = wrapped_label("", size=theme.SMALL)
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]

@@ -12,7 +12,7 @@ from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
 from app.window.widgets.fields import Field, make_field
-from app.window.widgets.parts import NO_FOCUS, OneLine, Part, button, panel, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Part, button, panel, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
@@ -120,7 +120,7 @@ class Controls(QScrollArea):
             self._names.append(made.name)
             made.changed.connect(partial(self._turn, dial.name))
             parts.append(made)
-        self.changes = OneLine("", "quiet", theme.NORMAL, dots=Qt.TextElideMode.ElideRight)
+        self.changes = OneLine("", "quiet", theme.NORMAL)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
         self.setWidget(panel("How should it guide you?", *parts, 1, row(self.changes, self.reset), spacing=3))
@@ -186,7 +186,7 @@ class Controls(QScrollArea):
         changed += [
             row.dial.label.lower() for row in self.dials.values() if row.dial.setting(s) != row.dial.setting(first)
         ]
-        self.changes.setText(f"Changed: {', '.join(changed)}" if changed else "")
+        self.changes.setText(f"Changed: {PART.join(changed)}" if changed else "")
         self.reset.setEnabled(bool(changed))
 
     @property

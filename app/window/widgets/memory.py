@@ -2,6 +2,8 @@
 
 from PySide6.QtCore import QCoreApplication, QSettings
 
+from app import DATA
+
 #: keys, and what holds before the user has chosen
 DARK_OR_LIGHT, TEXT_SIZE, SCREEN, SOUND, DATA_FOLDER = (
     "theme",
@@ -12,7 +14,7 @@ DARK_OR_LIGHT, TEXT_SIZE, SCREEN, SOUND, DATA_FOLDER = (
 )
 OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
 ON, OFF = "on", "off"  # of the sound
-_DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: ""}
+_DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}
 _while_running: dict[str, str] = {}  # in place of the file
 
 

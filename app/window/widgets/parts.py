@@ -30,6 +30,7 @@ from app.window.widgets.theme import COLOURS
 
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
 END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
+PART = " · "  # between two parts of a line
 
 
 def breakable(text: str) -> str:
@@ -72,18 +73,12 @@ def rule() -> QFrame:
 
 
 class OneLine(QLabel):
-    """A text in one line, shortened with dots where there is no room; its tooltip has all of it."""
+    """A text in one line, shortened where there is no room: to the first of its parts, else with dots in its middle.
+    Its tooltip has all of it.
+    """
 
-    def __init__(
-        self,
-        text: str = "",
-        name: str = "",
-        size: int = theme.SMALL,
-        bold: bool = False,
-        dots: Qt.TextElideMode = Qt.TextElideMode.ElideMiddle,
-    ) -> None:
+    def __init__(self, text: str = "", name: str = "", size: int = theme.SMALL, bold: bool = False) -> None:
         super().__init__("", objectName=name)
-        self._dots = dots
         self.setFont(theme.font(size, bold))
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
@@ -103,7 +98,11 @@ class OneLine(QLabel):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setPen(self.palette().color(self.foregroundRole()))
-        shown = self.fontMetrics().elidedText(self.text(), self._dots, self.width())
+        text, metrics, room = self.text(), self.fontMetrics(), self.width()
+        parts = text.split(PART)
+        shorter = (PART.join([*parts[:n], "…"]) for n in range(len(parts) - 1, 0, -1))
+        fitting = (one for one in (text, *shorter) if metrics.horizontalAdvance(one) <= room)
+        shown = next(fitting, None) or metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
 
 

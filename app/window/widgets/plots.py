@@ -202,7 +202,15 @@ class Trace(TimePlot):
 
     def show_newest(self) -> None:
         """The newest value beside the title, or each with its name."""
-        values = self.newest if len(self.t) and not self.hidden else (math.nan,) * len(self.curves)
+        self._show_values(() if self.hidden else self.newest)
+
+    def rest(self) -> None:
+        """The trial is over: its curve stays, and no value is one of now."""
+        self._show_values(())
+
+    def _show_values(self, values: tuple[float, ...]) -> None:
+        """(): none."""
+        values = values or (math.nan,) * len(self.curves)
         if not self.names:
             self.figures.show_parts((self.figure(values[0]), COLOURS.text), (self.unit, COLOURS.quiet))
             return
@@ -273,6 +281,11 @@ class Traces(QWidget):
         """The values of the last tick that was added, beside the titles."""
         for trace in self.all:
             trace.show_newest()
+
+    def rest(self) -> None:
+        """The trial is over."""
+        for trace in self.all:
+            trace.rest()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart."""

@@ -1,12 +1,12 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
-from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtGui import QMouseEvent, QResizeEvent
+from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import END, NO_FOCUS, OneLine, Panel, breakable, clear, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
 
 STATE_COLOUR = {
@@ -16,6 +16,8 @@ STATE_COLOUR = {
 #: Said by shape too, not by colour alone.
 MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.DUE: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
+URGENT = (m.BAD, m.DUE, m.CAUTION, m.WAITING, m.GOOD)  # whose words have room first
+GAP_PX = 4  # in a pill and between two
 
 
 def mark_of(check: m.Check, size: int) -> QLabel:
@@ -34,10 +36,9 @@ class Pill(Panel):
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
         self.mark, name = mark_of(check, theme.SMALL), text_label(check.name, size=theme.SMALL, bold=True)
         short = check.text.partition(",")[0] if check.state == m.GOOD else check.text
-        self.text = OneLine(short, "quiet", dots=END)
-        self.text.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to become shorter
-        self.text.setToolTip("")
-        self.setLayout(row(self.mark, name, self.text, spacing=4, margins=(7, 0, 7, 0)))
+        self.state, self.text = check.state, text_label(short, "quiet", theme.SMALL)
+        self.text.hide()
+        self.setLayout(row(self.mark, name, self.text, spacing=GAP_PX, margins=(7, 0, 7, 0)))
         self.setFixedHeight(30)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
@@ -108,8 +109,22 @@ class Preflight(QWidget):
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
         self.advice = Banner()
-        self._row = row(spacing=4)
+        self._row = row(spacing=GAP_PX)
         self.setLayout(row(1, self._row))
+
+    def follow_text(self) -> None:
+        """The words for which there is room, what is wrong first; the others stand in the tooltips alone."""
+        words = {pill: pill.text.sizeHint().width() + GAP_PX for pill in self.pills}
+        names = (pill.sizeHint().width() - (0 if pill.text.isHidden() else words[pill]) for pill in self.pills)
+        room = self.width() - sum(names) - GAP_PX * (len(self.pills) - 1)
+        for pill in sorted(self.pills, key=lambda pill: URGENT.index(pill.state)):
+            fits = words[pill] <= room
+            pill.text.setVisible(fits)
+            room -= words[pill] if fits else 0
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.follow_text()
 
     def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
         """Show the checks, and what is wrong."""
@@ -121,6 +136,7 @@ class Preflight(QWidget):
                 self._row.addWidget(pill)
                 if check.name == DEVICE:
                     pill.clicked.connect(self.device_asked)
+            self.follow_text()
         wrong = advice(snapshot)
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
@@ -147,8 +163,8 @@ def advice(snapshot: m.Snapshot) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """The text with a full stop."""
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+    """The text with a full stop, unless it ends as a sentence may."""
+    return text if text.endswith((".", "!", "?", "…")) else f"{text}."
 
 
 class Checklist(QWidget):

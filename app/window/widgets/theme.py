@@ -119,9 +119,11 @@ def mixed(a: str, b: str, share: float) -> QColor:
 def set_style(widget: QWidget, name: str) -> None:
     """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
     if widget.objectName() != name:
+        now = widget.font()  # Qt would bring back the one that the widget had at first, in another text size
         widget.setObjectName(name)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
+        widget.setFont(now)
         widget.update()
 
 
