@@ -25,7 +25,7 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
 @pytest.fixture(autouse=True)
 def no_scheduling(monkeypatch: pytest.MonkeyPatch) -> None:
     """Verbs that run in this process do not take the scheduling of a control loop."""
-    monkeypatch.setattr("app.ipc.scheduling.take_scheduling", lambda: None)
+    monkeypatch.setattr("app.verbs.bring_up.take_scheduling", lambda: None)
 
 
 def arguments(emulated: Emulated, data: Path) -> list[str]:
