@@ -52,10 +52,12 @@ def chatter(kind, sensing):
     """Chatter (1/s), mean of two people on every display and path."""
     assumed = replace(ARENA.assumptions, sensing=sensing)
     arena, found = replace(ARENA, assumptions=assumed, trial=replace(ARENA.trial, assumptions=assumed)), []
-    for one, device, segment in itertools.product((1, 2), arena.devices, arena.paths):
-        planned, person = PlannedTrial(1, 1, device.name, 1, segment, 1), person_of(load_population(), arena.seed, one)
-        trial = trial_of(arena, person, one, planned, switched_on(device, arena), make_preset(kind, kind, {}))
-        found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].chatter_per_s or 0.0)
+    for number, device, segment in itertools.product((1, 2), arena.devices, arena.paths):
+        person = person_of(load_population(), arena.seed, number)
+        planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
+        trial = trial_of(arena, person, number, planned, switched_on(device, arena), make_preset(kind, kind, {}))
+        measured = run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].chatter_per_s
+        found.append(0.0 if measured is None else measured)  # None: it never braked in this trial
     return np.mean(found)
 
 
