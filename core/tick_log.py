@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from core.mechanism import JOINTS
 
+TICK_S = 1e-3  # from one tick of control to the next
+
 PHASES = ("approach", "hold", "move", "end")
 APPROACH, HOLD, MOVE, END = range(4)
 CHANNELS = range(1, 7)  # of a force sensor

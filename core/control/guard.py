@@ -19,7 +19,7 @@ import numpy as np
 
 from core.brake import inverse, time_constant
 from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, Tick, lock
-from core.control.stopping import STOPPING, TICK_S, furthest, leash, look_towards, make_stopping, suppose
+from core.control.stopping import STOPPING, furthest, leash, look_towards, make_stopping, suppose
 from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, Seen, new_memory
 from core.device import Device
 from core.files import Table, choice
@@ -29,6 +29,7 @@ from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles,
 from core.ranges import Push, SmallLength
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
+from core.tick_log import TICK_S
 from core.workspace import brake_rows, held_in_any_direction
 
 STANDS_M_S = 0.001  # slower towards the obstacle counts as standing

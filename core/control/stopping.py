@@ -32,13 +32,13 @@ from core.dynamics import combined, motion
 from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.simulator.state import MECHANISM, new_record, pack_brakes, pack_mechanism
+from core.tick_log import TICK_S
 
 #: Places round the tip that are looked at, on the circle that it cannot leave; half as many on half the radius, where
 #: that is more than `NEAR_M`.
 ROUND, NEAR_M = 12, 0.045
 TRIES, NEARER = 10, 0.08  # places in turn on a ray, each so much of the radius nearer, until the linkage reaches one
 ROWS = 4 * (1 + ROUND + ROUND // 2)  # directions at right angles to a row
-TICK_S = 1e-3  # of control
 RATES = 64  # places in the table of lags, up to omega_0; beyond it the lag is constant
 #: By which share the levers are counted smaller, and the rates larger, for those between the places that are looked at:
 #: so much, so much more a metre beyond `NEAR_M`, at most so much.

@@ -10,12 +10,12 @@ import numpy as np
 
 from core.control.algorithm import LOCK_TOO_LATE, NONE, Tick
 from core.control.guard import AROUND, Around, keep_out, make_around
-from core.control.stopping import TICK_S
 from core.control.velocity_field import new_memory, seen_in
 from core.kernels import kernel
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import EDGE_S
 from core.simulator.state import new_record
+from core.tick_log import TICK_S
 
 CHECKSUMS = 2**31 - 1
 GUARDED_WIDTH = ROW_WIDTH + 1  # of a row: at its end the decision that holds from its time on

@@ -17,8 +17,9 @@ from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.hand import spring_hand
 from core.simulator.state import pack_mechanism
+from core.tick_log import TICK_S
 from hardware.emulated_board.board import Board, Readings
-from hardware.emulated_board.device import TICK_S, EmulatedDevice, pair
+from hardware.emulated_board.device import EmulatedDevice, pair
 from hardware.emulated_board.line_faults import LineFault
 from hardware.sensing.encoders import PoseSensing
 from hardware.wire.messages import Four, Hello
@@ -29,7 +30,7 @@ FREE = (0.0, 0.0, 0.0)
 SPEED_M_S, TURN_RAD, TURN_RAD_S = 0.1, math.radians(18.0), math.radians(20.0)
 PUSH_N, PUSH_S = 6.0, 0.4
 CIRCLE_M, CIRCLE_S = 0.04, 2.0
-RESTS_S, PRESS_S = 0.3, 0.4
+PRESS_S = 0.4
 HELD_STILL = {0: 2, 1: 0, 2: 0, 3: 2}  # joint that is turned -> joint that the other hand holds
 DIRECTIONS = {"right": (1.0, 0.0), "away": (0.0, 1.0)}
 
@@ -44,16 +45,11 @@ class BuilderHand:
         self._device: Device | None = None
         self._tip, self._t = tip, 0.0
         self._target: Callable[[float], tuple[float, float]] = lambda t: tip  # by the time since the order
-        self._push_until, self._takes_s = -math.inf, 0.0
+        self._push_until = -math.inf
 
     def take(self, device: Device) -> None:
         """The device on the bench, whose joints it turns."""
         self._device = device
-
-    @property
-    def is_done(self) -> bool:
-        """Whether the last order has been obeyed, and the handle had time to come to rest."""
-        return self._t > self._takes_s + RESTS_S and self._press_in < 0.0
 
     def tick(self, x: float, y: float) -> None:
         self._tip = (x, y)
@@ -71,10 +67,7 @@ class BuilderHand:
         {"hold": [x, y]}: bring the handle there, m; {"circle": [x, y]}: circles about it. InputError: another order.
         """
         if set(order) == {"hold"}:
-            end = pair(order["hold"], "hold", 2.0)
-            self._takes_s = math.dist(self._tip, end) / SPEED_M_S
-            return self._grip(self._way(end))
-        self._takes_s = 0.0
+            return self._grip(self._way(pair(order["hold"], "hold", 2.0)))
         if set(order) == {"circle"}:
             return self._grip(self._circling(pair(order["circle"], "circle", 2.0)))
         what, _, which = str(order.get("do")).partition(" ")

@@ -18,13 +18,13 @@ from core.linkage import joint_angles
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_mechanism
+from core.tick_log import TICK_S
 from core.workspace import tip_is_free
-from hardware.emulated_board.board import FULL_BOARD, TICK_US, Readings
+from hardware.emulated_board.board import FULL_BOARD, Readings
 from hardware.emulated_board.line_faults import LineFault
 from hardware.sensing.samples import sensing_of, sensor_angle
 from hardware.wire.messages import Four, Hello
 
-TICK_S = TICK_US * 1e-6
 WORKSPACE_M = 2.0  # an order further out than this is a slip of the pen
 LARGEST_N = 1000.0
 FORCE_UNIT = 1000  # micro-newtons a count

@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 from core.device import Device
 from core.files import InputError
+from core.tick_log import TICK_S
 from hardware.emulated_board.board import ZERO
 from hardware.emulated_board.builder import MISTAKES, BuilderHand, BuiltDevice, board_with
-from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand, hello_of
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, hello_of
 from hardware.emulated_board.line_faults import POWER, Line, LineFault, read_fault
 from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, TcpPort, Terminal
 from hardware.wire import messages as m

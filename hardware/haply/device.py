@@ -28,9 +28,10 @@ from core.faults import Cause, cause, cause_of
 from core.files import InputError
 from core.simulator.state import new_state, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
+from core.tick_log import TICK_S
 from hardware.emulated_board.device import hello_of
 from hardware.haply.guarded_port import GuardedPort
-from hardware.haply.rendered_brake import TICK_S, RenderedBrake
+from hardware.haply.rendered_brake import RenderedBrake
 from hardware.haply.wire import ANGLES, NO_TORQUE, RESET, counts_of, drive, set_up
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.samples import NO_ZERO, WINDOW, BoardSensing

@@ -25,7 +25,8 @@ short the brake holds less, and slips.
 
 import math
 
-TICK_S = 1e-3
+from core.tick_log import TICK_S
+
 FLOOR = 0.05  # share of the allowance that a debt leaves: with none the brake could never earn again. Our choice
 
 

@@ -10,6 +10,7 @@ from core.device_file import Encoders, ForceSensor, Sensing
 from core.device_interface import VELOCITY_WINDOW, DeviceError, DeviceSample, ZeroRecord
 from core.faults import FAULTS, cause
 from core.files import InputError
+from core.tick_log import TICK_S
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
 from hardware.wire.messages import Fault, Flag, Hello, Sample, joints_of
@@ -20,7 +21,6 @@ Vector = tuple[float, float]
 USUAL_ENCODERS = Encoders(A=96000, B=96000)
 USUAL = Sensing(encoders=USUAL_ENCODERS, force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
-TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter restarts
 ZERO_SAMPLES = 500
 STILL_M = 1e-3  # a handle that moved further was touched
