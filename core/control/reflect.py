@@ -83,7 +83,7 @@ def nearest_on_edge(ax, ay, low, high, wx, wy):
         size = math.sqrt(square)
         ux, uy = ax[j] / size, ay[j] / size
         # w and the line's brakes as seen along and across the line; what the others add on either side of it
-        there, off = ux * wx + uy * wy, ux * wy - uy * wx
+        along_w, off_w = ux * wx + uy * wy, ux * wy - uy * wx
         back = ahead = left_along = left_off = right_along = right_off = 0.0
         left = right = 0
         for k in range(4):
@@ -95,10 +95,10 @@ def nearest_on_edge(ax, ay, low, high, wx, wy):
                 left_along, left_off, left = left_along + along, left_off + across, left | 1 << k
             else:
                 right_along, right_off, right = right_along + along, right_off + across, right | 1 << k
-        outside = outside or off > left_off or off < right_off
+        outside = outside or off_w > left_off or off_w < right_off
         for side_along, side_off, others in ((left_along, left_off, left), (right_along, right_off, right)):
-            way = min(max(there - side_along, back), ahead)
-            missed, beside = there - side_along - way, off - side_off
+            way = min(max(along_w - side_along, back), ahead)
+            missed, beside = along_w - side_along - way, off_w - side_off
             distance = missed * missed + beside * beside
             if distance < least:
                 brake, found, full, least = j, way, others, distance
@@ -185,7 +185,7 @@ def opposing(tick, i, push, still_rate):
 
 @kernel
 def shown_by(current, ax, ay, brakes):
-    """Put torques (4,), N m, that stand in `current` there as currents; the brake that exerts most of their force."""
+    """Replace the torques (4,), N m, in `current` by currents (A); returns the brake with the largest tip force."""
     most, brake = -math.inf, 0
     for i in range(4):
         force = current[i] * math.hypot(ax[i], ay[i])

@@ -45,9 +45,9 @@ class Guarding(NamedTuple):
 class Guarded:
     """A simulation whose brakes the guard of its obstacles locks where it must."""
 
-    def __init__(self, simulation: Simulation, how: Around) -> None:
+    def __init__(self, simulation: Simulation, obstacles: Around) -> None:
         self.simulation = simulation
-        self.looks = new_record(LOOKS, around=make_around(how, simulation.device)[0], memory=new_memory())
+        self.looks = new_record(LOOKS, around=make_around(obstacles, simulation.device)[0], memory=new_memory())
         brakes = simulation.brakes
         self.lock = Schedule(np.zeros(1), np.where(brakes["present"] > 0.0, brakes["current_max"], 0.0))
 

@@ -162,22 +162,17 @@ def follow(state, scratch, rates, dt, stage):
 @kernel
 def end_stages(state, scratch, rates, dt):
     """What is left of each lack at the end of the step, from the rates of all stages; the yields there."""
-    one, two, three, four, left = (
-        state.per_lag,
-        scratch.per_lag[0],
-        scratch.per_lag[1],
-        scratch.per_lag[2],
-        scratch.left[1],
-    )
+    first, second, third = state.per_lag, scratch.per_lag[0], scratch.per_lag[1]
+    fourth, left = scratch.per_lag[2], scratch.left[1]
     a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
     b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
-    four[0], four[1], four[2], four[3] = a, e, b, c
+    fourth[0], fourth[1], fourth[2], fourth[3] = a, e, b, c
     sixth = dt / 6.0
     left[0], left[1], left[2], left[3] = decayed(
-        sixth * (one[0] + 2.0 * (two[0] + three[0]) + a),
-        sixth * (one[1] + 2.0 * (two[1] + three[1]) + e),
-        sixth * (one[2] + 2.0 * (two[2] + three[2]) + b),
-        sixth * (one[3] + 2.0 * (two[3] + three[3]) + c),
+        sixth * (first[0] + 2.0 * (second[0] + third[0]) + a),
+        sixth * (first[1] + 2.0 * (second[1] + third[1]) + e),
+        sixth * (first[2] + 2.0 * (second[2] + third[2]) + b),
+        sixth * (first[3] + 2.0 * (second[3] + third[3]) + c),
     )
     for i in range(4):
         scratch.torque_yield[i] = state.gain[i] + state.lack[i] * left[i]

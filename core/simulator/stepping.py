@@ -111,8 +111,8 @@ def implicit_velocity(model, data, t, h):
     for i in range(PLACES):
         state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
         state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
-    whole = mxx + cxx, mxy + cxy, myy + cyy
-    held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), whole, (px, py), scratch.sign)
+    effective_mass = mxx + cxx, mxy + cxy, myy + cyy
+    held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), effective_mass, (px, py), scratch.sign)
     scratch.held = held
     scratch.tip[2], scratch.tip[3] = ux, uy
     dvx, dvy = (ux - vx) / h, (uy - vy) / h

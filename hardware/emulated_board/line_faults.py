@@ -1,4 +1,4 @@
-"""Faults on request, for the emulated board: what cables, buffers, supplies and sensors do on a bad day, from a seed.
+"""Faults of cable, buffers, supply and sensors that the emulated board can be given; random ones from a seed.
 
     drop=0.01            a hundredth of all frames is lost, each way
     corrupt=0.01         .. has one bit flipped

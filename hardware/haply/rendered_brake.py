@@ -57,7 +57,7 @@ class RenderedBrake:
         return 0.5 * self._stiffness * (self._angle - self._anchor) ** 2 if self._angle is not None else 0.0
 
     def read(self, angle: float, begins: float) -> None:
-        """A reading, from which on the torque `begins` acts: book the work of the one before it."""
+        """Take a reading, from which on the torque `begins` acts, and book the work of the torque before it."""
         if self._angle is None:
             self._anchor = angle
         else:
@@ -65,7 +65,7 @@ class RenderedBrake:
         self._angle, self._acting = angle, begins
 
     def read_after_loss(self, angle: float, largest: float) -> None:
-        """A reading after some that were lost, no torque acting now: book the worst of torques up to `largest`."""
+        """Take a reading after lost ones, no torque acting now, and book the worst work of torques up to `largest`."""
         if self._angle is not None:
             self._book(largest * abs(angle - self._angle))
         self._angle = self._anchor = angle
@@ -79,7 +79,7 @@ class RenderedBrake:
             self.credit = FLOOR * self.allowance
 
     def torque(self, holds: float) -> float:
-        """The torque from the next reading on, of a brake that now holds `holds`."""
+        """The torque (N m) to act from the next reading on, of a brake that now holds `holds`."""
         if self._angle is None:
             return 0.0
         affordable = max(self.credit - abs(self._acting) * self._acting_turn, 0.0) / self._next_turn

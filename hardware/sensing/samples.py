@@ -1,4 +1,4 @@
-"""From a board's samples to SI units: pose, motion, hand force, currents, with what is remembered in between."""
+"""A board's samples in SI units: pose, motion, hand force, currents."""
 
 import math
 from collections.abc import Sequence
@@ -37,9 +37,9 @@ class BoardSensing:
     """Converts the counts of one board. InputError if board and device file do not fit."""
 
     def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None, fault: str = "") -> None:
-        """before: of the connection before this one, whose zero and clock hold: the same board went on.
+        """before: of the last connection to the same board, if its zero and clock still hold.
 
-        fault: what this host found wrong with the board; it stands until the board is reset.
+        fault: of the board, found by this host; it stands until the board is reset.
         """
         self.hello = hello
         self.state = hello.state  # of the board, by the newest sample
@@ -179,7 +179,7 @@ class ForceSensing:
 
 
 def sensor_angle(sensor: ForceSensor, theta: tuple[float, ...]) -> float:
-    """How far the sensor's x axis is turned from the frame's, rad; theta (4,) rad, A, E, B, C.
+    """The angle (rad) from the frame's x axis to the sensor's; theta (4,) rad, joints A, E, B, C.
 
     Our choice: the handle itself does not turn (the hand holds it upright), so a sensor on it is turned by a constant.
     """
@@ -191,7 +191,7 @@ def sensor_angle(sensor: ForceSensor, theta: tuple[float, ...]) -> float:
 
 
 def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
-    """The zero in samples; before: the one that was taken off their currents. DeviceError: the handle moved."""
+    """The zero shown by samples. before: what was subtracted from their currents. DeviceError: the handle moved."""
     moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
     if not math.isfinite(moved):
         raise DeviceError("zero: the handle cannot be seen to be still; home the encoders first")
