@@ -41,7 +41,7 @@ from core.control.algorithm import (
 from core.control.guard import NO_OBSTACLE, keep_out
 from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, OwnFile, address_in, algorithm_in
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_round, new_memory
+from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_at_obstacle, new_memory
 from core.files import InputError
 from core.kernels import kernel
 from core.kernels.by_address import FAILED, Caller
@@ -279,7 +279,7 @@ def decide(controller, path, tick):
                 return locked, field
         near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
         if around.guide != 0 and near.distance < path.blend_width:
-            field = field_round(near, field.distance, memory, seen, path.blend_width, rules)
+            field = field_at_obstacle(near, field.distance, memory, seen, path.blend_width, rules)
             return _decide_within_limits(controller, field, tick), field
     if field.distance < controller.gap_m:
         return IN_GAP, field

@@ -38,7 +38,7 @@ STEPS = 60  # of a tenth each, to find a stopping distance
 BACK_SHARE = 0.05  # of a play, by which joints may turn back during a lock
 ROUNDING = 1e-9
 
-#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_round`) and guard.
+#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_at_obstacle`) and guard.
 AROUND = np.dtype(
     [
         ("count", "i8"),  # of edges

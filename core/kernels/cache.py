@@ -2,7 +2,7 @@
 
 numba's own cache looks only at the file of the function itself: where a kernel that it calls, or a constant of another
 file, has changed, it serves stale code. So the folder is named by a hash of every file that holds a kernel and of all
-that these import from this project (some 10 MB a version; `old_versions` removes unused ones).
+that these import from this project (some 20 MB a version; `old_versions` removes unused ones).
 
 Its files are machine code that runs with the user's rights. So the folder must be the user's own (mode 0700; on Windows
 the user's folder is private by its place), and nobody else may be able to write a file of it: both are looked at

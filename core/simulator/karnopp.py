@@ -19,7 +19,7 @@ from core.dynamics import motion
 from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator.hand import hand_force
-from core.simulator.lag import age_yields, begin
+from core.simulator.lag import age_yields, begin_lags
 from core.simulator.load_sharing import leave_stops_their_share, reach_of
 from core.simulator.runge_kutta import keep_on_line
 from core.simulator.solver_numbers import HELD_ROUNDING, PARALLEL_ROWS
@@ -169,7 +169,7 @@ def advance_karnopp(model, data, currents, t, h):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
     mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
     tip, arm_mass = state.tip, data.hand.grips[0].mass
-    begin(brakes, state, currents, 1 if model.fidelity == MR else 0)
+    begin_lags(brakes, state, currents, 1 if model.fidelity == MR else 0)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]

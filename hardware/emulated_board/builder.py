@@ -271,7 +271,7 @@ class BuiltDevice(EmulatedDevice):
 class UnwatchedBoard(Board):
     """A board whose firmware forgot the watchdog."""
 
-    def _watch(self, now_us: int) -> None:
+    def _check_watchdog(self, now_us: int) -> None:
         return
 
 
