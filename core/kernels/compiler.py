@@ -148,7 +148,7 @@ def names_of(function: Callable) -> dict[str, Any]:
 def identity(function: Callable) -> str:
     """A hash of a kernel's place and code, and of the kernels and numbers that it names: the same in every process.
 
-    A file of the kernel's own does not tell them apart: what it names may stand in another file, which may be edited
+    The kernel's own file does not tell two versions apart: what it names may stand in another file, which may be edited
     while a process runs.
     """
     code, named = function.__code__, names_of(function)

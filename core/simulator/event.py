@@ -208,7 +208,7 @@ def stop_moving(state):
 
 @kernel
 def excess_at(model, data, t, elapsed):
-    """The force (N) by which the hand exceeds what the brakes hold at a resting tip, `elapsed` seconds into the step."""
+    """Force (N) by which the hand exceeds what the brakes hold at a resting tip, `elapsed` seconds into the step."""
     state = data.state
     age_yields(state, elapsed)
     set_costs(model.brakes, state)

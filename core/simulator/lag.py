@@ -1,9 +1,9 @@
 """How the yields follow their lag within a step, Eq. (1) with the time constants of Eq. (4).
 
-A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega). A step integrates L in the same stages as the motion,
-so a time constant may be short beside the step. Each joint's pace, the branch of Eq. (4) for its rate, stays the same
-within a step like the pattern of stick and slip: a step ends where a joint comes to another branch (`pace_ends`). The
-lack of a brake is y_0 - K.
+A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega); the lack of a brake is y_0 - K. A step integrates L
+in the same stages as the motion, so a time constant may be short beside the step. Each joint's pace, the branch of
+Eq. (4) for its rate, stays the same within a step like the pattern of stick and slip: a step ends where a joint comes
+to another branch (`pace_ends`).
 
 All four brakes are computed side by side, also those without a lack: so the processor does them at once.
 """

@@ -71,8 +71,8 @@ STATE = np.dtype(
     ]
 )
 
-#: Fields that are filled before they are read, in every step or after every rest. A device keeps all others from trial to
-#: trial.
+#: Fields that are filled before they are read, in every step or after every rest. A device keeps the others between
+#: trials.
 _FILLED_FIRST = (
     "ripple",
     "sense",
