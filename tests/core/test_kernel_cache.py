@@ -72,8 +72,11 @@ def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
     (tree / "core" / "elsewhere.py").write_text("OTHER = 2\n")
     assert source_hash(tree) == before  # nothing that a kernel depends on
     (tree / "core" / "callee.py").write_text(CALLEE.format("2.0"))
+    assert source_hash(tree) != before
+    before = source_hash(tree)
     (tree / "core" / "number.py").write_text("NUMBER = 20.0\n")
-    assert answer(tree) == "False 22.0 True"  # a stale kernel would give 21, a stale number 12
+    assert source_hash(tree) != before
+    assert answer(tree) == "False 22.0 True"
 
 
 def test_a_process_finds_the_parts_that_another_compiled_and_a_watcher_is_told_which_of_how_many_are_left(tmp_path):
