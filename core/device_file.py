@@ -58,7 +58,7 @@ class TimeConstant(Table, frozen=True):
     a: tuple[float, float, float, float, float, float]
 
     def slower(self, factor: float) -> "TimeConstant":
-        """The same, so many times as long."""
+        """The same, `factor` times as long."""
         a1, a2, a3, a4, a5, a6 = (factor * number for number in self.a)
         return TimeConstant(a_avg_s=factor * self.a_avg_s, a=(a1, a2, a3, a4, a5, a6))
 

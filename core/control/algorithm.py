@@ -34,7 +34,7 @@ class Algorithm(NamedTuple):
 
     kind: str  # its word
     parameters: tuple[Parameter, ...]
-    own: tuple[str, ...]  # words of its own decisions; one with {J} stands for four, one for each joint
+    own: tuple[str, ...]  # words of its own decisions; those with {J} make four, one for each joint
     decide: Callable[..., int]  # kernel (controller, field, tick): writes the tick's currents; the decision
     steers: bool = False  # it can steer a castor in place of brakes
 
@@ -58,7 +58,7 @@ class Tick(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """A controller made ready for a device, as the kernels read it."""
+    """A controller for a device, as the kernels read it."""
 
     algorithm: int  # its number in `controllers.ALGORITHMS`; one past the last: a file of its own, at `address`
     gap_m: float  # half-width (our reading) of the band around the path without control

@@ -140,7 +140,7 @@ def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: Ow
     """A preset of an algorithm with the parameters given (None: not given), the others at their defaults.
 
     own: the file of an algorithm that is not shipped.
-    ValueError, a sentence that begins with the key, where one is missing or is none of the algorithm's.
+    ValueError, a sentence that begins with the key: a parameter is missing, or the algorithm has no such parameter.
     """
     algorithm = ALGORITHMS[kind] if own is None else algorithm_in(own)
     known = {parameter.name: parameter for parameter in algorithm.parameters}
@@ -162,7 +162,7 @@ def make_controller(
     velocity_noise: float = 0.0,
     around: np.ndarray = NO_OBSTACLE,
 ) -> Controller:
-    """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
+    """The controller of a preset for a device with this normalised force (N). InputError for impossible numbers.
 
     rules: "settled" or "literal"; velocity_noise (m/s, rms) of the device's sensing widens one threshold of `settled`.
     around: the obstacles of the trial (`make_around`).

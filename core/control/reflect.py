@@ -1,10 +1,10 @@
 """Reflected force: the brakes show a wanted tip force as the nearest one that they can exert.
 
 A brake pushes only against the motion of its joint, with a torque from K(0) (it drags without current) to
-K(current_max), Eq. (2). So the tip forces that can be had are a zonotope, and the nearest one to the wanted force f is
+K(current_max), Eq. (2). So the possible tip forces are a zonotope, and the nearest one to the wanted force f is
     min |sum g_i tau_i - f|^2   over   tau_i = -sense_i u_i,  K_i(0) <= u_i <= K_i(current_max),
-solved exactly by a finite list of cases (`nearest_passive_force`). What cannot be had is not made up for: a spring that
-pushes back while it gives way, and any force along the motion, stay away, and the hand alone supplies energy.
+solved exactly by a finite list of cases (`nearest_passive_force`). A force along the motion is impossible, and so is a
+spring that pushes back while it relaxes: the hand alone supplies energy.
 
 The wanted force is that of a slave (experiments/slave.py: the device is the passive master of a teleoperation), or,
 with `wall_N_m`, that of a virtual spring: wall_N_m times the distance beyond the gap, towards the path.
@@ -29,7 +29,7 @@ WHOLE, IN_PART = OWN, OWN + 4
 MISSED_N = 1e-6
 #: Share of a brake's range by which a case may be outside it by rounding
 ROUNDING = 1e-9
-#: 1/m2. A brake whose row's square is below exerts nothing that could be told from rounding
+#: 1/m2. The force of a brake whose row has a smaller square is rounding
 NO_ROW = 1e-200
 
 
@@ -169,7 +169,7 @@ def inside(ax, ay, low, high, wx, wy):
 
 @kernel
 def opposing(tick, i, push, still_rate):
-    """What brake i can do to the tip now: its force for each N m (1/m), its least and its largest torque (N m).
+    """The effect of brake i on the tip: its force for each N m (1/m), its least and its largest torque (N m).
 
     All zero without a brake, and where its joint neither turns nor is about to: then it has no side to push to.
     """
@@ -208,7 +208,7 @@ def available(tick, rules):
 
 @kernel
 def show(tick, rules):
-    """Show the wanted force of the memory; the nearest that can be had (N, in steady state) stands there afterwards."""
+    """Show the wanted force of the memory, and put the nearest possible one (N, in steady state) there."""
     memory, current = tick.memory, tick.current
     wanted_x, wanted_y = memory[WANTED], memory[WANTED + 1]
     square = wanted_x * wanted_x + wanted_y * wanted_y

@@ -1,4 +1,4 @@
-"""Can the tip be stopped in front of an obstacle, whatever the hand does from now on?
+"""Whether the tip can be stopped in front of an obstacle, whatever the hand does from now on.
 
 A bound by energy, for every history of a hand force of at most P (`push`), with all brakes locked from now on.
 

@@ -3,8 +3,8 @@
     tau_i = tau_yield     where |omega_i| >= delta_omega, or where the applied torque exceeds the yield
     tau_i = tau_applied   else: the brake sticks; tau_applied is what makes the accelerations of the stuck joints zero
 
-Every stage decides anew, as a fixed-step Simulink model would, and nothing looks for the moment of an event. So it is
-first order across them, and a stuck joint keeps whatever rate it had inside the band: it creeps, by at most
+Every stage decides for itself, as in a fixed-step Simulink model, and no event is located. So the order is one across
+events, and a stuck joint keeps the rate that it had inside the band: it creeps, by at most
 delta_omega (`event` and `stepping` hold the angle instead; hard stops do here, too). A brake so strong that one step
 carries its joint across the whole band never sticks but chatters; see DELTA_OMEGA.
 
@@ -130,7 +130,7 @@ def hold(mechanism, state, force, mass):
 
 @kernel
 def evaluate(model, data, t, p, v):
-    """One stage at time t, s, at a tip p (2,), m, that moves at v (2,), m/s.
+    """Evaluate a stage at time t (s), tip p (2,), m, and velocity v (2,), m/s.
 
     Fills the state's rows, rates, torques, acceleration and sensed hand force; returns the acceleration.
     """
@@ -149,7 +149,7 @@ def evaluate(model, data, t, p, v):
 
 @kernel
 def add_stage_to_ledger(state, scratch, vx, vy, share):
-    """Ledger: power of the hand and of each brake at a stage, over its share of the step (s)."""
+    """Add to the ledger the power of the hand and of each brake at a stage, times its share of the step (s)."""
     state.work_hand += share * (state.hand_force[0] * vx + state.hand_force[1] * vy)
     for i in range(4):
         scratch.heat[i] -= share * state.torque[i] * state.rate[i]

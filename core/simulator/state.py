@@ -21,7 +21,7 @@ MOTION = [
     ("rate", "f8", (PLACES,)),  # rad/s
     ("bias", "f8", (PLACES,)),  # rad/s2, gdot . v
     ("held", "i8"),  # STILL, FREE or the joint that is stuck (in a tried step of `stepping` alone)
-    ("sign", "f8", (PLACES,)),  # sense in which each joint slips, 0 while it is held (likewise)
+    ("sign", "f8", (PLACES,)),  # sense in which each joint slips, 0 while it is held (tried steps: as `held`)
     ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
 ]
 

@@ -59,7 +59,7 @@ class EmulatedHand(Protocol):
         """Before each tick (1 ms), with the tip (m): set `hand` for it."""
 
     def obey(self, order: dict) -> None:
-        """An order from outside. InputError where it is none of this hand's."""
+        """Obey an order from outside. InputError if this hand does not know it."""
 
 
 class HeldHand:

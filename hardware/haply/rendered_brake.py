@@ -48,7 +48,7 @@ class RenderedBrake:
         self._anchor = 0.0
 
     def begin(self) -> None:
-        """A trial begins: the account is opened anew."""
+        """Begin a trial with the full allowance."""
         self.credit = self.allowance
 
     @property

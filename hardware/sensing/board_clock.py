@@ -37,7 +37,7 @@ class ClockFit(NamedTuple):
 
 
 class ClockModel:
-    """Fitted to the quickest samples, anew after each block."""
+    """The line through the quickest samples, fitted again after each block."""
 
     def __init__(self) -> None:
         self.went_back = 0  # how often the board's clock went back, which it must not: the model then starts again
