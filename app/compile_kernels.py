@@ -59,7 +59,8 @@ def main() -> int:
     compile_trials()
     if second.wait():
         return 1
-    print("kernels: compiled")
+    removed = f"; {place.removed} unused versions removed" if place.removed else ""
+    print(f"kernels: compiled{removed}")
     return 0
 
 

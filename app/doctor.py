@@ -18,6 +18,7 @@ from app.progress import SCREENS_CODE
 from app.session_server.preflight import check_disk
 from core.files import InputError
 from core.kernels.cache import cache_place, is_compiled, remove_unsound, why_no_room
+from core.kernels.old_versions import UNUSED_DAYS, others, size_of
 from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
@@ -171,9 +172,18 @@ def kernels() -> Check:
             "Make room on that disk: until then each command compiles again.",
         )
     if is_compiled("run_ticks"):
-        return check("kernels", f"compiled, in {place.folder}")
+        return check("kernels", f"compiled, in {place.folder}{of_other_versions(place.folder)}")
     advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
     return check("kernels", f"not compiled yet ({place.folder})", advice)
+
+
+def of_other_versions(folder: Path) -> str:
+    """How many other versions have compiled kernels beside this folder, and when they go; "" where there are none."""
+    folders = others(folder)
+    if not folders:
+        return ""
+    megabytes = size_of(folders) / 1e6
+    return f"; {len(folders)} of other versions there ({megabytes:.0f} MB), removed when unused for {UNUSED_DAYS} days"
 
 
 def board_check(board: BoardFound) -> Check:

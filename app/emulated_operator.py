@@ -8,9 +8,8 @@ from core.files import InputError
 from core.kernels import kernel
 from core.path import Path, build_path, path_from
 from core.simulator.hand import new_hand
-from core.tick_log import APPROACH, END, MOVE
+from core.tick_log import APPROACH, END, MOVE, TICK_S
 from experiments.trial.operator import (
-    TICK_S,
     Moment,
     Person,
     begin_approach,

@@ -34,20 +34,20 @@ def torque_on_curve(curve, current):
     n = 0
     while n + 1 < curve.shape[0] and curve[n + 1, FROM] <= current:
         n += 1
-    way = current - curve[n, FROM]
-    return (curve[n, SQUARE] * way + curve[n, SLOPE]) * way + curve[n, TORQUE]
+    past = current - curve[n, FROM]
+    return (curve[n, SQUARE] * past + curve[n, SLOPE]) * past + curve[n, TORQUE]
 
 
 @kernel
 def current_on_curve(curve, torque):
-    """Its inverse (A), for a torque that is not below its first."""
+    """Inverse of `torque_on_curve`: the current (A) for a torque (N m) that is not below the curve's first one."""
     n = 0
     while n + 1 < curve.shape[0] and curve[n + 1, TORQUE] <= torque:
         n += 1
     missing = torque - curve[n, TORQUE]
     slope = curve[n, SLOPE]
-    both = slope + math.sqrt(max(slope * slope + 4.0 * curve[n, SQUARE] * missing, 0.0))
-    return curve[n, FROM] + (2.0 * missing / both if both > 0.0 else 0.0)
+    divisor = slope + math.sqrt(max(slope * slope + 4.0 * curve[n, SQUARE] * missing, 0.0))  # 0 for a flat piece
+    return curve[n, FROM] + (2.0 * missing / divisor if divisor > 0.0 else 0.0)
 
 
 @kernel
@@ -104,7 +104,7 @@ def octaves(speed):
 
 @inlined
 def inverse(seconds):
-    """1/a; infinite for a brake without lag, a <= 0."""
+    """1/a (1/s) of a time constant (s); infinite for a brake without lag, a <= 0."""
     return 1.0 / seconds if seconds > 0.0 else math.inf
 
 
@@ -113,7 +113,7 @@ def lagged_yield(gain, torque_yield, elapsed, constant):
     """Yield torque (N m) `elapsed` seconds on, Eq. (1) with one time constant (s): y = K + (y_0 - K) exp(-t / a).
 
     Differs from the paper: the lag acts on the yield magnitude, not on the signed torque, which would drive with the
-    motion after each reversal. (With `Brakes.signed` the simulator runs the paper's words: see `turn_torques`.)
+    motion after each reversal. (With `Brakes.signed` the simulator does as the paper says: see `turn_torques`.)
     """
     if elapsed <= 0.0:
         return torque_yield

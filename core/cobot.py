@@ -140,9 +140,9 @@ def turn_castor(cobot, i, gx, gy, gw, tangent):
 
 @kernel
 def advance(cobot, force, steered, goal, step):
-    """A step (s) under the hand's force (3,) at the centre of mass (N, N, N m), held over it.
+    """Move the cobot by a step (s) under the hand's force (3,) at the centre of mass (N, N, N m), held over the step.
 
-    steered: 0: free caster; 1: towards the twist goal (3,), in the world, of any length and either sign.
+    steered: 0: a free caster; 1: steered towards the twist goal (3,), in the world, of any length and either sign.
     """
     (fx, fy, torque), (goal_x, goal_y, goal_w) = force, goal
     mass, inertia, pose, twist, u = cobot.mass, cobot.inertia, cobot.pose, cobot.twist, cobot.speed
@@ -230,7 +230,7 @@ def path_goal(cobot, field, force, heading, within, step):
 
 @kernel
 def advance_along(cobot, wall, force, step):
-    """A step towards the motion that the free body would have without its part into the wall.
+    """Move the cobot by a step towards the motion of the free body, less its part into the wall.
 
     wall (4,): a place of the straight wall (m), and its unit normal to the free side.
     """
@@ -246,9 +246,9 @@ def advance_along(cobot, wall, force, step):
 
 @kernel
 def stops_short(cobot, wall, push, step, most):
-    """Whether castors steered along the wall from now on keep the centre of mass on its free side. Changes the cobot.
+    """Whether castors steered along the wall from now on keep the centre of mass on its free side.
 
-    A rehearsal of at most `most` steps under the worst push (N): along the motion, from rest into the wall.
+    It moves the cobot by up to `most` steps under the worst push (N): along the motion, or from rest into the wall.
     """
     for _ in range(most):
         if (cobot.pose[0] - wall[0]) * wall[2] + (cobot.pose[1] - wall[1]) * wall[3] < 0.0:
@@ -266,11 +266,10 @@ def stops_short(cobot, wall, push, step, most):
 
 @kernel
 def advance_at_wall(cobots, wall, push, force, step, most):
-    """A step of cobots[0] as a free caster, or along the wall where it could not be stopped before it any more then.
+    """Move cobots[0] by a step as a free caster, or along the wall if it could not be stopped after a free step.
 
-    cobots[1]: a record for the rehearsal, of any content. The wall is kept from the centre of mass for a hand of at
-    most `push` N and no torque, from any state from which it can be kept; a heavier hand, or one that turns the body,
-    may pass it.
+    cobots[1]: work space for the trial step. A hand of at most `push` N without a torque cannot bring the centre of
+    mass through the wall from any state from which it can be held; a stronger one, or one that turns the body, may.
     """
     cobots[1] = cobots[0]
     advance(cobots[1], force, 0, UNSTEERED, step)

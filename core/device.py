@@ -46,8 +46,8 @@ class Device:
     brakes: Brakes
     braked: str  # letters of the braked joints in the order A, E, B, C, e.g. "AEB"
     force_normalised_N: float
-    labels: dict[str, str]  # of each brake, as it is shown: its joint, or its coupling, e.g. "A-B"
-    command_unit: str  # of what is commanded to its brakes, "A" unless their files name another
+    labels: dict[str, str]  # of each brake on screen: its joint, or its coupling, e.g. "A-B"
+    command_unit: str  # of the commands to its brakes, "A" unless their files name another
     assumed: bool  # some of its numbers are assumed: marked wherever they are shown
     text: str  # the device file in full
     brake_texts: dict[str, str]  # name (as in [brakes]) -> the brake file in full
@@ -56,7 +56,7 @@ class Device:
     calibration_text: str | None  # its file in full
     castor: Castor | None  # in place of brakes
     file: DeviceFile
-    brake_files: dict[str, BrakeFile]  # letter of the joint -> its brake's file, or what was made of it
+    brake_files: dict[str, BrakeFile]  # letter of the joint -> its brake's file, as changed by `with_brakes`
 
 
 def shipped_devices() -> list[str]:
@@ -143,7 +143,7 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
 
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
-    """The device with other brakes: what `change` makes of each of its brake files. Their numbers are then assumed."""
+    """The device with each of its brake files changed. Its numbers then count as assumed."""
     if not device.braked:
         return device
     files = {joint: change(brake) for joint, brake in device.brake_files.items()}

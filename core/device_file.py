@@ -58,7 +58,7 @@ class TimeConstant(Table, frozen=True):
     a: tuple[float, float, float, float, float, float]
 
     def slower(self, factor: float) -> "TimeConstant":
-        """The same, so many times as long."""
+        """The same, `factor` times as long."""
         a1, a2, a3, a4, a5, a6 = (factor * number for number in self.a)
         return TimeConstant(a_avg_s=factor * self.a_avg_s, a=(a1, a2, a3, a4, a5, a6))
 
@@ -139,9 +139,9 @@ class BrakeFile(Table, frozen=True, kw_only=True):
         return self.k or (0.0, self.torque_table[0][1] if self.torque_table else 0.0, 0.0, 0.0, 0.0)
 
     def _join_at_knee(self) -> str:
-        """Published coefficients are rounded, and fitted apart: make the two branches of Eq. (2) meet.
+        """Make the two branches of Eq. (2) meet: published coefficients are rounded, and fitted separately.
 
-        What was done, where they were far apart; else empty.
+        Returns what was changed, as a sentence, where the branches were far apart; else "".
         """
         k1, k2, k3, k4, k5 = self.equation_2
         knee = self.knee_A
@@ -152,15 +152,15 @@ class BrakeFile(Table, frozen=True, kw_only=True):
         meet = [x.real for x in np.roots([k3, k4 - k1, k5 - k2]) if x.imag == 0.0]
         nearest = min(meet, key=lambda x: abs(x - knee), default=math.inf)
         if abs(nearest - knee) <= KNEE_MOVED * knee:
-            how = f"knee_A is {nearest:.4g}, where they meet"
+            repair = f"knee_A is {nearest:.4g}, where they meet"
             msgspec.structs.force_setattr(self, "knee_A", float(nearest))
             knee = self.knee_A  # as far as rounding lets them
         else:
-            how = f"k_5 is {k5 + below - above:.4g}, with which they meet"
+            repair = f"k_5 is {k5 + below - above:.4g}, with which they meet"
         k5 = k1 * knee + k2 - (k3 * knee + k4) * knee
         msgspec.structs.force_setattr(self, "k", (k1, k2, k3, k4, k5))
-        said = f"{self.name}: k: the torque jumps from {below:g} to {above:g} N m at the knee; {how}"
-        return said if jump > JUMP_SAID * abs(below) else ""
+        sentence = f"{self.name}: k: the torque jumps from {below:g} to {above:g} N m at the knee; {repair}"
+        return sentence if jump > JUMP_SAID * abs(below) else ""
 
     def _check_torque_gain(self) -> None:
         """K must be >= 0 and rise all the way from 0 to current_max_A (else it has no inverse)."""

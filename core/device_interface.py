@@ -1,4 +1,4 @@
-"""What any device offers, simulated or real, whatever wire leads to it. SI units, joint order A, E, B, C.
+"""The interface of every device, simulated or real. SI units, joint order A, E, B, C.
 
 Two classes implement it: `core.simulator.simulated_device.SimulatedDevice` and `hardware.serial_device.SerialDevice`.
 """
@@ -24,7 +24,7 @@ class AnyDevice(Protocol):
     device: Device  # by its file
 
     def begin(self) -> None:
-        """A trial begins: what came before is not its own."""
+        """Begin a trial: forget samples and counts from before."""
 
     def end_record(self) -> dict[str, Any]:
         """The device's report on the trial, for the end of its recording, as JSON holds it."""
@@ -51,7 +51,7 @@ class DeviceSample(NamedTuple):
 
 
 class ZeroRecord(NamedTuple):
-    """What sensors and amplifiers read with nothing on the handle and no current: kept with the session."""
+    """Readings of sensors and amplifiers with nothing on the handle and no current, stored with the session."""
 
     samples: int
     force_counts: tuple[float, ...]  # mean of each channel
@@ -67,7 +67,7 @@ class RealDevice(AnyDevice, Protocol):
     """A device on the bench. `exchange` belongs to the control loop: it never waits longer than a few ms."""
 
     encoders: str  # letters of the joints that have one, as "AB"; known once it is open
-    force_channels: int  # likewise
+    force_channels: int  # known once it is open
     port: str  # by which it is reached
     clock: Callable[[], float]  # s, monotonic: the host's, as in `DeviceSample.t_s`
 
@@ -92,10 +92,10 @@ class RealDevice(AnyDevice, Protocol):
         """Health and clock of the connection, as JSON holds them: for the device page and for each recording."""
 
     def home(self, tip: tuple[float, float]) -> None:
-        """The handle is held at `tip` (m) now: set the encoders. DeviceError if that could not be done."""
+        """Set the encoders: the handle is held at `tip` (m) now. DeviceError if that could not be done."""
 
     def zero(self) -> ZeroRecord:
-        """Nobody touches the handle: take what force sensor and amplifiers read as zero. About a second, no current."""
+        """Take the readings of force sensor and amplifiers as zero: nobody touches the handle. A second, no current."""
 
     def stop(self) -> None:
         """Brakes off, latched on the board until `reset`."""
@@ -104,11 +104,11 @@ class RealDevice(AnyDevice, Protocol):
         """Forget the board's faults, where their causes are past. DeviceError: one still stands."""
 
     def close(self) -> None:
-        """Zero currents and leave. Never waits for long, whatever hangs."""
+        """Set the currents to zero and disconnect, within a second or two whatever hangs."""
 
 
 def encoder_step(device: Device, tip: tuple[float, float], counts_per_rev: Sequence[int]) -> float:
-    """How far the tip moves for one count of the encoders, m, at a tip (m), in the direction where it is coarsest.
+    """The way of the tip (m) for one count of the encoders at a tip (m), in the direction where it is largest.
 
     counts_per_rev (4,): joints A, E, B, C, 0 without one. The rows are the joint rates for a velocity of the
     tip; infinite where a direction is not sensed.

@@ -28,9 +28,9 @@ class Drawing(Followed, tag=DRAWING, tag_field="kind", forbid_unknown_fields=Tru
 
 
 def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> tuple[PathFile, str]:
-    """The path of an entry, and what became of its drawing ("": it is none). read: the text of a file by its name.
+    """The path of an entry, and how its drawing was changed, in words ("": it has none).
 
-    InputError, beginning with `where`, if it is no path.
+    read: returns the text of a file by its name. InputError, beginning with `where`, if the entry is no path.
     """
     if entry.get("kind") != DRAWING:
         return path_from(entry, where), ""
@@ -88,9 +88,9 @@ def _svg_points(text: str, where: str) -> np.ndarray:
 
         def _curveToOne(self, pt1: Pair, pt2: Pair, pt3: Pair) -> None:
             s = np.linspace(0.0, 1.0, CURVE_POINTS + 1)[1:, None]
-            start, one, two, end = (np.array(point) for point in (self.lines[-1][-1], pt1, pt2, pt3))
-            bent = (1 - s) ** 3 * start + 3 * (1 - s) ** 2 * s * one + 3 * (1 - s) * s**2 * two + s**3 * end
-            self.lines[-1] += [(x, y) for x, y in bent.tolist()]
+            start, first, second, end = (np.array(point) for point in (self.lines[-1][-1], pt1, pt2, pt3))
+            curve = (1 - s) ** 3 * start + 3 * (1 - s) ** 2 * s * first + 3 * (1 - s) * s**2 * second + s**3 * end
+            self.lines[-1] += [(x, y) for x, y in curve.tolist()]
 
         def _closePath(self) -> None:
             self.lines[-1].append(self.lines[-1][0])

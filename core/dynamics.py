@@ -17,7 +17,7 @@ from core.linkage import links
 
 
 class ArmMotion(NamedTuple):
-    """One arm at one tip position and velocity, and what it adds at the tip (SI, radians)."""
+    """One arm at a tip position and velocity, and its inertia and bias force at the tip (SI, radians)."""
 
     base_x: float  # 1/m, row g of the base joint
     base_y: float

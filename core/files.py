@@ -18,13 +18,13 @@ import msgspec
 
 from core.ranges import strange
 
-#: Characters of what a refusal repeats of its input, a word or a text in quotes, and of a whole refusal. Our choice.
+#: Characters of a word or quotation that a refusal repeats of its input, and of a whole refusal. Our choice.
 MOST_REPEATED, MOST_SAID = 200, 1000
 _LONG = re.compile(r"""(?<!\w)'[^']{N,}'|"[^"]{N,}"|\S{N,}""".replace("N", str(MOST_REPEATED + 1)))
 
 
 def cut(sentence: str) -> str:
-    """A sentence without the middle of what it repeats at length: it names what is wrong, and is no copy of it."""
+    """A sentence in which long words, long quotations and the whole are cut in the middle."""
 
     def shortened(text: str, most: int) -> str:
         return text if len(text) <= most else f"{text[: most // 2]} [..] {text[-most // 4 :]}"
@@ -40,17 +40,17 @@ class InputError(Exception):
 
 
 def is_assumed(provenance: str) -> bool:
-    """Whether numbers of a file are assumed, by where it says that they come from: the one rule for every file.
+    """Whether some numbers of a file are assumed, by its key `provenance`: the same rule for every file.
 
-    They are where it says nothing, so that nobody knows, and where it speaks of anything assumed or unknown, be it of
-    one number among many: "measured; tip mass assumed".
+    They are where it is empty, or speaks of anything assumed or unknown, if only of one number: "measured; tip mass
+    assumed".
     """
-    said = provenance.lower()
-    return not said.strip() or "assum" in said or "unknown" in said
+    words = provenance.lower()
+    return not words.strip() or "assum" in words or "unknown" in words
 
 
 class StrangeInput(UserWarning):
-    """A number that can be right but hardly is. Said by `warnings.warn`; `phd` shows each once, as a line on stderr."""
+    """A warning of a number that is allowed, but hardly right. `phd` shows each once, as a line on stderr."""
 
 
 warnings.simplefilter("ignore", StrangeInput)  # in processes without a stderr that anybody reads: `phd` turns it on
@@ -208,8 +208,8 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
         return f"the required key {inside}{found[1]} is missing"
     if found := _UNKNOWN.match(reason):
         known = _keys(kind, key)
-        there = f" (there are: {', '.join(known)})" if known else ""
-        return f"unknown key {inside}{found[1]}{did_you_mean(found[1], known)}{there}"
+        listed = f" (there are: {', '.join(known)})" if known else ""
+        return f"unknown key {inside}{found[1]}{did_you_mean(found[1], known)}{listed}"
     if found := _TYPE.match(reason):
         wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
         return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"

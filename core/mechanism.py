@@ -55,7 +55,7 @@ def parallel_rows(combination: np.ndarray, coupled: int, coaxial: bool) -> int:
     """`Mechanism.lines` for combinations (4, 2) of the base rates.
 
     Combinations with one ratio are parallel. On coaxial bases elbows and D depend on the distance from base to tip
-    alone, and so does a combination that a turn of the whole linkage leaves as it is: A + B = 0.
+    alone, and so does a combination that does not change when the whole linkage turns: A + B = 0.
     """
     rows: list[tuple[float, float] | None] = []  # each as a combination; elbows and D are none where bases are apart
     for i in range(PLACES):
@@ -88,7 +88,7 @@ class Brakes(NamedTuple):
     curve: np.ndarray = NO_CURVE  # (4, PIECES, 4), of a torque table in place of Eq. (2); infinite: none
 
     def stronger(self, strength: float) -> "Brakes":
-        """The same brakes with so many times the torque at each current."""
+        """The same brakes with `strength` times the torque at each current."""
         used = np.isfinite(self.curve) & (np.arange(4) != FROM)
         return self._replace(k=strength * self.k, curve=self.curve * np.where(used, strength, 1.0))
 

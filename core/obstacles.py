@@ -37,7 +37,7 @@ class ObstacleFile(Table, frozen=True):
         self.edges(0)
 
     def outline(self) -> np.ndarray:
-        """Corners (n, 2), m, of what is drawn of it; of a half-plane, a square of 4 m."""
+        """Corners (n, 2), m, of its outline for drawings; a half-plane is a square of 4 m."""
         if self.disc_m is not None:
             angles = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
             return np.array(self.disc_m[:2]) + self.disc_m[2] * np.column_stack([np.cos(angles), np.sin(angles)])

@@ -120,17 +120,17 @@ def _shortest_loop(pieces: np.ndarray, within: float) -> float:
 
 @kernel
 def beside(x0, y0, tx, ty, x, y):
-    """How far (x, y) lies along and to the left of the straight line through (x0, y0) with unit tangent t, m."""
+    """Coordinates (m) of (x, y) along and to the left of the straight line through (x0, y0) with unit tangent t."""
     rx, ry = x - x0, y - y0
     return tx * rx + ty * ry, tx * ry - ty * rx
 
 
 @kernel
 def beside_arc(piece, i, x, y):
-    """How far (x, y) lies along and to the left of the bent piece i, m, and the unit tangent there.
+    """Coordinates (m) of (x, y) along and to the left of the bent piece i, and the unit tangent there.
 
-    On the piece's own circle; the way along is counted from half a turn before its middle to half a turn after. At
-    the centre, where every point of the arc is nearest, the tangent is that at the start.
+    On the piece's circle; the coordinate along it runs from half a turn before its middle to half a turn after. At the
+    centre, where every point of the arc is nearest, the tangent is that at the start.
     """
     tx, ty, k = piece[i, TX], piece[i, TY], piece[i, CURVATURE]
     sense = 1.0 if k > 0.0 else -1.0
@@ -248,7 +248,7 @@ def nearest_piece(path, x, y):
 
 @kernel
 def nearest_within(path, at, x, y):
-    """The piece nearest to (x, y) within `near` along the path of the nearest point on piece `at`; rather that one."""
+    """The piece nearest to (x, y) within `near` along the path of its nearest point on piece `at`; ties go to `at`."""
     piece, last = path.pieces, path.pieces.shape[0] - 1
     way = way_on(piece, at, x, y)
     found, least = at, gap(piece, at, x, y, way, way)
@@ -271,7 +271,7 @@ def nearest_within(path, at, x, y):
 
 @kernel
 def follow(path, last, x, y):
-    """The piece that counts for a tip that has come to (x, y), and for which the piece `last` counted before."""
+    """The piece that a tip at (x, y) has come to along the path; last: the piece before."""
     return 0 if path.pieces.shape[0] == 1 else follow_pieces(path, last, x, y)
 
 
@@ -328,7 +328,7 @@ def measure(path, points, found):
 
 @kernel
 def track(path, tips, found):
-    """Progress and signed distance (m) of a tip that sets out at the start of the path: tips and found (n, 2).
+    """Fill found (n, 2) with progress and signed distance (m) of tips (n, 2), m, that begin at the start of the path.
 
     Progress is that of the piece that `follow` stays with; the distance that of the nearest one about it.
     """
@@ -383,7 +383,7 @@ PathFile = Segment | Polyline | Arc
 
 
 def path_from(content: Any, where: str) -> PathFile:
-    """A path from the plain dict it is stored as; InputError, beginning with `where`, if it is none."""
+    """The path stored in a plain dict. InputError, beginning with `where`, if it holds none."""
     if not isinstance(content, dict):
         raise InputError(f"{where}: a path must be a table with its kind, not {content!r}")
     return from_plain(content, PathFile, where)

@@ -62,9 +62,9 @@ ANGLE = Range("rad", -1e3, 1e3, (0.0, 2.0 * math.pi), _DEGREES)
 RATE = Range("rad/s", 1e-3, 1e4, (0.05, 200.0), (("degrees/s", math.pi / 180.0),))  # of a servo
 
 
-def _within(one: Range, least: float | None = None) -> msgspec.Meta:
-    """For `Annotated[float, ..]`: numbers of a range, from `least` on where that is given."""
-    return msgspec.Meta(ge=one.least if least is None else least, le=one.most, extra={"range": one})
+def _within(allowed: Range, least: float | None = None) -> msgspec.Meta:
+    """For `Annotated[float, ..]`: numbers of a range. least: its lower bound, if it is another one here."""
+    return msgspec.Meta(ge=allowed.least if least is None else least, le=allowed.most, extra={"range": allowed})
 
 
 # the types of the keys of files
@@ -90,9 +90,9 @@ CobotInertia = Annotated[float, _within(INERTIA_OF_A_COBOT)]
 
 
 def strange(value: Any, kind: Any, key: str = "") -> Iterator[str]:
-    """The numbers of a table that are strange, a sentence each: its key, and what was probably meant.
+    """A sentence for each strange number of a value: its key, and what was probably meant.
 
-    kind: the type of what is no table, as its field has it.
+    kind: the type of the value, as its field declares it; a table has its own. key: of the value, in the file.
     """
     if isinstance(value, msgspec.Struct):
         for field in msgspec.structs.fields(value):
@@ -107,9 +107,9 @@ def strange(value: Any, kind: Any, key: str = "") -> Iterator[str]:
         elif not ranges:
             yield from strange(value, inside[0], key)
     elif origin in (Union, types.UnionType):
-        for one in inside:
-            yield from strange(value, one, key)
+        for member in inside:
+            yield from strange(value, member, key)
     elif isinstance(value, tuple | list) and inside:
         several = inside[:1] * len(value) if len(inside) == 1 or inside[-1] is Ellipsis else inside
-        for i, (each, one) in enumerate(zip(value, several, strict=True)):
-            yield from strange(each, one, f"{key}[{i}]")
+        for i, (entry, its_kind) in enumerate(zip(value, several, strict=True)):
+            yield from strange(entry, its_kind, f"{key}[{i}]")

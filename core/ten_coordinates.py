@@ -85,19 +85,8 @@ def mass_matrix(bodies: Bodies) -> np.ndarray:
     return mass + b.rates.T @ (b.rotor[:, None] * b.rates)
 
 
-def constraints(bodies: Bodies, q: np.ndarray) -> np.ndarray:
-    """How far the four vector constraints are from closed (8,), m: E, D of arm 1, C, D of arm 2."""
-    b, open_by = bodies, np.zeros(CONSTRAINTS)
-    for arm, (proximal, distal) in enumerate(((THETA_AE, ED), (THETA_BC, CD))):
-        near, far, k = 2 * arm, 2 * arm + 1, 4 * arm
-        along, com = _unit(q[distal + 2]), q[distal : distal + 2]
-        open_by[k : k + 2] = b.base[arm] + b.length[near] * _unit(q[proximal]) - (com - b.com[far] * along)
-        open_by[k + 2 : k + 4] = com + (b.length[far] - b.com[far]) * along - q[HANDLE:]
-    return open_by
-
-
 def constraint_matrix(bodies: Bodies, q: np.ndarray) -> np.ndarray:
-    """A (8, 10) of Eq. (5): the derivative of `constraints`, A qdot = 0."""
+    """A (8, 10) of Eq. (5), A qdot = 0: rows x, y of elbow E, of D on arm 1, of elbow C, of D on arm 2."""
     b, a = bodies, np.zeros((CONSTRAINTS, COORDINATES))
     for arm, (proximal, distal) in enumerate(((THETA_AE, ED), (THETA_BC, CD))):
         near, far, k = 2 * arm, 2 * arm + 1, 4 * arm

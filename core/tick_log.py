@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from core.mechanism import JOINTS
 
+TICK_S = 1e-3  # from one tick of control to the next
+
 PHASES = ("approach", "hold", "move", "end")
 APPROACH, HOLD, MOVE, END = range(4)
 CHANNELS = range(1, 7)  # of a force sensor
@@ -56,15 +58,15 @@ class Column(NamedTuple):
 
     def spread(self, joints: Iterable[str] = JOINTS, channels: Iterable[int] = CHANNELS) -> Iterator["Column"]:
         """The single columns that it stands for."""
-        marks: dict[str, Iterable[tuple[int, object]]] = {
+        values: dict[str, Iterable[tuple[int, object]]] = {  # of a mark: how far its place is, and its word
             "a": enumerate("xy"),
             "aa": enumerate(("xx", "xy", "yy")),
             "J": ((JOINTS.index(joint), joint) for joint in JOINTS if joint in joints),
             "n": ((n - 1, n) for n in channels),
         }
-        for mark, of_each in marks.items():
+        for mark, spread in values.items():
             if f"{{{mark}}}" in self.name:
-                for further, word in of_each:
+                for further, word in spread:
                     name, meaning = (text.format(**{mark: word}) for text in (self.name, self.meaning))
                     yield self._replace(name=name, place=self.place + further, meaning=meaning)
                 return

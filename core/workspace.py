@@ -139,8 +139,8 @@ def _search(mechanism: Mechanism) -> tuple[Array, bool]:
     arm = (mechanism.arm_1, mechanism.arm_2)[number]
     (low, high), elbows = ranges[number]
     begin, end = np.array(elbows).T
-    of_all = np.ones(len(elbows))
-    cells = _Cells(0.5 * (low + high) * of_all, 0.5 * (begin + end), 0.5 * (high - low) * of_all, 0.5 * (end - begin))
+    ones = np.ones(len(elbows))
+    cells = _Cells(0.5 * (low + high) * ones, 0.5 * (begin + end), 0.5 * (high - low) * ones, 0.5 * (end - begin))
     while True:
         possible = _may_be_free(mechanism, number, ranges[1 - number], cells)
         cells = _Cells(*(part[possible] for part in cells))

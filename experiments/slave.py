@@ -18,8 +18,8 @@ from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
 from core.kernels import kernel
 from core.ranges import Place
+from core.tick_log import TICK_S
 
-TICK_S = 1e-3  # of a trial
 LONGEST_DELAY_S = 0.5
 _RING = 512  # ticks, a power of two above the longest delay
 _LAST = _RING - 1

@@ -92,15 +92,15 @@ def ask_board(port: str) -> BoardFound:
         return BoardFound(port, problem=str(error).rpartition(f"{port}: ")[2])
 
 
-def scan_ports(before: Sequence[BoardFound] = (), besides: str = "") -> tuple[BoardFound, ...]:
+def scan_ports(before: Sequence[BoardFound] = (), in_use: str = "") -> tuple[BoardFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
     before: an earlier result; no port is asked twice, for some devices restart when their port is opened.
-    besides: a port that this program uses, left alone.
+    in_use: a port that this program uses, which is not asked.
     """
     known = {found.port: found for found in before}
     ports = [*usb_ports(), *emulated_ports()]
-    return tuple(known.get(port) or _found(port) for port in ports if port != besides)
+    return tuple(known.get(port) or _found(port) for port in ports if port != in_use)
 
 
 def _found(port: str) -> BoardFound:

@@ -1,4 +1,4 @@
-"""Whether the board that answers is the one that the device file describes, and what it shall enforce."""
+"""Whether the board that answers is the one of the device file, and the limits that it is given."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from hardware.wire.messages import SAMPLE_HZ, VERSION, WATCHDOG_US, Four, Hello,
 
 #: rad/s, at which a joint is too fast (assumed; 9 m/s at the end of a 0.3 m link)
 SPEED_MAX = 30.0
-REWIRE_S = 0.2  # an emulated board is wired to another device and has started. Our choice
+REWIRE_S = 0.2  # for an emulated board to be wired to another device and to start. Our choice
 
 
 def check_hello(hello: Hello, device: Device) -> None:

@@ -20,10 +20,10 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 WORD = "deflection, not a force sensor"
 #: N at full deflection. Assumed: what a person pushes with ease.
 FORCE_FULL_N = 20.0
-#: s. Old units miss zero: what an untouched cap reads right after the start is subtracted. A device that is plugged in
-#: again, perhaps with a hand on it, keeps its earlier zero.
+#: s. Old units have an offset: the reading of the untouched cap so long after the start is subtracted. A device that is
+#: plugged in again, perhaps with a hand on it, keeps its earlier offset.
 BIAS_S = 0.5
-#: Share of full scale. A larger bias means that a hand holds the cap: then none is taken.
+#: Share of full scale. A larger reading means that a hand holds the cap: it is then not taken as the offset.
 BIAS_MOST = 0.2
 #: s. A deflected device reports every 8 to 16 ms; if it is silent for longer, its hand counts as gone.
 SILENT_S = 0.25
@@ -42,6 +42,8 @@ class ReportLayout(Table, frozen=True):
 
 
 class ReportLayouts(Table, frozen=True):
+    """The keys of hid_layouts.toml."""
+
     usage_page: int
     usage: int
     full_scale_counts: int
@@ -132,7 +134,7 @@ class HidHand:
         listing: Callable[[], list[dict]] = list_hid, opening: Callable[[bytes], Any] = open_hid,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:  # fmt: skip
-        """push: gets each new force, on the thread that reads the device; none once that is over.
+        """push: called with each new force (N), on the thread that reads the device, and with none when that ends.
 
         listing, opening, clock: of the machine, but for tests.
         InputError if no known device is attached or it may not be read.
@@ -145,7 +147,7 @@ class HidHand:
         self._counts, self._bias = dict.fromkeys(AXES, 0), dict.fromkeys(AXES, 0)
         self._biases: dict[tuple[str, str], dict[str, int]] = {}  # of each device, also when it is plugged in again
         self._found, self._device = self._open_first()
-        self._thread = threading.Thread(target=self._work, name="six-axis device", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="six-axis device", daemon=True)
         self._thread.start()
 
     def read(self) -> HidReading:
@@ -196,7 +198,7 @@ class HidHand:
                 refusals.append(f"{found.product} ({found.ids}) cannot be opened")
         raise InputError(f"{'; '.join(refusals)}: on Linux a udev rule must allow it (phd doctor prints it)")
 
-    def _work(self) -> None:
+    def _run(self) -> None:
         started, biased = self._clock(), False
         while not self._ended.is_set():
             if self._device is None:
@@ -206,7 +208,7 @@ class HidHand:
             try:
                 self._drain()
             except (OSError, ValueError) as error:
-                self._lost(error)
+                self._disconnect(error)
                 continue
             finally:
                 self._push(*self.read()[:2])
@@ -232,7 +234,7 @@ class HidHand:
                     self._beyond += max(map(abs, self._deflection())) > layouts().full_scale_counts
             wait_ms = 1  # for hidapi 0 would mean: as long as it takes
 
-    def _lost(self, error: Exception) -> None:
+    def _disconnect(self, error: Exception) -> None:
         device = self._device
         with self._lock:
             self._device = None

@@ -14,7 +14,7 @@ from core.files import InputError
 
 DRIVER = "driver:"  # begins such a link
 FUNCTION = "new_device"  # of the file: takes the device of the device file, returns the real one, not opened yet
-#: of the driver's methods what they return where it has failed; of the others it is an error that is told
+#: What each method of a driver that has failed returns; the other methods raise a DeviceError.
 FAILED: dict[str, Any] = {
     "exchange": None,
     "samples": [],
@@ -50,7 +50,7 @@ def own_device(device: Device, link: str) -> RealDevice:
     try:
         made = function(device)
     except Exception as error:
-        raise InputError(said_by(path, error)) from error
+        raise InputError(error_of(path, error)) from error
     members = {name for kind in (AnyDevice, RealDevice) for name, value in vars(kind).items() if callable(value)}
     missing = sorted(name for name in members if name[0] != "_" and not callable(getattr(made, name, None)))
     if missing:
@@ -58,7 +58,7 @@ def own_device(device: Device, link: str) -> RealDevice:
     return cast(RealDevice, OwnDevice(made, path))
 
 
-def said_by(path: Path, error: Exception) -> str:
+def error_of(path: Path, error: Exception) -> str:
     """An error of a driver in one sentence, with the line of its file."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     where = f"{path}, line {lines[-1]}" if lines else str(path)
@@ -66,14 +66,14 @@ def said_by(path: Path, error: Exception) -> str:
 
 
 class OwnDevice:
-    """A driver whose errors are those of a device: it is lost for good, since nobody knows what it left half done.
+    """A driver, whose first error ends it: nobody knows what it left half done.
 
     Its hardware takes the currents off by itself when no `exchange` comes.
     """
 
     def __init__(self, driver: Any, path: Path) -> None:
         self._driver, self._path = driver, path
-        self.failed = ""  # what it did wrong, one sentence
+        self.failed = ""  # its error, one sentence
 
     @property
     def problem(self) -> str:
@@ -94,7 +94,7 @@ class OwnDevice:
         except (InputError, DeviceError):
             raise
         except Exception as error:
-            self.failed = said_by(self._path, error)
+            self.failed = error_of(self._path, error)
             if name == "open":
                 raise InputError(self.failed) from error
             if name not in FAILED:
@@ -102,7 +102,7 @@ class OwnDevice:
             return FAILED[name]
 
     def _checked(self, name: str, result: Any) -> Any:
-        """TypeError: a method gave what it may not."""
+        """The result of a method. TypeError: it is of the wrong type."""
         if name == "open":
             missing = [member for member in ("device", "port", "encoders", "force_channels", "problem", "zeroed")
                        if not hasattr(self._driver, member)]  # fmt: skip
@@ -116,5 +116,5 @@ class OwnDevice:
 
 
 def own_failure(device: RealDevice) -> str:
-    """What the file of a driver did wrong, one sentence; "": nothing, or it is no such device."""
+    """The error of a driver's file, one sentence; "": none, or the device has no such file."""
     return device.failed if isinstance(device, OwnDevice) else ""

@@ -52,7 +52,7 @@ REFUSAL_WORDS: dict[int, str] = {
     Refusal.FAULT_STANDS: "what caused its fault is still there",
     Refusal.VERSION: "it speaks another version of the protocol",
 }
-#: what a board refuses to do
+#: what a board can refuse to do
 ASKED_WORDS = {
     m.SetLimits: "take the limits of the brakes",
     m.Home: "take the homing",
@@ -126,19 +126,19 @@ class Connection:
 
 
 def refusal(question: tuple, reason: int) -> str:
-    """Why the board refused what it was asked."""
-    asked = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
-    return f"the board would not {asked}: {REFUSAL_WORDS.get(reason, f'its reason, {reason}, is not known here')}"
+    """The refusal of a question in words."""
+    action = ASKED_WORDS.get(type(question), f"answer {type(question).__name__}")
+    return f"the board would not {action}: {REFUSAL_WORDS.get(reason, f'its reason, {reason}, is not known here')}"
 
 
 def clamped(currents: Sequence[float], most_mA: Four) -> tuple[Four, bool]:
-    """mA for currents (4,), A: each between 0 and its limit, 0 if not finite; and whether one was changed.
+    """Currents (4,), A, as mA between 0 and their limits, 0 if not finite; and whether one had to be changed.
 
     The last line before the wire.
     """
-    asked = [round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents]
-    given = tuple(map(min, most_mA, asked))
-    return given, given != tuple(asked) or not all(0.0 <= current < math.inf for current in currents)
+    commanded = tuple(round(1000.0 * min(current, 1e3)) if 0.0 < current < math.inf else 0 for current in currents)
+    within = tuple(map(min, most_mA, commanded))
+    return within, within != commanded or not all(0.0 <= current < math.inf for current in currents)
 
 
 @dataclass
@@ -159,7 +159,7 @@ class Health:
     frames: FrameCounts = field(default_factory=FrameCounts)  # of the present connection
 
     def report(self, sensing: BoardSensing | None, connection: Connection | None) -> dict:
-        """All of it, with the clock model and what the board says of itself, as JSON holds it."""
+        """All counters, the clock model and the board's identity, as JSON holds them."""
         about = vars(self) | {
             "round_trip_s": self.round_trip_s if math.isfinite(self.round_trip_s) else None,
             "frames": {**vars(self.frames), "bad": self.frames.bad},
@@ -209,9 +209,9 @@ class SerialDevice:
         self.encoders, self.force_channels = "", 0
         self.sensing: BoardSensing | None = None  # of the present connection, or of the last one
         self.clock, self._sleep, self._open_port = clock, sleep, open_port
-        self._reached: Reached | None = None
-        self._back: Reached | None = None  # by the thread that reconnects
-        self._bringing: threading.Thread | None = None
+        self._board: Reached | None = None  # None: the link is lost
+        self._reconnected: Reached | None = None  # found by the thread below, for `exchange` to take up
+        self._reconnecting: threading.Thread | None = None
         self._closing = threading.Event()
         self._sequence = self._token = 0
         self._beat: tuple[int, float] | None = None  # token and time of the heartbeat that is out
@@ -271,9 +271,9 @@ class SerialDevice:
         return Reached(connection, BoardSensing(device, hello, before, fault), limits_mA)
 
     def _known(self, connection: Connection, hello: Hello) -> tuple[BoardSensing | None, str]:
-        """What is known of this board if it has had power since; and what is wrong if it wrongly says so.
+        """The earlier sensing of this board if it has had power since (else None), and the fault of one that has not.
 
-        A board that repeats its number of starts after a power-up is found out by its clock.
+        A board that gives the same number of starts after a power-up has a fault: its clock shows that it lost power.
         """
         before = self.sensing
         if before is None or (before.hello.serial, before.hello.starts) != (hello.serial, hello.starts):
@@ -285,10 +285,10 @@ class SerialDevice:
 
     def _begin(self, reached: Reached) -> None:
         """Reset everything that does not outlive a connection."""
-        self._reached, self.sensing, hello = reached, reached.sensing, reached.sensing.hello
+        self._board, self.sensing, hello = reached, reached.sensing, reached.sensing.hello
         self.encoders = "".join(JOINTS[i] for i in joints_of(hello.encoders))
         self.force_channels = hello.force_channels
-        self._back = self._bringing = self._last = self._beat = self._timed = None
+        self._reconnected = self._reconnecting = self._last = self._beat = self._timed = None
         self._watch, self._sequence = FreshnessWatch(), 0
         self._heard = self.clock()
         self.health.frames = reached.connection.frames
@@ -298,17 +298,17 @@ class SerialDevice:
         """Let a thread reconnect: the link is lost."""
         self._problem = reason
         self.health.lost_links += 1
-        lost, self._reached = self._reached, None
-        self._bringing = threading.Thread(
-            target=self._bring_back, args=(lost,), name="bring the board back", daemon=True
+        lost, self._board = self._board, None
+        self._reconnecting = threading.Thread(
+            target=self._reconnect, args=(lost,), name="reconnect the board", daemon=True
         )
-        self._bringing.start()
+        self._reconnecting.start()
 
-    def _bring_back(self, lost: Reached) -> None:
+    def _reconnect(self, lost: Reached) -> None:
         lost.connection.wire.close()
         while not self._closing.is_set():
             try:
-                self._back = self._reach()
+                self._reconnected = self._reach()
                 return
             except (DeviceError, InputError) as error:
                 self._problem = cause_of(error)
@@ -317,16 +317,16 @@ class SerialDevice:
     def close(self) -> None:
         """Set the currents to zero and disconnect, within a second in any case."""
         self._closing.set()
-        if self._bringing is not None:
-            self._bringing.join(2.0)
-        for reached in (self._reached, self._back):
+        if self._reconnecting is not None:
+            self._reconnecting.join(2.0)
+        for reached in (self._board, self._reconnected):
             if reached is not None:
                 connection = reached.connection
                 with contextlib.suppress(DeviceError):  # gone already: its watchdog has made the currents zero
                     self._command(connection, (0, 0, 0, 0))
                     connection.send(m.Bye())
                 connection.wire.close()
-        self._reached = self._back = None
+        self._board = self._reconnected = None
         self._problem = "closed"
         if self._force_sensor:
             self._force_sensor.close()
@@ -344,9 +344,9 @@ class SerialDevice:
         if now - self._asked > SILENCE_S / 2:
             self._heard = max(self._heard, now)  # this host did not listen for a while: that is no silence
         self._asked = now
-        if self._back is not None:
-            self._begin(self._back)
-        reached = self._reached
+        if self._reconnected is not None:
+            self._begin(self._reconnected)
+        reached = self._board
         if reached is None:
             self._sleep(SAMPLE_S)
             return None
@@ -432,19 +432,19 @@ class SerialDevice:
 
     def report(self) -> dict:
         """Counters since `open`, clock model (offset, drift, residual of host time over board time), and the zero."""
-        report = self.health.report(self.sensing, self._reached and self._reached.connection) | {"link": self._link}
+        report = self.health.report(self.sensing, self._board and self._board.connection) | {"link": self._link}
         return report | ({"force_sensor": self._force_sensor.report()} if self._force_sensor else {})
 
     def home(self, tip: tuple[float, float]) -> None:
         self.exchange(NO_CURRENT)
-        connection, sensing, _ = self._there()
+        connection, sensing, _ = self._connected()
         connection.ask(m.Home(sensing.hello.encoders, sensing.pose.counts_at(tip)), m.Homed)
         sensing.moved()
         self._last = None
 
     def zero(self) -> ZeroRecord:
         """DeviceError, and the zero before holds: the handle moved, samples are missing, the board was away."""
-        sensing, taken = self._there().sensing, []
+        sensing, taken = self._connected().sensing, []
         for _ in range(2 * ZERO_SAMPLES):
             if (sample := self.exchange(NO_CURRENT)) is not None:
                 taken.append(sample)
@@ -461,24 +461,24 @@ class SerialDevice:
 
     def stop(self) -> None:
         """Where the board cannot be reached, its watchdog does it."""
-        if self._reached is not None:
+        if self._board is not None:
             try:
-                self._reached.connection.send(m.Stop())
+                self._board.connection.send(m.Stop())
             except DeviceError as error:
                 self._lose(cause_of(error))
 
     def reset(self) -> None:
-        connection, sensing, _ = self._there()
+        connection, sensing, _ = self._connected()
         report = connection.ask(m.ResetFault(), m.FaultReport)
         if report.faults:
             raise DeviceError(after("the board keeps its fault: ", fault_words(report.cause)))
         sensing.fault = ""
         self._begin(self._shake_hands(connection))
 
-    def _there(self) -> Reached:
-        if self._reached is None:
+    def _connected(self) -> Reached:
+        if self._board is None:
             raise DeviceError(after("the board cannot be reached: ", self.problem))
-        return self._reached
+        return self._board
 
 
 def device_at(device: Device, where: str) -> RealDevice:

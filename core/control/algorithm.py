@@ -1,4 +1,4 @@
-"""What the algorithms of control share: how one is declared, the decisions open to all, and how brakes are actuated.
+"""What all control algorithms share: their declaration, the decisions open to each, and the commands to brakes.
 
 An algorithm is a file beside this one, with a kernel `decide` and its `Algorithm`, and a line in
 `controllers.ALGORITHMS`.
@@ -34,19 +34,20 @@ class Algorithm(NamedTuple):
 
     kind: str  # its word
     parameters: tuple[Parameter, ...]
-    own: tuple[str, ...]  # words of its own decisions; one with {J} stands for four, one for each joint
+    own: tuple[str, ...]  # words of its own decisions; those with {J} make four, one for each joint
     decide: Callable[..., int]  # kernel (controller, field, tick): writes the tick's currents; the decision
     steers: bool = False  # it can steer a castor in place of brakes
 
     @property
     def decisions(self) -> tuple[str, ...]:
         """Its own decisions, in the order of the codes from OWN on by which its kernel answers."""
-        of = {words: JOINTS if "{J}" in words else JOINTS[:1] for words in self.own}
-        return tuple(words.format(J=joint) for words, joints in of.items() for joint in joints)
+        return tuple(
+            words.format(J=joint) for words in self.own for joint in (JOINTS if "{J}" in words else JOINTS[:1])
+        )
 
 
 class Tick(NamedTuple):
-    """One tick of control: what is decided by, what is remembered, and the currents that are decided."""
+    """One tick of control: what the controller sees and remembers, and the currents that it writes."""
 
     seen: Seen
     g: np.ndarray  # (4, 2) 1/m, rows of the joints: omega_i = g_i . v
@@ -57,9 +58,9 @@ class Tick(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """A controller made ready for a device, as the kernels read it."""
+    """A controller for a device, as the kernels read it."""
 
-    algorithm: int  # its place in `controllers.ALGORITHMS`; behind the last: it is a file of its own, at `address`
+    algorithm: int  # its number in `controllers.ALGORITHMS`; one past the last: a file of its own, at `address`
     gap_m: float  # half-width (our reading) of the band around the path without control
     values: tuple[float, ...]  # of its parameters, in their order
     force_normalised: float  # N, the most that is commanded of any brake
@@ -86,7 +87,7 @@ LOCK_NONE_SELECTED = 7
 LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
 LOCK_OBSTACLE = 10
-LOCK_TOO_LATE = 11  # likewise, and the guard cannot promise that it stops
+LOCK_TOO_LATE = 11  # as LOCK_OBSTACLE, but the guard cannot promise that the tip stops
 STEER = 12  # the castor of a device without brakes is steered along beta
 OWN = 13  # from here on: an algorithm's own decisions
 
@@ -108,7 +109,7 @@ SHARED: tuple[str, ...] = (
 
 #: ticks without control on purpose, near the path
 GAP = frozenset({IN_GAP})
-#: ticks in which no brake was valid (SDOF) or selected (proportional), whatever was then done
+#: ticks in which no brake was valid (SDOF) or selected (proportional)
 UNREACHABLE = frozenset(
     {RELEASE_NO_VALID, RELEASE_NONE_SELECTED, LOCK_NO_VALID, LOCK_NONE_SELECTED, LOCK_BACK_NONE_SELECTED}
 )
@@ -160,9 +161,9 @@ def actuate(tick, i, force):
 
 @kernel
 def ask_within(tick, i, least, most):
-    """Ask brake i for the torque (N m) within two bounds, 0 at least, that is nearest to its last one; that torque.
+    """Command brake i to the torque (N m) within two bounds that is nearest to its last one; returns that torque.
 
-    Bounds that tremble by less than they are apart move no current.
+    It is at least 0. Noise of the bounds that is smaller than the distance between them changes no current.
     """
     torque = max(min(max(tick.memory[KEPT + i], least), most), 0.0)
     tick.memory[KEPT + i] = torque

@@ -1,8 +1,8 @@
 """The controllers (Section IV, Table I): from tip, velocity and hand force to brake currents and a decision code.
 
-Algorithms, one a file; a protocol's controllers are presets of them (Table I: experiments/protocols/paper.toml). They
-decide only: no device, no screen. All decide the same way: where is the tip in the velocity field, which brake, which
-torque, which current.
+Algorithms, one a file; a protocol's controllers are presets of them (Table I: experiments/protocols/paper.toml). All
+decide in the same order: where the tip is in the velocity field, which brake, which torque, which current. They know
+neither device nor screen.
 
 To add one: a file beside sdof.py, and its line in `ALGORITHMS`. Protocols, sweeps, the printed plan, the dials of Try,
 recordings and exports read the table.
@@ -41,7 +41,7 @@ from core.control.algorithm import (
 from core.control.guard import NO_OBSTACLE, keep_out
 from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, OwnFile, address_in, algorithm_in
 from core.control.rule_sets import rule_set
-from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_round, new_memory
+from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_at_obstacle, new_memory
 from core.files import InputError
 from core.kernels import kernel
 from core.kernels.by_address import FAILED, Caller
@@ -85,7 +85,7 @@ DECISIONS: tuple[str, ...] = (
     *(words for algorithm in ALGORITHMS.values() for words in algorithm.decisions),
 )
 
-#: Words of the decisions of an algorithm in a file of its own, where nobody may know which file it is.
+#: Words of the decisions of an algorithm in a file of its own, in a blind session, which may not tell which file it is.
 CODED = tuple(f"own {place}" for place in range(1, MOST_WORDS + 1))
 
 
@@ -140,7 +140,7 @@ def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: Ow
     """A preset of an algorithm with the parameters given (None: not given), the others at their defaults.
 
     own: the file of an algorithm that is not shipped.
-    ValueError, a sentence that begins with the key, where one is missing or is none of the algorithm's.
+    ValueError, a sentence that begins with the key: a parameter is missing, or the algorithm has no such parameter.
     """
     algorithm = ALGORITHMS[kind] if own is None else algorithm_in(own)
     known = {parameter.name: parameter for parameter in algorithm.parameters}
@@ -162,7 +162,7 @@ def make_controller(
     velocity_noise: float = 0.0,
     around: np.ndarray = NO_OBSTACLE,
 ) -> Controller:
-    """A preset made ready for a device of this normalised force (N). InputError for numbers that cannot be.
+    """The controller of a preset for a device with this normalised force (N). InputError for impossible numbers.
 
     rules: "settled" or "literal"; velocity_noise (m/s, rms) of the device's sensing widens one threshold of `settled`.
     around: the obstacles of the trial (`make_around`).
@@ -208,7 +208,7 @@ def _numbered(number: int, offset: int, this: Callable[..., int], others: Callab
 
 
 def _sample() -> tuple[Controller, Field, Tick]:
-    """Arguments of `decide`, of the types that every device and trial gives them; g and mass are not to be written."""
+    """Arguments of an algorithm's `decide`, of the types that every device and trial passes; g and mass read-only."""
     seen, brakes = Seen(*[0.0] * 6), pack_brakes(no_brakes(), backlash=True)[0]
     g, mass = np.zeros((4, 2)), np.zeros(3)
     g.flags.writeable = mass.flags.writeable = False
@@ -221,17 +221,18 @@ decide_at = Caller(_sample)
 
 @kernel
 def decide_in_own_file(controller, field, tick):
-    """As the file of its own decides, which was compiled alone; `FAILED` where it raised an error or has no such code.
+    """Call the kernel of a file of its own, which was compiled alone; `FAILED` where it raised an error.
 
-    What the brakes can take is afterwards as it was, whatever the file has written there.
+    `FAILED`, too, where it answered a code that it does not have. The brakes' limits are put back as they were,
+    whatever the file has written there.
     """
     if controller.address == 0:  # it came from another process: `with_address` was forgotten
         return FAILED
-    most, there = tick.brakes.current_max, tick.brakes.present
-    kept = most[0], most[1], most[2], most[3], there[0], there[1], there[2], there[3]
+    most, present = tick.brakes.current_max, tick.brakes.present
+    before = most[0], most[1], most[2], most[3], present[0], present[1], present[2], present[3]
     code = decide_at(controller.address, controller, field, tick)
     for i in range(4):
-        most[i], there[i] = kept[i], kept[4 + i]
+        most[i], present[i] = before[i], before[4 + i]
     if code == FAILED:
         release(tick.current)
         return FAILED
@@ -239,7 +240,7 @@ def decide_in_own_file(controller, field, tick):
 
 
 def _any_of(algorithms: Iterable[Algorithm]) -> Callable[..., int]:
-    """The kernel that decides as the algorithm of the controller does; the first ones are asked first."""
+    """A kernel that calls the algorithm of the controller: a chain of comparisons, the first algorithm first."""
     known, chain = list(algorithms), decide_in_own_file
     for number in reversed(range(len(known))):
         offset = sum(len(algorithm.decisions) for algorithm in known[:number])
@@ -252,7 +253,7 @@ _decide_as_its_algorithm = _any_of(ALGORITHMS.values())
 
 @kernel
 def _decide_within_limits(controller, field, tick):
-    """As its algorithm decides; no brake gets more than it may have, whatever the algorithm has written."""
+    """Decide by its algorithm, then limit the currents, whatever the algorithm has written."""
     code = _decide_as_its_algorithm(controller, field, tick)
     limit(tick)
     return code
@@ -278,7 +279,7 @@ def decide(controller, path, tick):
                 return locked, field
         near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
         if around.guide != 0 and near.distance < path.blend_width:
-            field = field_round(near, field.distance, memory, seen, path.blend_width, rules)
+            field = field_at_obstacle(near, field.distance, memory, seen, path.blend_width, rules)
             return _decide_within_limits(controller, field, tick), field
     if field.distance < controller.gap_m:
         return IN_GAP, field

@@ -1,4 +1,4 @@
-"""A damper across the path, the baseline: it brakes whatever moves off the path or onto it.
+"""A damper across the path, the baseline: it brakes motion off the path and onto it.
 
 The brake whose force opposes the motion across the path most is asked for the force b |v . n|, n the normal towards the
 path. Our own baseline, without a source. Our choice: motion towards the path is braked too, as a dashpot does, so that

@@ -1,6 +1,6 @@
 """Direct control of a force towards the path: the brakes cancel what the hand pushes away from it.
 
-The wanted force is f = -(F . n) n, F the hand's, n the normal towards the path; what is shown is the nearest force that
+The wanted force is f = -(F . n) n, F the hand's, n the normal towards the path; it is shown as the nearest force that
 the brakes can exert (`reflect`). Our reconstruction: of Cho, Song and Kim, "Design and control of a planar haptic
 device with passive actuators based on passive force manipulability ellipsoid analysis" (2005), we have the abstract.
 

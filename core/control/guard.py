@@ -1,14 +1,14 @@
 """The guard of obstacles: all brakes lock when the tip could otherwise not be stopped in front of one.
 
-A tick after which the tip can be stopped, whatever a hand within its push does (`core.control.stopping`), may pass with
-the brakes free. So every tick begins where a lock still stops it: that is the promise, and it holds as long as a
-movement begins there. Where it does not hold the guard locks all the same, and says so: `HOLDS`, a column of the log.
+The brakes stay free for a tick only if the tip can still be stopped after it, whatever a hand within its push does
+(`core.control.stopping`). So every tick begins where a lock still stops the tip: the guard promises this for a movement
+that begins so. Where it cannot promise it, it locks as well, and says so in the log (`HOLDS`).
 
-Sensed motion is old, and encoders have steps: energy and way are counted as large as they can have become since.
+Sensed motion is old, and encoders have steps: the guard takes the largest energy and way that are possible by now.
 
-Of brakes with play no guard can promise this for ever: a hand that works to and fro inside the play of a full lock
-gains speed at every turn, and a little way with it (docs/obstacles.md). There is room for `turns` of them; once a joint
-turns back the guard asks anew whether it is sure.
+For brakes with play no guard can promise this for ever: a hand that works to and fro inside the play of a full lock
+gains speed at every turn, and a little way with it (docs/obstacles.md). The guard leaves room for `turns` of them, and
+computes again once a joint turns back.
 """
 
 import math
@@ -19,7 +19,7 @@ import numpy as np
 
 from core.brake import inverse, time_constant
 from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, Tick, lock
-from core.control.stopping import STOPPING, TICK_S, furthest, leash, look_towards, make_stopping, suppose
+from core.control.stopping import STOPPING, assume_brakes, furthest, make_stopping, safe_radius, set_direction
 from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, Seen, new_memory
 from core.device import Device
 from core.files import Table, choice
@@ -29,15 +29,16 @@ from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles,
 from core.ranges import Push, SmallLength
 from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
+from core.tick_log import TICK_S
 from core.workspace import brake_rows, held_in_any_direction
 
 STANDS_M_S = 0.001  # slower towards the obstacle counts as standing
-RELEASE_SHARE = 0.8
-STEPS = 60  # of a tenth each, by which a stopping distance is found
-BACK_SHARE = 0.05  # of a play
+RELEASE_SHARE = 0.8  # of the room, in which the tip must be stoppable before a lock ends
+STEPS = 60  # of a tenth each, to find a stopping distance
+BACK_SHARE = 0.05  # of a play, by which joints may turn back during a lock
 ROUNDING = 1e-9
 
-#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_round`) and guard.
+#: A trial's obstacles, and what they do to its control: guide (`velocity_field.field_at_obstacle`) and guard.
 AROUND = np.dtype(
     [
         ("count", "i8"),  # of edges
@@ -64,7 +65,7 @@ class Guard(Table, frozen=True):
     keep_m: SmallLength = 0.0  # it stops the tip so far before the edge
     release: Annotated[str, choice("pull", "clear")] = "pull"  # also by a pull, or only once the tip can be stopped
     pull_N: Push = 2.0  # a pull away from the obstacle that releases
-    turns: Annotated[int, msgspec.Meta(ge=0, le=100)] = 1  # of a joint inside its play that it keeps room for
+    turns: Annotated[int, msgspec.Meta(ge=0, le=100)] = 1  # of a joint inside its play, for which it leaves room
 
 
 class Around(Table, frozen=True):
@@ -79,7 +80,7 @@ NOTHING = Around()
 
 
 class Sensed(NamedTuple):
-    """The largest errors of what a controller sees of the tip."""
+    """The largest errors of the sensed motion of the tip."""
 
     tip_age: float = 0.0  # s
     velocity_age: float = 0.0  # s, of the oldest motion that has a part in it
@@ -90,17 +91,17 @@ class Sensed(NamedTuple):
 EXACT = Sensed()
 
 
-class MovedOn(NamedTuple):
-    """How far the tip can have moved on since it was sensed, under the largest push."""
+class WorstMotion(NamedTuple):
+    """The most energy and way that the tip can have since it was sensed, under the largest push."""
 
     energy: float  # J, kinetic
-    ahead: float  # m, from where it was seen
+    ahead: float  # m, from its sensed place
 
 
-def make_around(how: Around, device: Device, sensed: Sensed = EXACT) -> np.ndarray:
+def make_around(settings: Around, device: Device, sensed: Sensed = EXACT) -> np.ndarray:
     """A trial's obstacles as the kernels read them; one record."""
-    edges, guard = build_obstacles(how.obstacles), how.guard
-    around = new_record(AROUND, count=len(edges), guide=int(how.guide), **sensed._asdict())
+    edges, guard = build_obstacles(settings.obstacles), settings.guard
+    around = new_record(AROUND, count=len(edges), guide=int(settings.guide), **sensed._asdict())
     around["edges"][0, : len(edges)] = edges
     if guard is not None:
         around["guard"], around["keep"], around["turns"] = 1, guard.keep_m, guard.turns
@@ -113,28 +114,28 @@ NO_OBSTACLE = new_record(AROUND)
 
 
 def least_held(mechanism: Mechanism, brakes: Brakes, places: np.ndarray) -> float:
-    """The force (N) that a full lock holds in any direction, at the worst of places (n, 2), m."""
+    """The force (N) that a full lock holds in every direction at every one of the places (n, 2), m."""
     present = brakes.present > 0.0
     full = make_stopping(mechanism, brakes, 1.0)["full"][0]
     return float(held_in_any_direction(brake_rows(mechanism, *places.T)[present], full[present]).min())
 
 
-def why_no_guard(how: Around, name: str, device: Device, places: np.ndarray, there: str) -> str:
-    """Why a device cannot be guarded at places (n, 2), m, as the end of a sentence; "": it can. there: the places."""
-    if how.guard is None:
+def why_no_guard(settings: Around, name: str, device: Device, places: np.ndarray, at: str) -> str:
+    """Why a device cannot be guarded at places (n, 2), m, as the end of a sentence that says `at`; "": it can."""
+    if settings.guard is None:
         return ""
-    if not how.obstacles:
+    if not settings.obstacles:
         return "there is no obstacle to guard"
     if not device.brakes.present.any():
         return f"{name} has no brakes to lock"
-    if (held := least_held(device.mechanism, device.brakes, places)) <= how.guard.push_N:
-        return f"push_N ({how.guard.push_N:g}) must be less than the {held:.1f} N that {name} holds {there}"
+    if (held := least_held(device.mechanism, device.brakes, places)) <= settings.guard.push_N:
+        return f"push_N ({settings.guard.push_N:g}) must be less than the {held:.1f} N that {name} holds {at}"
     return ""
 
 
-def locks_at_rest(how: Around, device: Device, tip: tuple[float, float]) -> bool:
+def locks_at_rest(settings: Around, device: Device, tip: tuple[float, float]) -> bool:
     """Whether the guard locks a device that stands at `tip` (m)."""
-    return bool(keep_out(make_around(how, device)[0], tick_at(device, tip)) != NONE)
+    return bool(keep_out(make_around(settings, device)[0], tick_at(device, tip)) != NONE)
 
 
 def tick_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Tick:
@@ -147,18 +148,18 @@ def tick_at(device: Device, tip: tuple[float, float], velocity: tuple[float, flo
 
 @kernel
 def stopping_distance(around, tick):
-    """How far (m) any hand within the push can bring the tip in the direction in which it moves; infinite: not known.
+    """How far (m) any hand within the push can bring the tip in its direction of motion; infinite: no bound is known.
 
-    From brakes without current, a tick of it free: the room that the guard asks of a tip that moves so.
+    The brakes begin without current and are locked after a tick: it is the room that the guard needs for this motion.
     """
     seen = tick.seen
-    suppose(around.stopping, around.stopping.drag, around.turns)
-    motion = as_it_can_be(around, tick, TICK_S)
-    radius = leash(around.stopping, seen.x, seen.y, motion.energy)
+    assume_brakes(around.stopping, around.stopping.drag, around.turns)
+    motion = worst_motion(around, tick, TICK_S)
+    radius = safe_radius(around.stopping, seen.x, seen.y, motion.energy)
     speed = math.sqrt(seen.vx * seen.vx + seen.vy * seen.vy)
     if radius == math.inf or speed == 0.0:
         return radius + motion.ahead
-    look_towards(around.stopping, seen.vx / speed, seen.vy / speed)
+    set_direction(around.stopping, seen.vx / speed, seen.vy / speed)
     way = radius
     for _ in range(STEPS):
         nearer = furthest(around.stopping, motion.energy, 0.9 * way)
@@ -170,24 +171,24 @@ def stopping_distance(around, tick):
 
 @kernel
 def keep_out(around, tick):
-    """Lock all brakes where the tip could not be stopped in front of an obstacle; the decision, NONE: they are free.
+    """Lock all brakes if the tip could not be stopped in front of an obstacle; the decision, NONE: they are free.
 
-    They stay locked until the tip could be stopped in `RELEASE_SHARE` of the room, and with as much more energy, by
-    brakes that begin anew (so a lock does not end in the next one). For a hand that pulls away what the brakes hold
-    already counts, too: it is let go where a lock a tick later would still do, and where a lock does not help any more.
+    They stay locked until brakes that begin without current could stop the tip in `RELEASE_SHARE` of the room, with as
+    much more energy: so no lock follows at once. If the hand pulls away, the torque that the brakes hold already counts
+    as well: they are released where a lock a tick later would do, and where a lock no longer helps.
     """
     stopping, memory, seen = around.stopping, tick.memory, tick.seen
     was_locked = memory[LOCKED] != 0.0
     age_yields(around, tick, was_locked)
     pulled = pulls_away(around, seen)
     if pulled:
-        suppose(stopping, around.after, 0.0)
+        assume_brakes(stopping, around.after, 0.0)
     else:
-        suppose(stopping, stopping.drag, around.turns)
-    motion = as_it_can_be(around, tick, TICK_S)
+        assume_brakes(stopping, stopping.drag, around.turns)
+    motion = worst_motion(around, tick, TICK_S)
     if was_locked:
-        motion = MovedOn(motion.energy / RELEASE_SHARE, motion.ahead)
-    radius = leash(stopping, seen.x, seen.y, motion.energy)
+        motion = WorstMotion(motion.energy / RELEASE_SHARE, motion.ahead)
+    radius = safe_radius(stopping, seen.x, seen.y, motion.energy)
     share = RELEASE_SHARE if was_locked and not pulled else 1.0
     free = holds = can_be_stopped(around, seen, motion, radius, share)
     if not free:
@@ -196,13 +197,13 @@ def keep_out(around, tick):
         if not holds:
             for i in range(4):
                 around.after[i] = memory[HELD + i]
-            suppose(stopping, around.after, 0.0)
-            motion = as_it_can_be(around, tick, 0.0)
+            assume_brakes(stopping, around.after, 0.0)
+            motion = worst_motion(around, tick, 0.0)
             if radius == math.inf:
-                radius = leash(stopping, seen.x, seen.y, motion.energy)
+                radius = safe_radius(stopping, seen.x, seen.y, motion.energy)
             holds = can_be_stopped(around, seen, motion, radius, 1.0)
             memory[BACK] = 0.0
-        # nobody has to fight the brakes to get away; but a tip that is too fast to be stopped is slowed first
+        # the hand need not fight the brakes to get away; but a tip that is too fast to be stopped is slowed first
         free = pulled and not holds and radius < math.inf
     memory[SURE] = memory[HOLDS] = 1.0 if holds else 0.0
     memory[LOCKED] = 0.0 if free else 1.0
@@ -214,9 +215,9 @@ def keep_out(around, tick):
 
 @kernel
 def turned_back(around, tick, was_locked):
-    """Whether a joint has turned back, since the lock began, by more than `BACK_SHARE` of its play in all.
+    """Whether joints have turned back, since the lock began, by more than `BACK_SHARE` of their play in all.
 
-    Until then what was sure when the lock began is sure: the bound is one for all time.
+    Until then the promise made when the lock began holds: its bound is one for all time.
     """
     memory = tick.memory
     if not was_locked:
@@ -232,7 +233,7 @@ def turned_back(around, tick, was_locked):
 
 @kernel
 def age_yields(around, tick, was_locked):
-    """What each brake holds at least now, into the memory; into `after`, what it holds at least after a tick of none.
+    """Put the least torque (N m) that each brake holds into the memory, that after a tick without current into `after`.
 
     It has risen at half the joint's rate at least, Eq. (4); where the rate is sensed late, as if the joint rested.
     """
@@ -253,27 +254,27 @@ def age_yields(around, tick, was_locked):
 
 @kernel
 def pulls_away(around, seen):
-    """Whether the hand pulls away from the nearest obstacle by more than releases, and the tip does not approach it."""
+    """Whether the hand pulls away from the nearest obstacle hard enough for a release, and the tip does not near it."""
     near = nearest_obstacle(around.edges, around.count, seen.x, seen.y)
     pull, away = seen.fx * near.n_x + seen.fy * near.n_y, seen.vx * near.n_x + seen.vy * near.n_y
     return pull > around.let_go_force and away >= -STANDS_M_S
 
 
 @kernel
-def as_it_can_be(around, tick, later):
-    """The most that the tip can have of energy and way `later` (s) than its newest sample reached the guard."""
+def worst_motion(around, tick, later):
+    """The most energy and way that the tip can have `later` (s) than its newest sample reached the guard."""
     seen, xx, xy, yy = tick.seen, tick.mass[0], tick.mass[1], tick.mass[2]
     middle, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
     light, heavy = math.sqrt(middle - half), math.sqrt(middle + half)
     # sqrt(2 E): a push adds to it at most by push / light a second
     speed = math.sqrt(max(xx * seen.vx * seen.vx + 2.0 * xy * seen.vx * seen.vy + yy * seen.vy * seen.vy, 0.0))
     speed += around.stopping.push / light * (around.velocity_age + later) + heavy * around.velocity_error
-    return MovedOn(0.5 * speed * speed, speed / light * (around.tip_age + later) + around.tip_error)
+    return WorstMotion(0.5 * speed * speed, speed / light * (around.tip_age + later) + around.tip_error)
 
 
 @kernel
 def can_be_stopped(around, seen, motion, radius, share):
-    """Whether a lock stops the tip in this share of the room to every obstacle; radius (m): that of its `leash`."""
+    """Whether a lock stops the tip within this share of the room to every obstacle; radius (m): its `safe_radius`."""
     first = 0
     while first < around.count:
         after = next_obstacle(around.edges, around.count, first)
@@ -282,7 +283,7 @@ def can_be_stopped(around, seen, motion, radius, share):
         if room <= 0.0 or radius == math.inf:
             return False
         if room < radius:
-            look_towards(around.stopping, near.n_x, near.n_y)
+            set_direction(around.stopping, near.n_x, near.n_y)
             if not furthest(around.stopping, motion.energy, room) < room:
                 return False
         first = after

@@ -113,7 +113,7 @@ def commanded_force(gain, v_beta_y, force_normalised):
 class Push(NamedTuple):
     """The direction in which the hand would start the tip."""
 
-    felt: bool  # it pushes hard enough to be told from noise
+    felt: bool  # it pushes harder than noise
     x: float  # unit vector, the impending direction
     y: float
 

@@ -1,10 +1,10 @@
 """Reflected force: the brakes show a wanted tip force as the nearest one that they can exert.
 
 A brake pushes only against the motion of its joint, with a torque from K(0) (it drags without current) to
-K(current_max), Eq. (2). So the tip forces that can be had are a zonotope, and the nearest one to the wanted force f is
+K(current_max), Eq. (2). So the possible tip forces are a zonotope, and the nearest one to the wanted force f is
     min |sum g_i tau_i - f|^2   over   tau_i = -sense_i u_i,  K_i(0) <= u_i <= K_i(current_max),
-solved exactly by a finite list of cases (`nearest_passive_force`). What cannot be had is not made up for: a spring that
-pushes back while it gives way, and any force along the motion, stay away, and the hand alone supplies energy.
+solved exactly by a finite list of cases (`nearest_passive_force`). A force along the motion is impossible, and so is a
+spring that pushes back while it relaxes: the hand alone supplies energy.
 
 The wanted force is that of a slave (experiments/slave.py: the device is the passive master of a teleoperation), or,
 with `wall_N_m`, that of a virtual spring: wall_N_m times the distance beyond the gap, towards the path.
@@ -29,7 +29,7 @@ WHOLE, IN_PART = OWN, OWN + 4
 MISSED_N = 1e-6
 #: Share of a brake's range by which a case may be outside it by rounding
 ROUNDING = 1e-9
-#: 1/m2. A brake whose row's square is below exerts nothing that could be told from rounding
+#: 1/m2. The force of a brake whose row has a smaller square is rounding
 NO_ROW = 1e-200
 
 
@@ -83,7 +83,7 @@ def nearest_on_edge(ax, ay, low, high, wx, wy):
         size = math.sqrt(square)
         ux, uy = ax[j] / size, ay[j] / size
         # w and the line's brakes as seen along and across the line; what the others add on either side of it
-        there, off = ux * wx + uy * wy, ux * wy - uy * wx
+        along_w, off_w = ux * wx + uy * wy, ux * wy - uy * wx
         back = ahead = left_along = left_off = right_along = right_off = 0.0
         left = right = 0
         for k in range(4):
@@ -95,10 +95,10 @@ def nearest_on_edge(ax, ay, low, high, wx, wy):
                 left_along, left_off, left = left_along + along, left_off + across, left | 1 << k
             else:
                 right_along, right_off, right = right_along + along, right_off + across, right | 1 << k
-        outside = outside or off > left_off or off < right_off
+        outside = outside or off_w > left_off or off_w < right_off
         for side_along, side_off, others in ((left_along, left_off, left), (right_along, right_off, right)):
-            way = min(max(there - side_along, back), ahead)
-            missed, beside = there - side_along - way, off - side_off
+            way = min(max(along_w - side_along, back), ahead)
+            missed, beside = along_w - side_along - way, off_w - side_off
             distance = missed * missed + beside * beside
             if distance < least:
                 brake, found, full, least = j, way, others, distance
@@ -169,7 +169,7 @@ def inside(ax, ay, low, high, wx, wy):
 
 @kernel
 def opposing(tick, i, push, still_rate):
-    """What brake i can do to the tip now: its force for each N m (1/m), its least and its largest torque (N m).
+    """The effect of brake i on the tip: its force for each N m (1/m), its least and its largest torque (N m).
 
     All zero without a brake, and where its joint neither turns nor is about to: then it has no side to push to.
     """
@@ -185,7 +185,7 @@ def opposing(tick, i, push, still_rate):
 
 @kernel
 def shown_by(current, ax, ay, brakes):
-    """Put torques (4,), N m, that stand in `current` there as currents; the brake that exerts most of their force."""
+    """Replace the torques (4,), N m, in `current` by currents (A); returns the brake with the largest tip force."""
     most, brake = -math.inf, 0
     for i in range(4):
         force = current[i] * math.hypot(ax[i], ay[i])
@@ -208,7 +208,7 @@ def available(tick, rules):
 
 @kernel
 def show(tick, rules):
-    """Show the wanted force of the memory; the nearest that can be had (N, in steady state) stands there afterwards."""
+    """Show the wanted force of the memory, and put the nearest possible one (N, in steady state) there."""
     memory, current = tick.memory, tick.current
     wanted_x, wanted_y = memory[WANTED], memory[WANTED + 1]
     square = wanted_x * wanted_x + wanted_y * wanted_y

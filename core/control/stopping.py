@@ -1,4 +1,4 @@
-"""Can the tip be stopped in front of an obstacle, whatever the hand does from now on?
+"""Whether the tip can be stopped in front of an obstacle, whatever the hand does from now on.
 
 A bound by energy, for every history of a hand force of at most P (`push`), with all brakes locked from now on.
 
@@ -15,9 +15,9 @@ slopes c_i bounds it from below (its dual): sum D_i >= sum_i c_i theta_i - K_i(c
 
     (E_0 + sum_i K_i(c_i)) / min over u of (sum_i c_i |g_i . u| - P) / max(u . n, ..)
 
-is as far as the tip can get in the direction n (u . n = 1: as long as any way can be). The least over u is taken where
-u is at right angles to a row g_k, for between them the expression is concave. The slopes are found by the method of
-Frank and Wolfe; where it finds none that prove it, the tip counts as one that cannot be stopped.
+is as far as the tip can get in the direction n (with u . n = 1, in any direction). The least over u is where u is at
+right angles to a row g_k, for between those directions the expression is concave. The method of Frank and Wolfe finds
+the slopes; where it finds none that prove a bound, the tip counts as one that cannot be stopped.
 
 E_0 holds whatever the mass matrix becomes on the way. The rows are those of the tip's place and of places on and in the
 circle that it cannot leave; `MARGIN` is for those between (law: `tests/core/test_stopping.py`).
@@ -32,18 +32,18 @@ from core.dynamics import combined, motion
 from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.simulator.state import MECHANISM, new_record, pack_brakes, pack_mechanism
+from core.tick_log import TICK_S
 
-#: Places round the tip that are looked at, on the circle that it cannot leave; half as many on half the radius, where
-#: that is more than `NEAR_M`.
+#: Places on the circle that the tip cannot leave at which levers are taken; half as many on half the radius, where that
+#: is more than `NEAR_M`.
 ROUND, NEAR_M = 12, 0.045
 TRIES, NEARER = 10, 0.08  # places in turn on a ray, each so much of the radius nearer, until the linkage reaches one
 ROWS = 4 * (1 + ROUND + ROUND // 2)  # directions at right angles to a row
-TICK_S = 1e-3  # of control
 RATES = 64  # places in the table of lags, up to omega_0; beyond it the lag is constant
-#: By which share the levers are counted smaller, and the rates larger, for those between the places that are looked at:
-#: so much, so much more a metre beyond `NEAR_M`, at most so much.
+#: Share by which levers count as smaller, and rates as larger, for the places in between: a constant, what is added for
+#: each metre beyond `NEAR_M`, and the most.
 MARGIN, MARGIN_PER_M, MARGIN_MOST = 0.01, 1.0, 0.15
-#: Of an elbow's |sin|, as a share of the hard stop's: places so far beyond the stops are looked at, too.
+#: Of an elbow's |sin|, as a share of the hard stop's: levers are also taken at places so far beyond the stops.
 BEYOND = 0.8
 ROUNDS = 24  # of the search for slopes
 GUESSES = 5  # of a radius that the tip cannot leave
@@ -65,11 +65,11 @@ STOPPING = np.dtype(
         ("angle", "f8", (4, RATES + 1)),  # rad: l at the highest rate, so far
         ("fast", "f8", (4,)),  # s, the lag from omega_0 on
         ("push", "f8"),  # N
-        ("round", "i8"),  # `ROUND` and `TRIES`; loops of a count that the compiler knows take it a minute and more
+        ("round", "i8"),  # `ROUND` and `TRIES`: with constant counts the compiler takes a minute longer
         ("tries", "i8"),
         ("rising", "f8", (4,)),  # share of the missing yield that a tick brings at least, at any rate
         ("falling", "f8", (4,)),  # share of the yield above the drag that a tick takes at most
-        # what is supposed of the brakes
+        # what is assumed of the brakes
         ("held", "f8", (4,)),  # N m, what each holds at least already
         ("play", "f8", (4,)),  # rad, through which its joint may turn against its drag alone
         # work space
@@ -81,7 +81,7 @@ STOPPING = np.dtype(
         ("per_way", "f8", (ROWS,)),  # 1 / u . n
         ("swift", "f8", (4,)),  # rad2/s2/J, the largest g_i . M^-1 g_i: a joint's rate^2 is at most this times 2 E
         ("lag", "f8", (4,)),  # rad, l
-        ("free", "f8", (4,)),  # rad, the angle through which nothing but the drag is sure
+        ("free", "f8", (4,)),  # rad, the angle through which only the drag is certain
         ("edge", "f8", (4,)),  # N m, the yield soon after it
         ("turned", "f8", (4,)),  # rad, theta
         ("slope", "f8", (4,)),  # N m, c
@@ -93,14 +93,14 @@ def make_stopping(mechanism: Mechanism, brakes: Brakes, push: float) -> np.ndarr
     """A device and the largest push (N) as the kernels here read them; one record."""
     record = new_record(STOPPING, push=push, present=brakes.present, round=ROUND, tries=TRIES, lag=TINY)
     record["mechanism"][0] = pack_mechanism(mechanism)[0]
-    learn_brakes(record[0], pack_brakes(brakes, backlash=True)[0])
-    suppose(record[0], record["drag"][0], 0.0)
+    fill_brakes(record[0], pack_brakes(brakes, backlash=True)[0])
+    assume_brakes(record[0], record["drag"][0], 0.0)
     return record
 
 
 @kernel
-def learn_brakes(stopping, brakes):
-    """Fill what is known of the brakes: yields, drag, play, lags."""
+def fill_brakes(stopping, brakes):
+    """Fill the constants of the brakes: yields, drag, play, lags."""
     for i in range(4):
         if brakes.present[i] == 0.0:
             continue
@@ -125,10 +125,10 @@ def learn_brakes(stopping, brakes):
 
 
 @kernel
-def suppose(stopping, held, turns):
-    """Each brake holds at least held (4,), N m, and its joint turns back inside its play at most so many times.
+def assume_brakes(stopping, held, turns):
+    """Assume that each brake holds at least held (4,), N m, and that its joint turns back in its play `turns` times.
 
-    The lags stay as they are: those of a look at more energy are good for less.
+    The lags stay as they are: what holds for more energy holds for less.
     """
     for i in range(4):
         stopping.held[i] = held[i]
@@ -138,33 +138,33 @@ def suppose(stopping, held, turns):
 
 
 @kernel
-def look_around(stopping, x, y, radius):
-    """Take levers and masses at the tip's place (m) and, where the radius is not 0, at places within it."""
+def take_places(stopping, x, y, radius):
+    """Take levers and masses at the tip (m) and, unless the radius (m) is 0, at places within it."""
     stopping.rows = 0
     for i in range(4):
         stopping.swift[i] = 0.0
     certain = 1.0 - min(MARGIN + MARGIN_PER_M * max(radius - NEAR_M, 0.0), MARGIN_MOST)
-    look_at(stopping, x, y, certain)
+    take_place(stopping, x, y, certain)
     if radius > 0.0:
         for k in range(stopping.round):
-            look_along(stopping, x, y, radius, 2.0 * math.pi * k / ROUND, certain)
+            take_place_along(stopping, x, y, radius, 2.0 * math.pi * k / ROUND, certain)
         if radius > NEAR_M:
             for k in range(stopping.round // 2):
-                look_along(stopping, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ROUND, certain)
+                take_place_along(stopping, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ROUND, certain)
 
 
 @kernel
-def look_along(stopping, x, y, radius, angle, certain):
-    """Add the rows of a place so far (m) in this direction; where the linkage ends before it, of one near its end."""
+def take_place_along(stopping, x, y, radius, angle, certain):
+    """Add the rows of the place at this radius (m) and angle (rad), or of the first nearer one that is in reach."""
     for n in range(stopping.tries):
         r = radius * (1.0 - NEARER * n)
-        if look_at(stopping, x + r * math.cos(angle), y + r * math.sin(angle), certain):
+        if take_place(stopping, x + r * math.cos(angle), y + r * math.sin(angle), certain):
             break
 
 
 @kernel
-def look_at(stopping, x, y, certain):
-    """Add the rows of one place, levers times this share, rates over it; whether the linkage reaches there."""
+def take_place(stopping, x, y, certain):
+    """Add the rows of a place (m), levers times the share `certain`, rates over it; False: it is out of reach."""
     mechanism, g = stopping.mechanism, stopping.g
     one, two, least = mechanism.arm_1, mechanism.arm_2, BEYOND * mechanism.margin
     q = motion(mechanism, x, y, 0.0, 0.0)
@@ -193,8 +193,8 @@ def look_at(stopping, x, y, certain):
 
 
 @kernel
-def look_towards(stopping, n_x, n_y):
-    """Count as progress what leads along n (unit vector); (0, 0): any way."""
+def set_direction(stopping, n_x, n_y):
+    """Count as progress only what leads along n (unit vector); (0, 0): motion in any direction."""
     for k in range(stopping.rows):
         along = abs(stopping.u[k, 0] * n_x + stopping.u[k, 1] * n_y)
         stopping.per_way[k] = 1.0 if n_x == 0.0 and n_y == 0.0 else 1.0 / max(along, SLOWEST)
@@ -202,7 +202,7 @@ def look_towards(stopping, n_x, n_y):
 
 @kernel
 def slope_and_work(stopping, i, theta):
-    """Slope c (N m) and value D (J) of what brake i takes at least while its joint turns through theta (rad)."""
+    """Slope c (N m) and value D (J) of the least work of brake i while its joint turns through theta (rad)."""
     drag, full, lag, free = stopping.drag[i], stopping.full[i], stopping.lag[i], stopping.free[i]
     if theta <= free:
         return drag, drag * theta
@@ -219,7 +219,7 @@ def slope_and_work(stopping, i, theta):
 
 @kernel
 def set_lags(stopping, energy):
-    """The angle of each brake's lag, at the highest rate that this kinetic energy (J) allows, and what follows."""
+    """Set the angle of each brake's lag for the highest rate that this kinetic energy (J) allows, and its edge."""
     for i in range(4):
         if stopping.present[i] == 0.0:
             continue
@@ -235,7 +235,7 @@ def set_lags(stopping, energy):
 
 @kernel
 def set_edge(stopping, i):
-    """The angle through which nothing but the drag of brake i is sure, and its yield soon after it."""
+    """Set the angle through which only the drag of brake i is certain, and its yield soon after it."""
     drag, full, lag, free = stopping.drag[i], stopping.full[i], stopping.lag[i], stopping.play[i]
     lacks, least = full + stopping.ripple[i] - stopping.held[i], full - drag
     if least <= 0.0:
@@ -247,15 +247,15 @@ def set_edge(stopping, i):
 
 
 @kernel
-def set_highest_lags(stopping, energy, radius):
-    """The lags at the largest kinetic energy (J) on any way of at most `radius` (m).
+def set_largest_lags(stopping, energy, radius):
+    """Set the lags for the largest kinetic energy (J) on any way of at most `radius` (m).
 
-    What the lags at one bound of that energy let through is another bound of it: each is as good as the one before.
+    The energy that the lags at one bound let through is a smaller bound; a few times over.
     """
     most = energy + stopping.push * radius
     set_lags(stopping, most)
     for _ in range(REFINED):
-        found = energy + gained(stopping, radius)
+        found = energy + largest_gain(stopping, radius)
         if not found < 0.95 * most:
             break
         most = found
@@ -263,8 +263,8 @@ def set_highest_lags(stopping, energy, radius):
 
 
 @kernel
-def gained(stopping, radius):
-    """The most energy (J) that a hand can put in beyond what the brakes take on a way of at most `radius` (m).
+def largest_gain(stopping, radius):
+    """The most energy (J) that a hand can add, less what the brakes take, on a way of at most `radius` (m).
 
     An upper bound, by the method of `furthest`.
     """
@@ -273,20 +273,20 @@ def gained(stopping, radius):
     for n in range(ROUNDS // 2):
         weakest, least = weakest_direction(stopping)
         best = min(best, lost - radius * min(least, 0.0))
-        _, lost = join(stopping, weakest, radius if least < 0.0 else 0.0, 2.0 / (n + 2.0))
+        _, lost = mix_in(stopping, weakest, radius if least < 0.0 else 0.0, 2.0 / (n + 2.0))
     return best
 
 
 @kernel
 def begin_search(stopping, slopes):
-    """No way yet; slopes (4,), N m."""
+    """Begin a search with an empty mixture and slopes (4,), N m."""
     for i in range(4):
         stopping.turned[i], stopping.slope[i] = 0.0, slopes[i]
 
 
 @kernel
 def weakest_direction(stopping):
-    """The row whose direction costs the hand least with the slopes as they are, and what it costs (N) for progress."""
+    """The row of the direction in which progress costs the hand least, by the present slopes; that cost (N)."""
     lever, left, push = stopping.lever, stopping.left, stopping.push
     a, e, b, c = stopping.slope[0], stopping.slope[1], stopping.slope[2], stopping.slope[3]
     for k in range(stopping.rows):
@@ -300,8 +300,8 @@ def weakest_direction(stopping):
 
 
 @kernel
-def join(stopping, row, length, share):
-    """A way of this length (m) in a row's direction joins the mixture with this share; the slopes are those there.
+def mix_in(stopping, row, length, share):
+    """Add a way of this length (m) in a row's direction to the mixture, with this share, and set the slopes there.
 
     Returns sum of D_i and sum of K_i (J).
     """
@@ -318,10 +318,10 @@ def join(stopping, row, length, share):
 
 @kernel
 def furthest(stopping, energy, way):
-    """How far (m) any hand can bring the tip, in what `look_towards` counts, from this kinetic energy (J).
+    """An upper bound on how far (m), as `set_direction` counts, any hand brings the tip from this kinetic energy (J).
 
-    An upper bound, made better until it is less than `way`. Frank and Wolfe: of the mixture of directions of a way so
-    long the slopes; the direction that is weakest by them joins it.
+    Refined until it is less than `way` (m), by the method of Frank and Wolfe: the direction that is weakest by the
+    slopes of a mixture joins that mixture.
     """
     begin_search(stopping, stopping.full)
     weakest, least = weakest_direction(stopping)
@@ -332,18 +332,18 @@ def furthest(stopping, energy, way):
         share = 2.0 / (n + 2.0)
         further = way * stopping.per_way[weakest]
         length += share * (further - length)
-        taken, lost = join(stopping, weakest, further, share)
+        taken, lost = mix_in(stopping, weakest, further, share)
         weakest, least = weakest_direction(stopping)
         if least > 0.0:
             best = min(best, (energy + lost) / least)
         if best < way or (n > 4 and taken - stopping.push * length <= energy):
-            break  # the second: this mixture comes so far, for all that the bound knows
+            break  # by the second condition the bound cannot become less than this mixture's way
     return best
 
 
 @kernel
-def lost_at_most(stopping):
-    """Sum of K_i (J) for slopes that are the full yields: what play and lag take from the brakes at most."""
+def largest_loss(stopping):
+    """Sum of K_i (J) for slopes that are the full yields: the most that play and lag take from the brakes."""
     lost = 0.0
     for i in range(4):
         if stopping.present[i] != 0.0:
@@ -353,13 +353,13 @@ def lost_at_most(stopping):
 
 
 @kernel
-def leash(stopping, x, y, energy):
-    """A radius (m) within which the tip certainly stays from this kinetic energy (J) on; infinite: none was found.
+def safe_radius(stopping, x, y, energy):
+    """A radius (m) that the tip cannot leave from this kinetic energy (J) on; infinite: none was found.
 
-    What lies within it is looked at: levers, lags. Tried from a rough guess on.
+    Levers and lags are then those of the places within it. It begins with a rough guess.
     """
-    look_around(stopping, x, y, 0.0)
-    look_towards(stopping, 0.0, 0.0)
+    take_places(stopping, x, y, 0.0)
+    set_direction(stopping, 0.0, 0.0)
     begin_search(stopping, stopping.full)
     _, least = weakest_direction(stopping)
     if least <= 0.0:
@@ -367,17 +367,17 @@ def leash(stopping, x, y, energy):
     lost = 0.0
     for _ in range(2):
         set_lags(stopping, energy + 0.25 * lost)
-        lost = lost_at_most(stopping)
+        lost = largest_loss(stopping)
     radius = max((energy + lost) / least, LEAST_RADIUS_M)
     for _ in range(GUESSES):
         if radius > MOST_RADIUS_M:
             break
-        look_around(stopping, x, y, radius)
-        look_towards(stopping, 0.0, 0.0)
+        take_places(stopping, x, y, radius)
+        set_direction(stopping, 0.0, 0.0)
         set_lags(stopping, energy)
         reach = furthest(stopping, energy, radius)
-        if reach < radius:  # else it is not sure even if the hand brings no speed
-            set_highest_lags(stopping, energy, radius)
+        if reach < radius:  # else it is not certain even if the hand adds no energy
+            set_largest_lags(stopping, energy, radius)
             reach = furthest(stopping, energy, radius)
             if reach < radius:
                 return radius

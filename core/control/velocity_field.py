@@ -123,11 +123,11 @@ def field_at(path, memory, seen, rules):
 
 
 @kernel
-def field_round(near, distance, memory, seen, blend_width, rules):
-    """The field beside the nearest obstacle, a path that only repels; updates the memory of the sense round it.
+def field_at_obstacle(near, distance, memory, seen, blend_width, rules):
+    """The field beside the nearest obstacle; updates the memory of the travel sense round it.
 
     t runs along its edge in the sense of the hand, n outward; beta turns from t, blend_width (m) away, to n at the edge
-    and inside. distance (m): from the path, which control is still measured by.
+    and inside. distance (m): from the path, by which the error of control is still measured.
     """
     tx, ty = near.n_y, -near.n_x
     sense = sense_along(tx, ty, memory[ROUND], seen, rules)

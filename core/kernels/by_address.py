@@ -1,10 +1,10 @@
-"""Calls of a kernel by its address: one that was compiled alone, after all that calls it.
+"""Kernels that others call by their address: each is compiled alone, after the kernels that call it.
 
-A `Caller` is for arguments of the types of a sample: its `address_of` compiles a kernel for them, and kernels call it
-as `caller(address, *arguments)`. Interpreted, an address is a number under which the function is found.
+A `Caller` has the argument types of a sample. Its `address_of` compiles a kernel for them; a kernel then calls it as
+`caller(address, *arguments)`. Without numba an address is a number under which the function is found.
 
-An address is right in one process alone. There it stays right: kernels are kept here, and numba gives no machine code
-back (`JITCPUCodegen._add_module`).
+An address holds in one process alone. There it stays valid: the kernels are kept here, and numba frees no machine code
+(`JITCPUCodegen._add_module`).
 """
 
 import functools
@@ -14,25 +14,25 @@ from typing import Any
 
 from core.kernels.decorators import INTERPRETED
 
-_kept: dict[int, Callable] = {}  # by their addresses: their machine code must stay
-#: What a call by address answers where the kernel raised an error.
+_kept: dict[int, Callable] = {}  # by their addresses: so that their machine code stays
+#: The result of a call by address if the kernel raised an error.
 FAILED = -1
 _numbers = itertools.count(1)
 
 
 class Caller:
-    """What kernels name to call another by its address. The other answers an np.int64; `FAILED` where it raises."""
+    """Calls a kernel by its address, from a kernel or from Python. Its result is an np.int64; `FAILED` if it raises."""
 
     def __init__(self, sample: Callable[[], tuple]) -> None:
-        """sample: arguments of the types of all that will come, made when the first kernel is compiled."""
+        """sample: returns arguments of the types of every call; called when the first kernel is compiled."""
         self._sample = sample
 
     def __reduce__(self) -> tuple:
-        """numba pickles what a kernel names, for its key on disk; the intrinsic is none of it."""
+        """Pickled as a part of the key of a kernel on disk, without the intrinsic."""
         return Caller, (self._sample,)
 
     def address_of(self, kernel: Any) -> int:
-        """Where the machine code of a kernel begins, in this process. numba's errors if it does not compile."""
+        """The address of a kernel's machine code in this process. numba's errors if it does not compile."""
         if INTERPRETED:
             address = next(_numbers)
         else:
@@ -43,11 +43,11 @@ class Caller:
         return address
 
     def __call__(self, address: int, *arguments: Any) -> int:
-        """Interpreted."""
+        """The call without numba."""
         kernel = _kept[address]
         try:
             return kernel(*arguments)
-        except Exception:  # whatever the kernel does wrong, as when it is compiled
+        except Exception:  # any error, as where it is compiled
             return FAILED
 
     @functools.cached_property
@@ -58,7 +58,7 @@ class Caller:
 
     @functools.cached_property
     def _numba_type_(self) -> Any:
-        """The type by which numba knows a caller that a kernel names: that of an intrinsic."""
+        """The type that numba gives to a caller that a kernel names: that of an intrinsic."""
         from numba.core.registry import cpu_target
 
         call = _intrinsic(self._types)
@@ -67,10 +67,10 @@ class Caller:
 
 
 def _alike(given: Any, expected: Any) -> bool:
-    """Whether values of two types look the same in memory: an array inside a record is one like any other."""
+    """Whether values of two types have the same layout in memory; an array in a record may be read-only or not."""
     from numba.core import types as known
 
-    types: Any = known  # numba makes their names when it runs
+    types: Any = known  # for mypy: numba defines the names at run time
     if isinstance(given, types.BaseTuple) and isinstance(expected, types.BaseTuple):
         same = getattr(given, "instance_class", None) is getattr(expected, "instance_class", None)
         return same and len(given) == len(expected) and all(map(_alike, given, expected))

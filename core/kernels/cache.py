@@ -1,14 +1,14 @@
-"""Where compiled kernels are kept, and what they depend on.
+"""The folder of compiled kernels: its place on disk, and what is read from it and written to it.
 
-numba's on-disk cache looks only at the file of the function itself: when a kernel that it calls, or a constant that it
-uses, lives in another file and changes, the cache serves stale code. So the cache folder is named by a hash of every
-file that holds a kernel and of all that these import from this project. Folders of other versions stay: about a
-megabyte each, in the user's cache.
+numba's own cache looks only at the file of the function itself: where a kernel that it calls, or a constant of another
+file, has changed, it serves stale code. So the folder is named by a hash of every file that holds a kernel and of all
+that these import from this project (some 20 MB a version; `old_versions` removes unused ones).
 
-What lies there is run, so it must be this user's own: folders of mode 0700 and files that nobody else may write, both
-looked at where they are opened (on Windows the user's own folder is private by its place). Nothing is unpickled but
-what matches its checksum: what was cut short, altered or put there by something else is compiled again. Where no such
-folder can be had, a private temporary one serves this process and those that it starts. All of this is told.
+Its files are machine code that runs with the user's rights. So the folder must be the user's own (mode 0700; on Windows
+the user's folder is private by its place), and nobody else may be able to write a file of it: both are looked at
+through the open handle. A file is unpickled only if its checksum is right; one that was cut short, altered or planted
+is compiled again. Where no such folder can be had, a private temporary one serves this process and those that it
+starts. One sentence on stderr says so.
 """
 
 import atexit
@@ -25,6 +25,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from core.kernels.old_versions import hold, remove_unused
+
 #: An environment variable: 1 leaves the compiler to numba alone.
 PLAIN = os.environ.get("PHD_PLAIN_NUMBA", "0") not in ("", "0")
 
@@ -33,12 +35,12 @@ _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
 
-#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
+#: Called before each kernel is compiled, with its number, how many there are, and its name; at the end with no name.
 watchers: list[Callable[[int, int, str], None]] = []
 
-#: Called with one sentence, the first time of each kind, where the cache is not what it should be.
+#: Called with one sentence at the first problem of each kind.
 tellers: list[Callable[[str], None]] = []
-problems: Counter[str] = Counter()  # how often, of each kind: "folder", "file", "room"
+problems: Counter[str] = Counter()  # of each kind, "folder", "file" and "room", how many
 
 #: An environment variable: the private temporary folder that a process hands down to those that it starts.
 HANDED_DOWN = "PHD_KERNELS"
@@ -75,8 +77,8 @@ def source_hash(root: Path = _ROOT) -> str:
     return digest.hexdigest()[:16]
 
 
-def tell(kind: str, sentence: str) -> None:
-    """Count a problem, and tell it where it is the first of its kind in this process."""
+def report(kind: str, sentence: str) -> None:
+    """Count a problem; tell the first of its kind in this process."""
     problems[kind] += 1
     if problems[kind] == 1:
         for teller in tellers:
@@ -87,7 +89,7 @@ def tell(kind: str, sentence: str) -> None:
 
 
 def _user_cache() -> Path | None:
-    """Where this system keeps what programs of this user can make again; None where it has no such place."""
+    """The user's folder for caches; None: there is none."""
     try:
         named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     except RuntimeError:  # a user without a home
@@ -95,16 +97,15 @@ def _user_cache() -> Path | None:
     return Path(named) if Path(named).is_absolute() else None  # a relative one would be another in each folder
 
 
-def make_own(folder: Path) -> str:
-    """Make a folder that is this user's alone, or see to it that one is; "" or why it is not. OSError: it cannot be.
+def make_private(folder: Path) -> str:
+    """Make a folder that only this user may enter, or make an existing one so; "", or why it cannot be trusted.
 
-    One of this user's that others may look into is closed. What is no folder but a link to one counts as another's:
-    who made the link decides where it leads.
+    A link to a folder is not trusted: who made the link decides where it leads. OSError: the folder cannot be made.
     """
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
     mode = os.lstat(folder).st_mode
-    if not stat.S_ISDIR(mode):  # for the words: a link is not followed below either
+    if not stat.S_ISDIR(mode):  # for a better sentence: `_OPEN` follows no link either
         return f"{folder} is {'a link, and not a' if stat.S_ISLNK(mode) else 'no'} folder"
     if not _USERS:
         return ""
@@ -122,33 +123,45 @@ def make_own(folder: Path) -> str:
     return ""
 
 
-def _kept_folder() -> tuple[Path | None, str]:
+class Place(NamedTuple):
+    """The folder of compiled kernels that this process uses."""
+
+    folder: Path | None  # None: there is none
+    wrong: str = ""  # why it is not in the user's cache, but a temporary one that goes with this command
+    handed_down: bool = False  # .. which the process that started this one has made
+    removed: int = 0  # unused folders of other versions that were removed when it was made
+
+
+def _folder_in_user_cache() -> Place:
     """The folder of these sources in the user's cache, or why there is none."""
     cache = _user_cache()
     if cache is None:
-        return None, "this user has no folder for caches"
-    folder = cache / "phd"
+        return Place(None, "this user has no folder for caches")
+    kernels = cache / "phd" / "kernels"
+    folder = kernels / source_hash()
     try:
         cache.mkdir(parents=True, exist_ok=True)
-        for folder in (cache / "phd", cache / "phd" / "kernels", cache / "phd" / "kernels" / source_hash()):
-            if wrong := make_own(folder):
-                return None, wrong
+        is_new = not folder.exists()
+        for own in (cache / "phd", kernels, folder):
+            if wrong := make_private(own):
+                return Place(None, wrong)
+        hold(folder)
+        return Place(folder, removed=remove_unused(folder) if is_new else 0)
     except OSError as error:
-        return None, f"{error.filename or folder}: {error.strerror}"
-    return folder, ""
+        return Place(None, f"{error.filename or folder}: {error.strerror}")
 
 
 def _handed_down() -> Path | None:
     """The private temporary folder of the process that started this one."""
     folder = Path(os.environ.get(HANDED_DOWN, ""))
     try:
-        return folder if folder.is_absolute() and folder.exists() and not make_own(folder) else None
+        return folder if folder.is_absolute() and folder.exists() and not make_private(folder) else None
     except OSError:
         return None
 
 
 def _private_folder() -> Path | None:
-    """A new temporary folder, which goes with this process."""
+    """A new temporary folder, removed when this process ends."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="phd-kernels-"))  # of mode 0700, under a name that nobody can know before
     except OSError:
@@ -163,28 +176,20 @@ def _remove(folder: Path, maker: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-class Place(NamedTuple):
-    """Where this process keeps compiled kernels."""
-
-    folder: Path | None  # None: nowhere
-    wrong: str = ""  # why it is not the user's cache, so that all is gone when the command ends
-    handed_down: bool = False  # it is that of the process that started this one, and serves that one too
-
-
 @functools.cache
 def cache_place() -> Place:
-    """The place of this process, found once; says why where it is not the user's cache."""
-    folder, wrong = _kept_folder()
-    if folder is None and (handed := _handed_down()) is not None:
-        return Place(handed, wrong, True)  # which the process that made it has told
-    if folder is None:
-        tell("folder", f"compiled kernels are not kept, this command compiles them for itself: {wrong}")
-        folder = _private_folder()
-    return Place(folder, wrong)
+    """The folder of this process, found once; reports why it is not in the user's cache."""
+    place = _folder_in_user_cache()
+    if place.folder is not None:
+        return place
+    if (handed := _handed_down()) is not None:
+        return Place(handed, place.wrong, True)  # the process that made it has reported why
+    report("folder", f"compiled kernels are not kept, this command compiles them for itself: {place.wrong}")
+    return Place(_private_folder(), place.wrong)
 
 
 def cache_folder() -> Path | None:
-    """Where the kernels compiled from these sources are kept; None: nowhere."""
+    """The folder of the kernels compiled from these sources; None: there is none."""
     return cache_place().folder
 
 
@@ -192,27 +197,25 @@ def cache_folder() -> Path | None:
 
 
 def _checksum(file: Path, data: bytes) -> bytes:
-    """The checksum of a file's content and name: a sound file under another's name is refused."""
+    """The checksum of a file's content and name: a file under another's name is refused."""
     return hashlib.sha256("/".join(file.parts[-3:]).encode() + b"\0" + data).digest()
 
 
-def wrong_with(file: Path) -> str:
-    """Why nothing is to be read from a file of the cache; "": it is sound, or not there."""
-    return _proven(file)[1]
-
-
-def read_kept(file: Path) -> bytes | None:
-    """The content of a cache file; None: there is none, or a wrong one, which is reported."""
-    data, wrong = _proven(file)
+def read_file(file: Path) -> bytes | None:
+    """The content of a cache file; None: there is none, or an unsound one, which is reported."""
+    data, wrong = read_sound(file)
     if wrong:
-        tell(
+        report(
             "file", f"compiled kernels on disk are compiled again where they are not as they were kept: {file}: {wrong}"
         )
     return data
 
 
-def _proven(file: Path) -> tuple[bytes | None, str]:
-    """The content of a file that this user owns and whose checksum is right; else the reason."""
+def read_sound(file: Path) -> tuple[bytes | None, str]:
+    """The content of a file that this user owns and whose checksum is right; else None, and why it is unsound.
+
+    A file that is not there has no content, and is not unsound.
+    """
     try:
         with open(os.open(file, _OPEN), "rb") as opened:
             about = os.fstat(opened.fileno())
@@ -222,23 +225,23 @@ def _proven(file: Path) -> tuple[bytes | None, str]:
                 return None, f"it belongs to another user (number {about.st_uid})"
             if _USERS and about.st_mode & _OTHERS_WRITE:
                 return None, "others may write it"
-            kept = opened.read()
+            content = opened.read()
     except FileNotFoundError:
         return None, ""
     except OSError as error:
         return None, error.strerror or str(error)
     start = len(_MAGIC) + hashlib.sha256().digest_size
-    data = kept[start:]
-    if kept[:start] != _MAGIC + _checksum(file, data):
+    data = content[start:]
+    if content[:start] != _MAGIC + _checksum(file, data):
         return None, "it is damaged"
     return data, ""
 
 
-def keep(file: Path, data: bytes) -> None:
-    """Keep this in a file, whole or not at all; where that fails it is told, and this process goes on without."""
+def write_file(file: Path, data: bytes) -> None:
+    """Write a cache file, whole or not at all; a failure is reported, and this process goes on without the file."""
     new = file.with_name(f"{file.name}.{os.urandom(8).hex()}.new")
     try:
-        if wrong := make_own(file.parent):
+        if wrong := make_private(file.parent):
             raise OSError(0, wrong)
         try:
             with open(
@@ -251,24 +254,24 @@ def keep(file: Path, data: bytes) -> None:
                 new.unlink()
             raise
     except OSError as error:
-        if wrong_with(file) or not file.exists():  # else another process has kept it meanwhile
-            tell("room", f"compiled kernels cannot be kept, each command compiles them again: "
+        if read_sound(file)[0] is None:  # else another process has written it meanwhile
+            report("room", f"compiled kernels cannot be kept, each command compiles them again: "
                          f"{file.parent}: {error.strerror}")  # fmt: skip
 
 
 def remove_unsound(folder: Path) -> dict[str, str]:
-    """Remove every file of a kernel from which nothing would be read; their names below the folder, and why."""
+    """Remove every unsound file of a kernel; by their names below the folder, why they were unsound."""
     removed = {}
     for file in list(folder.rglob("*.kernel")):
-        if wrong := wrong_with(file):
-            with contextlib.suppress(OSError):  # it stays, and is no more read than before
+        if wrong := read_sound(file)[1]:
+            with contextlib.suppress(OSError):  # it stays, and is not read
                 file.unlink()
             removed[file.relative_to(folder).as_posix()] = wrong
     return removed
 
 
 def why_no_room(folder: Path) -> str:
-    """Why a folder of the cache takes no more; "": it does, by trying as much as a few kernels need."""
+    """Why no file of 1 MB can be written to a folder; "": one can."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(1 << 20))
@@ -278,10 +281,10 @@ def why_no_room(folder: Path) -> str:
 
 
 def is_compiled(name: str) -> bool:
-    """Whether a kernel that Python calls is on disk, compiled from these sources; if not, the next call compiles it."""
+    """Whether a kernel that Python calls is on disk, compiled from these sources."""
     folder = cache_folder()
     if folder is None:
         return False
     if PLAIN:
         return any(folder.rglob(f"*.{name}-*.nbi"))
-    return any(read_kept(file) is not None for file in folder.rglob(f"*.{name}-*.kernel"))
+    return any(read_file(file) is not None for file in folder.rglob(f"*.{name}-*.kernel"))

@@ -1,11 +1,19 @@
-"""How kernels become machine code: only those that Python calls, each with all that it calls inside.
+"""Machine code of those kernels alone that Python calls, each with all kernels that it calls inside.
 
-numba by itself makes machine code of every function, and optimises all that it calls with it: of two hundred kernels
-that call each other, the smallest went through LLVM a dozen times. Here a kernel as other kernels call it is a *part*,
-in LLVM's intermediate code and no further. A kernel as Python calls it is an *entry*: its part, linked once with the
-parts that it calls, optimised once. Both are kept on disk: a process compiles an entry from the parts that it finds.
+numba makes machine code of every kernel, with all that it calls: of two hundred kernels that call each other, LLVM
+optimises the smallest a dozen times. Here a kernel is
 
-This leans on what numba keeps to itself (libraries, dispatchers): constraints.txt pins the version.
+    a part      to the kernels that call it: its own code in LLVM's intermediate form, and no further
+    an entry    to Python: the parts of the kernel and of all that it calls, linked and optimised once, as machine code
+
+Both are stored on disk (`core.kernels.cache`). A call from Python looks for the entry there; else it links the parts;
+a part that is not there either is compiled by numba, which in turn asks for the parts that it calls:
+
+    Entry.compile -> EntryCache.load_overload | EntryCompiler.compile_extra -> Part.compile, link
+    Part.compile  -> PartCache.load_overload  | PartCompiler (numba's)      -> Part.get_call_template of each callee
+
+This uses private classes of numba (libraries, dispatchers): constraints.txt pins the version. How to do without it:
+docs/decisions/05-kernel-cache.md.
 """
 
 import functools
@@ -19,55 +27,59 @@ from typing import Any
 import numba
 from llvmlite import binding
 from numba.core import compiler
-from numba.core.caching import _Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
-from core.kernels.cache import cache_folder, keep, read_kept, watchers
+from core.kernels.cache import cache_folder, read_file, watchers, write_file
+from core.kernels.decorators import Kernel
+
+#: LLVM may do the same arithmetic on several numbers at once, which numba leaves out: a trial takes 5 % less time. Each
+#: number is rounded as before.
+numba.config.SLP_VECTORIZE = 1
 
 
-class _Count:
-    """The progress of compiling an entry."""
+class _Progress:
+    """How many kernels of an entry are compiled."""
 
     done = of = 0
 
     @classmethod
-    def tell(cls, name: str) -> None:
+    def show(cls, name: str) -> None:
+        """A kernel of this name begins; "": the entry is compiled."""
         cls.done = cls.done + 1 if name else cls.of
         for watcher in watchers:
             watcher(min(cls.done, cls.of), cls.of, name)
 
 
-def name_records_by_their_fields() -> None:
-    """Let the symbols of two processes agree: numba names a record type by its number in the process."""
-
-    def mangling_args(record: Record) -> tuple:
-        return "Record", (int(hashlib.sha256(str(record).encode()).hexdigest()[:12], 16),)
-
-    Record.mangling_args = property(mangling_args)  # type: ignore[assignment, method-assign]
+def _record_symbol(record: Record) -> tuple:
+    """How symbols name a record type: by its fields. numba's own number differs between processes that share parts."""
+    return "Record", (int(hashlib.sha256(str(record).encode()).hexdigest()[:12], 16),)
 
 
-name_records_by_their_fields()
+Record.mangling_args = property(_record_symbol)  # type: ignore[assignment, method-assign]
 
 
 class PartLibrary(JITCodeLibrary):
-    """The intermediate code of one kernel, and the libraries of the kernels that it calls."""
+    """The intermediate code of one kernel, and the libraries of the kernels that it calls.
+
+    The methods of this class that it does not call itself are called by numba.
+    """
 
     part: "Part"
     argument_types: tuple
 
     @classmethod
     def from_code(cls, codegen: Any, name: str, bitcode: bytes) -> "PartLibrary":
-        """A library read back from the disk."""
+        """The library of this code."""
         library = cls(codegen, name)
         library._final_module = binding.parse_bitcode(bitcode)
         return library
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        self._optimize_functions(ll_module)  # one by one, so that what is linked later is small enough to be inlined
+        self._optimize_functions(ll_module)  # without it dead addresses stay, with which a part cannot be stored
         self._final_module.link_in(ll_module)
 
     def add_linking_library(self, library: Any) -> None:
@@ -82,8 +94,8 @@ class PartLibrary(JITCodeLibrary):
         return self._final_module
 
     def with_callees(self) -> list[JITCodeLibrary]:
-        """This library and, each once, those of all that it calls, however indirectly."""
-        found: dict[JITCodeLibrary, None] = {}
+        """This library and those of all that it calls, however indirectly."""
+        found: dict[JITCodeLibrary, None] = {}  # as a set that keeps its order
         waiting: list[JITCodeLibrary] = [self]
         while waiting:
             library = waiting.pop()
@@ -101,7 +113,7 @@ class EntryLibrary(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
-            if function.is_declaration and function.name.startswith("_ZN"):  # a kernel: it would be called at address 0
+            if function.is_declaration and function.name.startswith("_ZN"):  # a kernel would be called at address 0
                 raise RuntimeError(f"{self.name}: calls {function.name}, which is not linked")
             if not function.is_declaration and function.name not in self.called_from_outside:
                 function.linkage = "internal"
@@ -109,7 +121,7 @@ class EntryLibrary(JITCodeLibrary):
 
 
 class PartCompiler(compiler.Compiler):
-    """numba's compiler as far as the intermediate code."""
+    """numba's compiler, as far as the intermediate code."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -117,33 +129,36 @@ class PartCompiler(compiler.Compiler):
 
     def define_pipelines(self) -> list:
         state = self.state
-        _Count.tell(state.func_id.func_name)
+        _Progress.show(state.func_id.func_name)
         state.func_id.unique_id = identity(state.func_id.func)  # numba's own numbers are those of one process
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
 
 
-def entry_of(value: Any) -> "Entry | None":
-    """The entry of a kernel (`core.kernels.decorators.Kernel`); None for any other value."""
-    entry = getattr(value, "entry", None)
-    return entry if isinstance(entry, Entry) else None
+def names_of(function: Callable) -> dict[str, Any]:
+    """What the code of a function names, by name: globals, and the cells of its closure."""
+    code = function.__code__
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    return {name: function.__globals__.get(name) for name in code.co_names} | dict(
+        zip(code.co_freevars, cells, strict=True)
+    )
 
 
 @functools.cache
 def identity(function: Callable) -> str:
-    """What tells a kernel from all others in every process: its place, its code, and what it names.
+    """A hash of a kernel's place and code, and of the kernels and numbers that it names: the same in every process.
 
-    What was kept of a kernel is so not found beside another version of what it calls, or of a number that it uses,
-    though its own file is the same (an edit may come while a process runs): it would call what is not linked.
+    The kernel's own file does not tell two versions apart: what it names may stand in another file, which may be edited
+    while a process runs.
     """
-    code = function.__code__
-    cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    named = [function.__globals__.get(name) for name in code.co_names]
-    kernels = [entry.py_func for value in (*cells, *named) if (entry := entry_of(value))]
+    code, named = function.__code__, names_of(function)
     known: list = [function.__module__, function.__qualname__, code.co_code.hex()]
-    known += [identity(kernel) for kernel in kernels if kernel is not function]
-    known += [repr(value) for value in cells if entry_of(value) is None]
-    known += [repr(value) for value in (*code.co_consts, *named) if isinstance(value, int | float | tuple)]
+    for value in named.values():
+        if isinstance(value, Kernel):
+            known += [identity(value.function)] if value.function is not function else []
+    cells = [named[name] for name in code.co_freevars]
+    known += [repr(value) for value in cells if not isinstance(value, Kernel)]
+    known += [repr(value) for value in (*code.co_consts, *named.values()) if isinstance(value, int | float | tuple)]
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
@@ -152,11 +167,11 @@ def _file_hash(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-class EntryCache(_Cache):
-    """Keeps an entry on disk: one file for each types of arguments, named by them and by all that its code depends on.
+class EntryCache:
+    """The files of an entry: one for each list of argument types, named by these and by all that its code depends on.
 
-    In place of numba's own, which numbers its files in an index (two processes that compile at once may give theirs the
-    same number, and one is then served the other's code) and unpickles whatever it finds.
+    It stands in place of numba's cache, which numbers its files in an index (two processes that compile at once may
+    give theirs the same number, and one is then served the other's code) and unpickles whatever it finds.
     """
 
     kind = ""
@@ -172,45 +187,35 @@ class EntryCache(_Cache):
         self._name = f"{name}{self.kind}-{code.co_firstlineno}.{python}"
 
     def _file(self, signature: Any, target: Any) -> Path | None:
-        """None: nothing is kept."""
+        """The file for these types; None: there is no cache folder."""
         key = numba.__version__, self._stamp, signature, target.codegen().magic_tuple(), identity(self.function)
         folder, digest = cache_folder(), hashlib.sha256(repr(key).encode()).hexdigest()[:16]
         return folder and folder / self._folder / f"{self._name}.{digest}.kernel"
 
     def save_overload(self, sig: Any, cres: Any) -> None:
-        """Called by numba with a compiled function; does not keep addresses, which hold in this process alone."""
+        """Called by numba once it has compiled. Code that holds addresses is not stored: another process has others."""
         file = self._file(sig, cres.target_context)
         if file is not None and not cres.library.has_dynamic_globals:
-            keep(file, dumps(self.reduced(cres)))
+            write_file(file, dumps(self.reduced(cres)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What numba calls before it compiles; None: it must."""
+        """Called by numba before it compiles: the stored result; None: there is none."""
         target_context.refresh()
         file = self._file(sig, target_context)
-        kept = read_kept(file) if file is not None else None
-        return None if kept is None else self.rebuilt(target_context, pickle.loads(kept))
+        stored = read_file(file) if file is not None else None
+        return None if stored is None else self.rebuilt(target_context, pickle.loads(stored))
 
     def reduced(self, result: Any) -> Any:
-        """What is kept of a compile result."""
+        """A compile result as it is stored."""
         return result._reduce()
 
-    def rebuilt(self, target: Any, kept: Any) -> Any:
+    def rebuilt(self, target: Any, stored: Any) -> Any:
         """The compile result again."""
-        return compiler.CompileResult._rebuild(target, *kept)
-
-    @property
-    def cache_path(self) -> str:
-        """As numba asks for it."""
-        return str(cache_folder())
-
-    def enable(self) -> None:
-        """Do nothing: this cache is always on."""
-
-    disable = flush = enable
+        return compiler.CompileResult._rebuild(target, *stored)
 
 
 class PartCache(EntryCache):
-    """Keeps a part on disk: its intermediate code, and which parts it calls."""
+    """The files of a part: its intermediate code, and which parts it calls."""
 
     kind = ".part"
 
@@ -219,7 +224,7 @@ class PartCache(EntryCache):
         self.part = part
 
     def reduced(self, result: Any) -> Any:
-        """The code, which parts it calls by which name and types, and what numba wants to know of it."""
+        """The code, the parts that it calls (by name and argument types), and numba's description of it."""
         names = {part: name for name, part in self.part.called().items()}
         callees: list[tuple] = []
         for library in result.library._linking_libraries:
@@ -231,9 +236,9 @@ class PartCache(EntryCache):
         described = result.fndesc, result.environment, result.signature
         return code, callees, described, result.reload_init, result._find_referenced_environments()
 
-    def rebuilt(self, target: Any, kept: Any) -> Any:
-        """The part again, linked with those that it calls."""
-        code, callees, (description, environment, types), reload_init, environments = kept
+    def rebuilt(self, target: Any, stored: Any) -> Any:
+        """The part again, with the libraries of the parts that it calls."""
+        code, callees, (description, environment, types), reload_init, environments = stored
         library = PartLibrary.from_code(target.codegen(), *code)
         called = self.part.called()
         for name, callee in callees:
@@ -251,13 +256,20 @@ class PartCache(EntryCache):
 
 
 class Part(CPUDispatcher):
-    """A kernel as other kernels call it; Python does not."""
+    """A kernel as other kernels call it. numba calls its methods where it compiles one of those."""
 
     def __init__(self, function: Callable, options: dict) -> None:
+        options = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         super().__init__(function, targetoptions=options, pipeline_class=PartCompiler)
         self._cache = PartCache(self)
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """The types of a call. A constant argument is a number like others, not a type of its own."""
+        named = {name: unliteral(argument) for name, argument in kws.items()}
+        return super().get_call_template(tuple(map(unliteral, args)), named)
+
     def add_overload(self, result: Any) -> None:
+        """Take up a compile result."""
         key = (result.fndesc.mangled_name,)
         result.fndesc.typemap = result.fndesc.calltypes = None  # large, and needed no more
         result.library.part, result.library.argument_types = self, tuple(result.signature.args)
@@ -266,14 +278,10 @@ class Part(CPUDispatcher):
 
     def called(self) -> dict[str, "Part"]:
         """The parts of the kernels that this one calls, by the name that it calls them."""
-        function = self.py_func
-        used = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-        cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-        used.update((name, cell.cell_contents) for name, cell in cells)
-        return {name: entry.part for name, kernel in used.items() if (entry := entry_of(kernel))}
+        return {name: value.part for name, value in names_of(self.py_func).items() if isinstance(value, Kernel)}
 
-    def to_compile(self) -> set["Part"]:
-        """This part and those of all that it calls, however indirectly, that are not compiled for any types yet."""
+    def not_compiled(self) -> set["Part"]:
+        """Of this part and all that it calls, however indirectly, those that are not compiled yet."""
         found: set[Part] = set()
         waiting = [self]
         while waiting:
@@ -285,23 +293,23 @@ class Part(CPUDispatcher):
 
 
 class EntryCompiler:
-    """Stands where numba expects a compiler: links a part with all that it calls into one library of machine code."""
+    """Links a part with all that it calls into one library of machine code, in place of numba's compiler."""
 
-    def __init__(  # noqa: PLR0913
-        self, part: Part, typing: Any, target: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
-    ) -> None:
+    def __init__(self, part: Part, *from_numba: Any) -> None:
+        _typing, target, _library, args, _return_type, flags, _locals = from_numba
         self.part, self.args, self.flags = part, tuple(args), flags
         self.target = compiler._make_subtarget(target, flags)
 
     def compile_extra(self, function: Callable) -> Any:
-        _Count.done, _Count.of = 0, len(self.part.to_compile())
+        """Called by numba: the compile result of the entry. function: that of the part."""
+        _Progress.done, _Progress.of = 0, len(self.part.not_compiled())
         self.part.compile(self.args)
         result = self.link(self.part.overloads[self.args])
-        _Count.tell("")
+        _Progress.show("")
         return result
 
     def link(self, part: Any) -> Any:
-        """The entry: the part's compile result, with machine code that Python can call."""
+        """The compile result of a part, with machine code that Python can call."""
         codegen = self.target.codegen()
         library = EntryLibrary(codegen, part.fndesc.qualname)
         library.called_from_outside = (part.fndesc.llvm_func_name, part.fndesc.llvm_cpython_wrapper_name)
@@ -318,19 +326,8 @@ class EntryCompiler:
 
 
 class Entry(CPUDispatcher):
-    """A kernel: called by Python it is an entry, kept on disk; called by another kernel it is a part."""
+    """A kernel as Python calls it."""
 
-    def __init__(self, function: Callable, options: dict) -> None:
-        for_kernels = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self.part = Part(function, for_kernels)
-        super().__init__(function, targetoptions=options, pipeline_class=functools.partial(EntryCompiler, self.part))
-        self._cache = EntryCache(function)
-
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        """What numba asks where another kernel calls; a constant is a number like others, not a type of its own."""
-        named = {name: unliteral(argument) for name, argument in kws.items()}
-        return self.part.get_call_template(tuple(map(unliteral, args)), named)
-
-    def get_overload(self, signature: Any) -> Any:
-        """What numba asks for the call's code."""
-        return self.part.get_overload(signature)
+    def __init__(self, part: Part, options: dict) -> None:
+        super().__init__(part.py_func, targetoptions=options, pipeline_class=functools.partial(EntryCompiler, part))
+        self._cache = EntryCache(part.py_func)

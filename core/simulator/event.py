@@ -11,7 +11,7 @@ from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.event_location import LOOSE_MINUS, LOOSE_PLUS, NONE, PLAY, SPEED, STOP, first_event, locate
 from core.simulator.hand import hand_force
-from core.simulator.lag import age_yields, begin, pace_ends, yield_error
+from core.simulator.lag import age_yields, begin_lags, pace_ends, yield_error
 from core.simulator.runge_kutta import rk4
 from core.simulator.state import MR
 from core.simulator.stepping import advance_stepping, stiffer_than
@@ -39,7 +39,7 @@ def advance_event(model, data, currents, t, h):
     state.settled = 0
     elapsed, longest, turn = 0.0, h, h
     arm_mass = hand.grips[0].mass
-    crowd, since = 0, 0.0  # events of late, and from when on they are counted
+    crowd, since = 0, 0.0  # events, counted since that time (s in the step)
     while elapsed < h:
         rest = h - elapsed
         step = min(rest, longest, turn)
@@ -60,7 +60,7 @@ def advance_event(model, data, currents, t, h):
             crowd, since = 0, elapsed
         now = t + elapsed
         if state.held == STILL:
-            begin(brakes, state, currents, lagged)
+            begin_lags(brakes, state, currents, lagged)
             step = still_until(model, data, now, rest)
             age_yields(state, step)
             elapsed = h if step == rest else elapsed + step
@@ -75,7 +75,7 @@ def advance_event(model, data, currents, t, h):
                 settle_edges(brakes, state)
                 finish(mechanism, state, fx, fy, arm_mass)
             continue
-        begin(brakes, state, currents, lagged)
+        begin_lags(brakes, state, currents, lagged)
         if not rk4(model, data, now, step):
             state.shortened += 1
             longest = 0.5 * step
@@ -117,16 +117,14 @@ def advance_event(model, data, currents, t, h):
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, arm_mass)
-    if (
-        state.lagging != 0 and hand.grips[0].spring == 0
-    ):  # a spring's target moves: the next step looks at the costs anew
+    if state.lagging != 0 and hand.grips[0].spring == 0:  # with a spring the next step sets the costs itself
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
 
 
 @kernel
 def accept(mechanism, brakes, state, scratch, step):
-    """Take the tried step: the new state: motion, ledger, backlash, yields."""
+    """Copy the tried step into the state: motion, ledger, backlash, yields."""
     for i in range(4):
         state.tip[i] = scratch.tip[i]
         if brakes.present[i] > 0.0:
@@ -156,7 +154,7 @@ def accept(mechanism, brakes, state, scratch, step):
 
 @kernel
 def apply_event(model, data, kind, t):
-    """Take up the pattern after an event at time t: the exact solver decides which joint sticks, which slips on."""
+    """Set the pattern after an event at time t (s): the exact solver decides which joint sticks, which slips on."""
     mechanism, brakes, hand, state, scratch = model.mechanism, model.brakes, data.hand, data.state, data.scratch
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
@@ -210,7 +208,7 @@ def stop_moving(state):
 
 @kernel
 def excess_at(model, data, t, elapsed):
-    """How much the hand pushes a resting tip beyond what the brakes hold, `elapsed` seconds into the step (N)."""
+    """Force (N) by which the hand exceeds what the brakes hold at a resting tip, `elapsed` seconds into the step."""
     state = data.state
     age_yields(state, elapsed)
     set_costs(model.brakes, state)
@@ -231,8 +229,8 @@ def none_falls(state):
 def still_until(model, data, t, step):
     """The time (s) for which the tip stays at rest: `step`, or until the hand pushes it loose.
 
-    Seen at the middle and the end of the step, then bisected to rounding. Under a steady hand it stays for sure where
-    no brake falls.
+    The excess is looked at in the middle and at the end of the step, then bisected to rounding. Under a steady hand the
+    tip stays where no yield falls.
     """
     hand, state = data.hand, data.state
     hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step

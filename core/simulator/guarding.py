@@ -1,7 +1,7 @@
 """A simulated scene with the guard of obstacles, which locks the brakes in place of the schedule.
 
-The guard sees the motion as it is, every millisecond of simulated time; between two looks its decision holds. What
-simulates is `simulation.run_rows`, a step at a time: scenes without a guard know nothing of it.
+The guard decides every millisecond of simulated time, from the true motion; in between its decision holds. Each step is
+one of `simulation.run_rows`, which knows nothing of a guard.
 """
 
 from typing import NamedTuple
@@ -10,12 +10,12 @@ import numpy as np
 
 from core.control.algorithm import LOCK_TOO_LATE, NONE, Tick
 from core.control.guard import AROUND, Around, keep_out, make_around
-from core.control.stopping import TICK_S
 from core.control.velocity_field import new_memory, seen_in
 from core.kernels import kernel
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import EDGE_S
 from core.simulator.state import new_record
+from core.tick_log import TICK_S
 
 CHECKSUMS = 2**31 - 1
 GUARDED_WIDTH = ROW_WIDTH + 1  # of a row: at its end the decision that holds from its time on
@@ -45,9 +45,9 @@ class Guarding(NamedTuple):
 class Guarded:
     """A simulation whose brakes the guard of its obstacles locks where it must."""
 
-    def __init__(self, simulation: Simulation, how: Around) -> None:
+    def __init__(self, simulation: Simulation, obstacles: Around) -> None:
         self.simulation = simulation
-        self.looks = new_record(LOOKS, around=make_around(how, simulation.device)[0], memory=new_memory())
+        self.looks = new_record(LOOKS, around=make_around(obstacles, simulation.device)[0], memory=new_memory())
         brakes = simulation.brakes
         self.lock = Schedule(np.zeros(1), np.where(brakes["present"] > 0.0, brakes["current_max"], 0.0))
 
@@ -69,7 +69,7 @@ def run_guarded_rows(model, data, guarding, schedule, grid, rows):
         for s in range(grid.per_row):
             k = row * grid.per_row + s
             if k % guarding.per_look == 0:
-                look(looks, model.brakes[0], data.state[0], lock.values[0])
+                ask_guard(looks, model.brakes[0], data.state[0], lock.values[0])
             while cursor + 1 < schedule.times.shape[0] and schedule.times[cursor + 1] <= k * grid.step + EDGE_S:
                 cursor += 1
             commands = Schedule(schedule.times[cursor:], schedule.values[cursor:])
@@ -84,8 +84,8 @@ def run_guarded_rows(model, data, guarding, schedule, grid, rows):
 
 
 @kernel
-def look(looks, brakes, state, full):
-    """A look of the guard at the state; full (4,), A: what a lock gives."""
+def ask_guard(looks, brakes, state, full):
+    """Let the guard decide for a state; full (4,), A: the currents of a lock."""
     seen = seen_in(state.tip, state.hand_force)
     looks.decision = keep_out(looks.around, Tick(seen, state.g, state.mass, brakes, looks.memory, full))
     looks.ticks += 1

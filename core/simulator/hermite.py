@@ -1,4 +1,4 @@
-"""When a value falls below zero inside a step, from what is known of it at the step's ends."""
+"""The first time inside a step at which a value falls below zero, from its values and slopes at the step's ends."""
 
 import math
 

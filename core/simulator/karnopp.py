@@ -3,8 +3,8 @@
     tau_i = tau_yield     where |omega_i| >= delta_omega, or where the applied torque exceeds the yield
     tau_i = tau_applied   else: the brake sticks; tau_applied is what makes the accelerations of the stuck joints zero
 
-Every stage decides anew, as a fixed-step Simulink model would, and nothing looks for the moment of an event. So it is
-first order across them, and a stuck joint keeps whatever rate it had inside the band: it creeps, by at most
+Every stage decides for itself, as in a fixed-step Simulink model, and no event is located. So the order is one across
+events, and a stuck joint keeps the rate that it had inside the band: it creeps, by at most
 delta_omega (`event` and `stepping` hold the angle instead; hard stops do here, too). A brake so strong that one step
 carries its joint across the whole band never sticks but chatters; see DELTA_OMEGA.
 
@@ -19,7 +19,7 @@ from core.dynamics import motion
 from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator.hand import hand_force
-from core.simulator.lag import age_yields, begin
+from core.simulator.lag import age_yields, begin_lags
 from core.simulator.load_sharing import leave_stops_their_share, reach_of
 from core.simulator.runge_kutta import keep_on_line
 from core.simulator.solver_numbers import HELD_ROUNDING, PARALLEL_ROWS
@@ -130,7 +130,7 @@ def hold(mechanism, state, force, mass):
 
 @kernel
 def evaluate(model, data, t, p, v):
-    """One stage at time t, s, at a tip p (2,), m, that moves at v (2,), m/s.
+    """Evaluate a stage at time t (s), tip p (2,), m, and velocity v (2,), m/s.
 
     Fills the state's rows, rates, torques, acceleration and sensed hand force; returns the acceleration.
     """
@@ -149,7 +149,7 @@ def evaluate(model, data, t, p, v):
 
 @kernel
 def add_stage_to_ledger(state, scratch, vx, vy, share):
-    """Ledger: power of the hand and of each brake at a stage, over its share of the step (s)."""
+    """Add to the ledger the power of the hand and of each brake at a stage, times its share of the step (s)."""
     state.work_hand += share * (state.hand_force[0] * vx + state.hand_force[1] * vy)
     for i in range(4):
         scratch.heat[i] -= share * state.torque[i] * state.rate[i]
@@ -169,7 +169,7 @@ def advance_karnopp(model, data, currents, t, h):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
     mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
     tip, arm_mass = state.tip, data.hand.grips[0].mass
-    begin(brakes, state, currents, 1 if model.fidelity == MR else 0)
+    begin_lags(brakes, state, currents, 1 if model.fidelity == MR else 0)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]

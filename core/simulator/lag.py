@@ -1,11 +1,11 @@
 """How the yields follow their lag within a step, Eq. (1) with the time constants of Eq. (4).
 
-A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega). So L is one more quantity that a step integrates, in
-the same stages as the motion, and a time constant that is short beside the step upsets nothing. Each joint's pace, the
-branch of Eq. (4) for its rate, is held fixed within a step like the pattern of stick and slip: a step ends where a
-joint comes to another branch (`pace_ends`).
+A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega); the lack of a brake is y_0 - K. A step integrates L
+in the same stages as the motion, so a time constant may be short beside the step. Each joint's pace, the branch of
+Eq. (4) for its rate, stays the same within a step like the pattern of stick and slip: a step ends where a joint comes
+to another branch (`pace_ends`).
 
-All four brakes are computed side by side, those that lack nothing, too: so the processor does them at once.
+All four brakes are computed side by side, also those without a lack: so the processor does them at once.
 """
 
 import math
@@ -20,7 +20,7 @@ CREEPING, SLOW, FAST = 0, 1, 2
 OCTAVES = 1.0 / math.log(2.0)
 #: Below it `decayed` sums a series. Larger: its error; smaller: a call for every exponential.
 SMALL = 0.06
-#: Share by which a rate may seem to have grown in a stage, s: bounds for steps that are tried too long.
+#: Bounds on the share by which a rate grows in a stage, and on a time constant (s), for steps that are tried too long.
 LEAST_GROWTH, MOST_GROWTH, LEAST_LAG_S = -0.9, 10.0, 1e-9
 
 
@@ -31,10 +31,10 @@ def joint_acceleration(at, i):
 
 
 @kernel
-def begin(brakes, state, currents, lagged):
-    """Stage: what each yield goes to in the coming step under the currents (4,), A, and how fast.
+def begin_lags(brakes, state, currents, lagged):
+    """Stage: the gain K that each yield goes to in the coming step under the currents (4,), A, and its time constant.
 
-    `state.lagging` tells whether any is on its way: in a scene without lag none ever is.
+    `state.lagging`: whether any yield is still on its way; never in a scene without lag.
     """
     state.lagging = 0
     if lagged == 0:
@@ -133,7 +133,7 @@ def series(e):
 
 @kernel
 def begin_stages(brakes, state, scratch, dt):
-    """What the torques of a step of dt seconds are made of, and what is left of each lack in the second stage."""
+    """Begin a step of dt seconds: the parts of the torques, and what is left of each lack in the second stage."""
     for i in range(4):
         sign = state.sign[i]
         steady = swing = 0.0
@@ -150,7 +150,7 @@ def begin_stages(brakes, state, scratch, dt):
 
 
 @kernel
-def follow(state, scratch, rates, dt, stage):
+def next_stage(state, scratch, rates, dt, stage):
     """What is left of each lack dt seconds on, at the rates (A, E, B, C; rad/s) of stage 2 (0) or 3 (1)."""
     a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
     b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
@@ -162,22 +162,17 @@ def follow(state, scratch, rates, dt, stage):
 @kernel
 def end_stages(state, scratch, rates, dt):
     """What is left of each lack at the end of the step, from the rates of all stages; the yields there."""
-    one, two, three, four, left = (
-        state.per_lag,
-        scratch.per_lag[0],
-        scratch.per_lag[1],
-        scratch.per_lag[2],
-        scratch.left[1],
-    )
+    first, second, third = state.per_lag, scratch.per_lag[0], scratch.per_lag[1]
+    fourth, left = scratch.per_lag[2], scratch.left[1]
     a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
     b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
-    four[0], four[1], four[2], four[3] = a, e, b, c
+    fourth[0], fourth[1], fourth[2], fourth[3] = a, e, b, c
     sixth = dt / 6.0
     left[0], left[1], left[2], left[3] = decayed(
-        sixth * (one[0] + 2.0 * (two[0] + three[0]) + a),
-        sixth * (one[1] + 2.0 * (two[1] + three[1]) + e),
-        sixth * (one[2] + 2.0 * (two[2] + three[2]) + b),
-        sixth * (one[3] + 2.0 * (two[3] + three[3]) + c),
+        sixth * (first[0] + 2.0 * (second[0] + third[0]) + a),
+        sixth * (first[1] + 2.0 * (second[1] + third[1]) + e),
+        sixth * (first[2] + 2.0 * (second[2] + third[2]) + b),
+        sixth * (first[3] + 2.0 * (second[3] + third[3]) + c),
     )
     for i in range(4):
         scratch.torque_yield[i] = state.gain[i] + state.lack[i] * left[i]

@@ -13,7 +13,7 @@ from core.mechanism import PLACES
 from core.simulator.solver_numbers import SPLIT_ROUNDING, STOP_STRENGTH
 from core.simulator.stick_slip import same_line
 
-#: What `_split` answers instead of a next try.
+#: Answers of `_split` in place of the next pattern to try.
 _BEST, _NO_SPLIT = -1, -2
 
 

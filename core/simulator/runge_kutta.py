@@ -14,7 +14,7 @@ from core.kernels import inlined, kernel
 from core.linkage import coupled_angle
 from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import grip_force, prescribed_force
-from core.simulator.lag import begin_stages, end_stages, follow, lagging_torques
+from core.simulator.lag import begin_stages, end_stages, lagging_torques, next_stage
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
@@ -115,13 +115,13 @@ def rk4(model, data, t, dt):
     ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, in_the_middle, (x2, y2, vx2, vy2))
     rates2 = rates_of(mechanism, q2)
     if state.lagging != 0:
-        follow(state, scratch, rates2, half, 0)
+        next_stage(state, scratch, rates2, half, 0)
         torques3 = lagging_torques(scratch, 0)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
     ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, in_the_middle, (x3, y3, vx3, vy3))
     rates3 = rates_of(mechanism, q3)
     if state.lagging != 0:
-        follow(state, scratch, rates3, dt, 1)
+        next_stage(state, scratch, rates3, dt, 1)
         torques4 = lagging_torques(scratch, 1)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
     ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, at_the_end, (x4, y4, vx4, vy4))

@@ -38,7 +38,7 @@ class SimulatedDevice(Simulation):
         return x, y
 
     def begin(self) -> None:
-        """Our choice: between trials the handle comes to rest where it is; yields and backlash stay as they were."""
+        """Begin a trial. Our choice: the handle comes to rest where it is; yields and backlash stay as they were."""
         state = self.state
         state["tip"][0, 2:] = 0.0
         state["carry"][0] = 0.0
@@ -58,10 +58,10 @@ class SimulatedDevice(Simulation):
         move(self.model, self.data, currents, t, step)
 
     def retune(self, strength: float, backlash_rad: float | None) -> None:
-        """Other brakes from now on, the motion as it is: `strength` times the K(I) of the device's, all with this play.
+        """Exchange the brakes for others with `strength` times the K(I) of the device's, all with this play.
 
-        backlash_rad: None: each brake's own. The yields follow with their lag, Eq. (1); a rotor keeps its share of the
-        play. So nothing moves, and no energy appears.
+        backlash_rad: None: each brake's own. The motion goes on; the yields follow with their lag, Eq. (1); each rotor
+        keeps its share of the play. So nothing jumps, and no energy appears.
         """
         lagged = self.fidelity == MR
         fresh = pack_brakes(self.device.brakes.stronger(strength), backlash=lagged)
@@ -75,9 +75,9 @@ class SimulatedDevice(Simulation):
         self.brakes[0] = fresh[0]
 
     def recorded_start(self) -> dict[str, Any]:
-        """What a trial that begins now depends on beside its ticks, as JSON holds it without rounding.
+        """The state that a trial starts from, as JSON holds it without rounding: with its ticks it replays the trial.
 
-        state: the device as the trial before left it (yields, backlash, stops, ledger); arm: what of the hand stays.
+        state: of the device after the last trial (yields, backlash, stops, ledger); arm: constants of the hand.
         """
         grip, parts = self.hand.grips, carried_parts(PLACES if self.device.mechanism.coupled else STOP_E)
         return {

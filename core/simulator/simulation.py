@@ -54,7 +54,7 @@ ROW_WIDTH = 20
 STUCK, HAND, COMMANDS, ENERGIES = 9, 10, 12, 16
 
 
-#: Torque ripple: periods a turn. Assumed; the paper tells its size alone.
+#: Torque ripple: periods a turn. Assumed; the paper gives its size alone.
 RIPPLE_PERIODS = 36
 
 
@@ -70,12 +70,12 @@ def apply(model, state, commands):
             if brakes.present[i] > 0.0:
                 state.torque_yield[i] = torque_gain(brakes, i, commands[i])
     if brakes.ripple > 0.0:
-        swing(model, state)
+        add_ripple(model, state)
 
 
 @kernel
-def swing(model, state):
-    """Torque ripple: over a turn the torque of a brake swings about its mean, as the paper saw it do by about 1 N m.
+def add_ripple(model, state):
+    """Add the torque ripple: over a turn the torque of a brake swings about its mean, in the paper by about 1 N m.
 
     Assumed: a sine of the joint's angle, held over the step, whose height is at most what the field adds to the torque
     without current. So the yield stays positive, and at a constant current its mean is K.

@@ -90,7 +90,7 @@ MOST_HALVINGS = 16
 #: Share of the kinetic energy that a step may create by rounding; above it, what was created is taken away.
 CREATED = 1e-9
 #: Sine or rad; a joint this near to its stop touches it. Larger: a joint is held short of its stop. Smaller: rounding
-#: hides that it lies against the stop, and it is struck anew each step.
+#: hides that it lies against the stop, and it strikes the stop again each step.
 TOUCHING = 1e-10
 
 # `karnopp`

@@ -10,7 +10,7 @@ from core.simulator.stick_slip import FREE, STILL
 if TYPE_CHECKING:
     from core.simulator.hand import Hand
 
-#: What a state and a tried step know of the motion. Joints in the order of the places of core/mechanism.py.
+#: The motion of a state or of a tried step. Joints in the order of the places of core/mechanism.py.
 MOTION = [
     ("tip", "f8", (4,)),  # m, m/s: x, y, vx, vy
     ("acceleration", "f8", (2,)),  # m/s2
@@ -21,7 +21,7 @@ MOTION = [
     ("rate", "f8", (PLACES,)),  # rad/s
     ("bias", "f8", (PLACES,)),  # rad/s2, gdot . v
     ("held", "i8"),  # STILL, FREE or the joint that is stuck (in a tried step of `stepping` alone)
-    ("sign", "f8", (PLACES,)),  # sense in which each joint slips, 0 while it is held (likewise)
+    ("sign", "f8", (PLACES,)),  # sense in which each joint slips, 0 while it is held (tried steps: as `held`)
     ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
 ]
 
@@ -67,12 +67,12 @@ STATE = np.dtype(
         ("per_rate", "f8", (4,)),  # s/rad, 1 / rate at the start; 0: the constant does not change with it
         ("lag", "f8", (3, 4)),  # s, coefficients of a below omega_0
         ("theta", "f8", (4,)),  # rad
-        ("settled", "i8"),  # 1: the last step left pattern, acceleration and torques of a moving tip as they are now
+        ("settled", "i8"),  # 1: pattern, acceleration and torques of a moving tip are those at the end of the last step
     ]
 )
 
-#: Fields that are filled before they are read, in every step or after every rest. All others are what a device takes
-#: from trial to trial.
+#: Fields that are filled before they are read, in every step or after every rest. A device keeps the others between
+#: trials.
 _FILLED_FIRST = (
     "ripple",
     "sense",

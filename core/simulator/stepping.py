@@ -3,7 +3,7 @@
     v+ = argmin 1/2 (v - v_free)' M (v - v_free) + h sum of costs
 with the exact stick-slip solver; a spring-damper hand is taken implicitly, so no stiffness is too large. Near singular
 positions a step is halved while the mass matrix changes much on its way, and may create no energy: so the motion stays
-finite. It serves by itself, and as what `event` falls back to.
+finite. A scene may choose it; `event` falls back to it.
 """
 
 import math
@@ -13,7 +13,7 @@ from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
-from core.simulator.lag import age_yields, begin
+from core.simulator.lag import age_yields, begin_lags
 from core.simulator.runge_kutta import keep_on_line, kinetic
 from core.simulator.state import MR
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
@@ -45,7 +45,7 @@ def advance_stepping(model, data, currents, t, h):
     elapsed, step, halvings = 0.0, h, 0
     while elapsed < h:
         step = min(step, h - elapsed)
-        begin(model.brakes, state, currents, lagged)
+        begin_lags(model.brakes, state, currents, lagged)
         speed = implicit_velocity(model, data, t + elapsed, step)
         singular = near_singular(mechanism, state)
         if halvings < limits.MOST_HALVINGS and (
@@ -56,9 +56,9 @@ def advance_stepping(model, data, currents, t, h):
             halvings += 1
             continue
         before = balance(state) if singular else 0.0
-        take(model, data, step)
+        take_step(model, data, step)
         if singular:
-            create_nothing(state, before)
+            remove_created_energy(state, before)
         elapsed = h if step == h - elapsed else elapsed + step
 
 
@@ -111,8 +111,8 @@ def implicit_velocity(model, data, t, h):
     for i in range(PLACES):
         state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
         state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
-    whole = mxx + cxx, mxy + cxy, myy + cyy
-    held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), whole, (px, py), scratch.sign)
+    effective_mass = mxx + cxx, mxy + cxy, myy + cyy
+    held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), effective_mass, (px, py), scratch.sign)
     scratch.held = held
     scratch.tip[2], scratch.tip[3] = ux, uy
     dvx, dvy = (ux - vx) / h, (uy - vy) / h
@@ -123,8 +123,8 @@ def implicit_velocity(model, data, t, h):
 
 
 @kernel
-def take(model, data, h):
-    """Take the implicit step: move the tip, enter the ledger, and see what follows from where it is."""
+def take_step(model, data, h):
+    """Take the implicit step: move the tip, add to the ledger, and update the kinematics."""
     mechanism, state, scratch = model.mechanism, data.state, data.scratch
     tip = state.tip
     age_yields(state, h)
@@ -140,20 +140,20 @@ def take(model, data, h):
         enter_line(mechanism, state, state.held)
     x, y = tip[0], tip[1]
     tip[2], tip[3] = scratch.tip[2], scratch.tip[3]
-    move(mechanism, state, scratch, h, data.hand.grips[0].mass)
+    displace(mechanism, state, scratch, h, data.hand.grips[0].mass)
     add_to_ledger(model.brakes, state, scratch, tip[0] - x, tip[1] - y, h)
     update_kinematics(mechanism, state)
 
 
 @kernel
 def balance(state):
-    """Energy of the device less what it was given by the ledger (J): constant but for the method's error."""
+    """Energy (J) of the device less what the ledger gave it: constant but for the method's error."""
     heat = state.heat
     return kinetic(state) + heat[0] + heat[1] + heat[2] + heat[3] + state.lost_at_stops - state.work_hand
 
 
 @kernel
-def create_nothing(state, before):
+def remove_created_energy(state, before):
     """Slow a tip that has more energy after a step than the ledger gave it: the mass matrix changed on the way."""
     created = balance(state) - before
     if created <= 0.0:
@@ -187,7 +187,7 @@ def add_to_ledger(brakes, state, scratch, dx, dy, h):
 
 
 @kernel
-def move(mechanism, state, scratch, h, arm_mass):
+def displace(mechanism, state, scratch, h, arm_mass):
     """Displace the tip by h v; stay on the held joint's SDOF path; hit a hard stop that lies in the way."""
     tip = state.tip
     if state.held == STILL:
@@ -195,7 +195,7 @@ def move(mechanism, state, scratch, h, arm_mass):
     x, y = tip[0], tip[1]
     tip[0], tip[1] = x + h * tip[2], y + h * tip[3]
     if state.held >= 0:
-        turn(mechanism, state, state.held)
+        turn_to_path(mechanism, state, state.held)
     for j in range(PLACES):
         if not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
             state.contact[j] = 0.0
@@ -208,7 +208,7 @@ def move(mechanism, state, scratch, h, arm_mass):
 
 
 @kernel
-def turn(mechanism, state, j):
+def turn_to_path(mechanism, state, j):
     """Put the displaced tip on the SDOF path of joint j and turn its velocity to the tangent there.
 
     What the turn took away stays in `carry` and goes back into the next step's momentum: the joint (or its stop) must
@@ -251,7 +251,7 @@ def stop_on_the_way(mechanism, state, scratch, start, h, arm_mass):
         hit_x, hit_y, rest = tip[0], tip[1], (1.0 - low) * h
         enter_line(mechanism, state, struck)
         tip[0], tip[1] = hit_x + rest * tip[2], hit_y + rest * tip[3]
-        turn(mechanism, state, struck)
+        turn_to_path(mechanism, state, struck)
         stop_gap(mechanism, state.distal_side, tip[0], tip[1], scratch.theta, scratch.gap, scratch.gap_side)
         for j in range(PLACES):
             if scratch.gap[j] < -limits.TOUCHING and not same_line(j, struck, mechanism.lines):

@@ -56,18 +56,18 @@ def largest_excess(joints, fx, fy):
         if active[j] == 0:
             continue
         tx, ty = -g[j, 1], g[j, 0]
-        there = fx * tx + fy * ty  # along the ray, and the other way
-        back = -there
+        ahead = fx * tx + fy * ty  # along the ray, and against it
+        back = -ahead
         for i in range(PLACES):
             if active[i] != 0 and not same_line(i, j, lines):
                 rate = g[i, 0] * tx + g[i, 1] * ty
                 if rate > 0.0:
-                    there -= cost_plus[i] * rate
+                    ahead -= cost_plus[i] * rate
                     back -= cost_minus[i] * rate
                 elif rate < 0.0:
-                    there += cost_minus[i] * rate
+                    ahead += cost_minus[i] * rate
                     back += cost_plus[i] * rate
-        largest = max(largest, max(there, back) / math.sqrt(tx * tx + ty * ty))
+        largest = max(largest, max(ahead, back) / math.sqrt(tx * tx + ty * ty))
     return largest
 
 

@@ -27,7 +27,7 @@ from core.simulator.stick_slip import (
 
 @kernel
 def update_kinematics(mechanism, state):
-    """Stage: what follows from position and velocity (rows, rates, mass, velocity terms) into the state."""
+    """Stage: compute rows, rates, mass and velocity terms from position and velocity, into the state."""
     tip = state.tip
     store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
 
@@ -68,9 +68,9 @@ def distal_row(q):
 
 @kernel
 def set_costs(brakes, state):
-    """What each joint holds against + and - motion now: yield, off torque inside the backlash, infinite at a stop.
+    """Set what each joint holds against + and - motion: yield, off torque inside the backlash, infinite at a stop.
 
-    False where that is what it was before.
+    False where nothing has changed.
     """
     changed, signed = False, brakes.signed != 0.0
     for i in range(4):

@@ -22,8 +22,9 @@ from scipy.linalg import eigh, qr, toeplitz
 from scipy.optimize import least_squares, minimize
 
 from core.files import InputError
+from core.tick_log import TICK_S
 from experiments.operator_fit.motions import SAMPLE_S, STRIDE, Motion, kernel
-from experiments.trial.operator import TICK_S, minimum_jerk
+from experiments.trial.operator import minimum_jerk
 
 ORDER = 10  # of the autoregression
 #: N. Our choice: so much white noise of sensors is taken to lie in the residuals of any recording (20 um steps of a

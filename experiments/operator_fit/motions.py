@@ -10,14 +10,13 @@ import numpy as np
 
 from core.files import InputError
 from core.path import Segment, build_path
-from core.tick_log import APPROACH, END, HOLD, MOVE, PHASES
+from core.tick_log import APPROACH, END, HOLD, MOVE, PHASES, TICK_S
 from experiments.analysis.metrics import check_samples
 from experiments.inputs import OPERATOR, SENSOR
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import TABLE, recordings_in, rows_of, sessions_in
 from experiments.session.playback import way_of
-from experiments.trial.operator import TICK_S
 
 STRIDE = 10  # ticks from one sample to the next, and over which each of three means is taken
 SAMPLE_S = STRIDE * TICK_S

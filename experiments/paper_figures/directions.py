@@ -26,6 +26,7 @@ from core.device import Device, build_device, load_device, shipped_devices
 from core.mechanism import JOINTS, Mechanism
 from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice
+from core.tick_log import TICK_S
 from core.workspace import Array, brake_rows, held_in_any_direction
 from experiments.analysis.metrics import trial_metrics
 from experiments.analysis.sheet import (
@@ -48,7 +49,6 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
 from experiments.recording.schema import recording_of
 from experiments.trial.population import load_population
-from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 HALF_TURN = math.pi

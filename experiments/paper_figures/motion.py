@@ -34,6 +34,7 @@ from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.stick_slip import FREE, STILL
+from core.tick_log import TICK_S
 from core.workspace import Array
 from experiments.analysis.sheet import (
     BLUE,
@@ -55,7 +56,7 @@ from experiments.paper_figures.brake import parameters_of
 from experiments.paper_figures.workspace import Workspace, brake_angles, draw_outline, sdof_path, workspace_of
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules
-from experiments.slave import TICK_S, Slave
+from experiments.slave import Slave
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 

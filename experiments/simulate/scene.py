@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 
 from core.control.guard import NOTHING, Around, Guard, why_no_guard
-from core.control.stopping import TICK_S
 from core.device import Device, load_device
 from core.files import InputError, NotNegative, Positive, StrangeInput, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Range, Speed
+from core.tick_log import TICK_S
 from core.workspace import tip_is_free
 
 

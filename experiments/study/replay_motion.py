@@ -33,6 +33,7 @@ from core.simulator.hand import Hand, new_hand
 from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
 from core.simulator.simulation import start
 from core.simulator.solver_numbers import RATE_ROUNDING
+from core.tick_log import TICK_S
 from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow, row_of
@@ -43,7 +44,6 @@ from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 from experiments.session.files import STORED, StoredSession, read_stored, refuse_trial
 from experiments.session.journal import journal_summary
-from experiments.trial.operator import TICK_S
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached

@@ -13,6 +13,7 @@ import numpy as np
 
 from core import tick_log
 from core.files import InputError
+from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.own_measures import own_metrics
@@ -42,7 +43,6 @@ from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, with_low_gain_found
 from experiments.trial.population import Population
 from experiments.trial.real_trial import load_kernels
-from experiments.trial.tick import TICK_S
 from experiments.trial.trial import Trial
 
 #: Ticks run at a time: long enough that a call costs nothing, short enough that an interrupt is heard.

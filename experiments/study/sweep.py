@@ -19,6 +19,7 @@ from core.control.own_file import read_own
 from core.device import Device, inline_devices
 from core.files import InputError, NotNegative, Table, choice, parse_toml, read_text, shipped_or_file
 from core.own_files import read_own_text
+from core.tick_log import TICK_S
 from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import TrialRow
@@ -33,7 +34,6 @@ from experiments.study.sweep_effects import SEED, effect_files, effects, moves_m
 from experiments.study.sweep_ranks import rank_files, ranks, said
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
-from experiments.trial.tick import TICK_S
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 Seed = Annotated[int, msgspec.Meta(ge=0)]

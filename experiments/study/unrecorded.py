@@ -18,6 +18,7 @@ from core.control.controllers import Preset, make_preset
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice, start_again
+from core.tick_log import TICK_S
 from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
@@ -30,7 +31,7 @@ from experiments.recording.schema import recording_of
 from experiments.session.files import person_of as stored_person
 from experiments.session.files import read_stored
 from experiments.trial.normals import normals
-from experiments.trial.operator import TICK_S, Person
+from experiments.trial.operator import Person
 from experiments.trial.population import Population
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 

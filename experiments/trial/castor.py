@@ -18,9 +18,8 @@ from core.kernels import kernel
 from core.simulator.hand import hand_force
 from core.simulator.stick_slip_mode import update_kinematics
 from core.stops import stop_gap
+from core.tick_log import TICK_S
 from experiments.numbers import significant
-
-TICK_S = 1e-3  # of a trial
 
 
 def set_castor(cobot: np.record, device: Device, tip: np.ndarray, arm_kg: float) -> None:

@@ -21,8 +21,8 @@ from core.kernels import kernel
 from core.linkage import joint_angles
 from core.simulator.state import new_record, new_state
 from core.simulator.stick_slip_mode import update_kinematics
+from core.tick_log import TICK_S
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
-from experiments.trial.operator import TICK_S
 
 _RING = 128  # samples, a power of two: more than the longest window and delay together
 _LAST = _RING - 1

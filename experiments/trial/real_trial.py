@@ -19,12 +19,12 @@ from core.mechanism import JOINTS
 from core.path import point_at
 from core.simulator.simulation import Simulation
 from core.stops import distal_sine
+from core.tick_log import TICK_S
 from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol, middle_of
 from experiments.trial import tick
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, new_sensing
-from experiments.trial.operator import TICK_S
 from experiments.trial.trial import Conditions, Known, Trial, path_of
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.

@@ -42,12 +42,12 @@ from core.simulator.simulation import apply, stuck_bits
 from core.simulator.state import Data, Model, Record, new_record
 from core.simulator.stick_slip_mode import resolve, update_kinematics
 from core.stops import stop_gap
-from core.tick_log import APPROACH, END, HOLD, MOVE
+from core.tick_log import APPROACH, END, HOLD, MOVE, TICK_S
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
 from experiments.trial.castor import move_with_castor, turn_castor
 from experiments.trial.encoder_sensing import EncoderSensing, see
-from experiments.trial.operator import TICK_S, Moment, begin_approach, operate
+from experiments.trial.operator import Moment, begin_approach, operate
 
 RUNNING, DONE, TIMEOUT, ABORTED = range(4)
 STATUSES = ("running", "done", "timeout", "aborted")

@@ -126,7 +126,7 @@ class Trial(ABC):
     def refuse_failed_controller(self) -> None:
         """InputError if the file of its controller failed: of simulated trials each would."""
         if int(self._run["reason"][0]) == tick.CONTROLLER_FAILED:
-            after_s = (self.ticks - 1) * tick.TICK_S - self.how.end_s
+            after_s = (self.ticks - 1) * tick_log.TICK_S - self.how.end_s
             raise InputError(
                 f"{self.preset.kind}: {self._words(tick.CONTROLLER_FAILED)} ({after_s:.3f} s into a trial)"
             )

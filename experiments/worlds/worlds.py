@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from core.files import InputError
+from core.tick_log import TICK_S
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import JUDGED
 from experiments.plan import make_plan
@@ -20,7 +21,6 @@ from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import replace_file
 from experiments.study.jobs import Done, Work, device_texts, first_done, run_work, table_lines
 from experiments.study.unrecorded import study_trials, with_low_gain_found
-from experiments.trial.tick import TICK_S
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files
 from experiments.worlds.table import cells_of, columns

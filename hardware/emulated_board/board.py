@@ -1,7 +1,7 @@
 """The board's state machine as a pure object: bytes in, bytes out, and the time is an argument.
 
-It knows no port and no clock, so every state, limit and fault can be tested in simulated time; the emulated board puts
-a simulated device behind it. docs/protocol.md describes it in words for authors of firmware.
+It has no port and no clock, so every state, limit and fault can be tested in simulated time. The emulated board puts a
+simulated device behind it. docs/protocol.md describes it for authors of firmware.
 """
 
 from collections import deque
@@ -75,8 +75,8 @@ class Watch:
         return abs(_int32(self._past[-1][i] - self._past[0][i])) * m.SAMPLE_HZ > most * SPEED_TICKS
 
 
-LATE_US = 50_000  # us; a command that took this much longer than the quickest of late is not obeyed
-LATE_FORGET = 1000  # us per s at which "the quickest of late" is forgotten: more than two clocks drift apart
+LATE_US = 50_000  # us; a command that took so much longer than the quickest one lately is not obeyed
+LATE_FORGET = 1000  # us a second, by which the time of the quickest one grows: more than two clocks drift apart
 WRAP = 1 << 32
 
 
@@ -97,7 +97,7 @@ class Freshness:
         self._quickest: tuple[int, int] | None = None  # us: when it came, and board time less host time then
 
     def judge(self, sequence: int, host_us: int, now_us: int) -> Age:
-        """Judge a command; only the memory of travel times changes."""
+        """The age of a command. It remembers the travel time, but not yet the command."""
         if self._any and not 0 < (sequence - self.last) % WRAP < WRAP // 2:
             return Age.OLD
         took = now_us - host_us
@@ -110,7 +110,7 @@ class Freshness:
         return Age.LATE if took - quickest > LATE_US else Age.FRESH
 
     def take(self, sequence: int) -> None:
-        """Note a command that was taken in."""
+        """Remember a command that is obeyed."""
         self.last, self._any = sequence, True
 
 
@@ -238,12 +238,12 @@ class Board:
             if message is None or event is None:
                 self.counts.not_understood += 1
                 continue
-            self._watch(now_us)
+            self._check_watchdog(now_us)
             self._heard_us = now_us
             if self.state == State.BOOT:
-                self._see(event)
+                self._count_event(event)
             else:
-                answers += b"".join(encode_frame(m.pack(answer)) for answer in self._take(message, event, now_us))
+                answers += b"".join(encode_frame(m.pack(answer)) for answer in self._obey(message, event, now_us))
         return answers
 
     def tick(self, readings: Readings, now_us: int) -> bytes:
@@ -260,7 +260,7 @@ class Board:
         self._sequence = (self._sequence + 1) % WRAP
         if readings.supply_cut:  # so that no current comes back with the supply
             self._fail(BoardEvent.STOP, Fault.HOST_REQUEST)
-        self._watch(now_us)
+        self._check_watchdog(now_us)
         if now_us - self._heard_us >= SILENCE_US and self.state != State.ACTIVE and self.streaming:
             self._change(BoardEvent.SILENCE)
             self._disconnect()
@@ -285,12 +285,12 @@ class Board:
         self._sequence = 0
         self._power_up(now_us)
 
-    def _see(self, event: BoardEvent) -> None:
+    def _count_event(self, event: BoardEvent) -> None:
         self.seen[self.state, event] = self.seen.get((self.state, event), 0) + 1
 
     def _change(self, event: BoardEvent) -> bool:
         """Go to the next state; False: the event is refused in this state."""
-        self._see(event)
+        self._count_event(event)
         refused = (self.state, event) in REFUSED
         self.state = NEXT.get((self.state, event), self.state)
         if self.state != State.ACTIVE:
@@ -308,14 +308,14 @@ class Board:
         self._change(event)
         self._latch(fault, detail)
 
-    def _take(self, message: tuple, event: BoardEvent, now_us: int) -> list[tuple]:
+    def _obey(self, message: tuple, event: BoardEvent, now_us: int) -> list[tuple]:
         """Obey one message; the answers."""
         if isinstance(message, m.Command):
             return self._command(message, event, now_us)
         if isinstance(message, m.Home) and (message.joints == 0 or message.joints & ~self.hello.encoders):
             return self._refuse(message, Refusal.BAD_VALUE)
         if event is BoardEvent.RESET and self.faults and self._standing:
-            self._see(event)
+            self._count_event(event)
             return self._refuse(message, Refusal.FAULT_STANDS)
         if not self._change(event):
             return self._refuse(message, Refusal.WRONG_STATE)
@@ -374,7 +374,7 @@ class Board:
         self.counts.refused += 1
         return [m.Refused(m.TYPES[type(message)], reason)]
 
-    def _watch(self, now_us: int) -> None:
+    def _check_watchdog(self, now_us: int) -> None:
         """The watchdog, a tick early, so that currents are zero at 50 ms at the latest."""
         if self.state == State.ACTIVE and now_us - self._commanded_us > m.WATCHDOG_US - TICK_US:
             self._fail(BoardEvent.WATCHDOG, Fault.WATCHDOG)

@@ -1,7 +1,6 @@
-"""The emulated bench while it is brought up: a hand that does what a builder is asked, and what builders get wrong.
+"""An emulated bench for `phd bring-up`: a hand that obeys its orders, and the mistakes that builders make.
 
-`phd emulate --hand builder` has this hand; `--mistake NAME` one of `MISTAKES`. `phd bring-up` gives the
-hand its orders.
+`phd emulate --hand builder` has this hand, `--mistake NAME` one of `MISTAKES`.
 """
 
 import math
@@ -17,8 +16,9 @@ from core.linkage import joint_angles
 from core.mechanism import JOINTS
 from core.simulator.hand import spring_hand
 from core.simulator.state import pack_mechanism
+from core.tick_log import TICK_S
 from hardware.emulated_board.board import Board, Readings
-from hardware.emulated_board.device import TICK_S, EmulatedDevice, pair
+from hardware.emulated_board.device import EmulatedDevice, pair
 from hardware.emulated_board.line_faults import LineFault
 from hardware.sensing.encoders import PoseSensing
 from hardware.wire.messages import Four, Hello
@@ -29,7 +29,7 @@ FREE = (0.0, 0.0, 0.0)
 SPEED_M_S, TURN_RAD, TURN_RAD_S = 0.1, math.radians(18.0), math.radians(20.0)
 PUSH_N, PUSH_S = 6.0, 0.4
 CIRCLE_M, CIRCLE_S = 0.04, 2.0
-RESTS_S, PRESS_S = 0.3, 0.4
+PRESS_S = 0.4
 HELD_STILL = {0: 2, 1: 0, 2: 0, 3: 2}  # joint that is turned -> joint that the other hand holds
 DIRECTIONS = {"right": (1.0, 0.0), "away": (0.0, 1.0)}
 
@@ -44,16 +44,11 @@ class BuilderHand:
         self._device: Device | None = None
         self._tip, self._t = tip, 0.0
         self._target: Callable[[float], tuple[float, float]] = lambda t: tip  # by the time since the order
-        self._push_until, self._takes_s = -math.inf, 0.0
+        self._push_until = -math.inf
 
     def take(self, device: Device) -> None:
-        """The device on the bench, whose joints it turns."""
+        """Set the device whose joints the hand turns."""
         self._device = device
-
-    @property
-    def is_done(self) -> bool:
-        """Whether the last order has been obeyed, and the handle had time to come to rest."""
-        return self._t > self._takes_s + RESTS_S and self._press_in < 0.0
 
     def tick(self, x: float, y: float) -> None:
         self._tip = (x, y)
@@ -71,10 +66,7 @@ class BuilderHand:
         {"hold": [x, y]}: bring the handle there, m; {"circle": [x, y]}: circles about it. InputError: another order.
         """
         if set(order) == {"hold"}:
-            end = pair(order["hold"], "hold", 2.0)
-            self._takes_s = math.dist(self._tip, end) / SPEED_M_S
-            return self._grip(self._way(end))
-        self._takes_s = 0.0
+            return self._grip(self._way(pair(order["hold"], "hold", 2.0)))
         if set(order) == {"circle"}:
             return self._grip(self._circling(pair(order["circle"], "circle", 2.0)))
         what, _, which = str(order.get("do")).partition(" ")
@@ -117,16 +109,16 @@ class BuilderHand:
     def _turning(self, joint: int) -> Callable[[float], tuple[float, float]]:
         """A joint turns counter-clockwise while the other hand holds another."""
         assert self._device is not None
-        both = tuple(sorted((joint, HELD_STILL[joint])))
+        pair_of_joints = tuple(sorted((joint, HELD_STILL[joint])))
         angles = np.zeros(4)
         joint_angles(pack_mechanism(self._device.mechanism)[0], *self._tip, angles)
-        sensing = PoseSensing(self._device, both, (2.0 * math.pi,) * 4)  # type: ignore[arg-type]
-        sensing.pose(tuple(angles[list(both)].tolist()))
+        sensing = PoseSensing(self._device, pair_of_joints, (2.0 * math.pi,) * 4)  # type: ignore[arg-type]
+        sensing.pose(tuple(angles[list(pair_of_joints)].tolist()))
 
         def target(t: float) -> tuple[float, float]:
             now = angles.copy()
             now[joint] += min(TURN_RAD_S * t, TURN_RAD)
-            return sensing.pose(tuple(now[list(both)].tolist())).tip
+            return sensing.pose(tuple(now[list(pair_of_joints)].tolist())).tip
 
         return target
 
@@ -149,10 +141,10 @@ class Mistake(NamedTuple):
 
     words: str
     readings: Callable[[Readings, np.random.Generator], Readings] | None = None
-    drivers: Callable[[Four, "deque[Four]"], Four] | None = None  # mA asked for, those before -> mA that flow
+    drivers: Callable[[Four, "deque[Four]"], Four] | None = None  # mA commanded, those before -> mA that flow
     brakes: Callable[[Four], Four] | None = None  # mA that flow -> mA in the brakes at A, E, B, C
     measured: Callable[[Four], Four] | None = None  # mA that flow -> mA that the board measures
-    stop: Callable[[Four, Four], Four] | None = None  # mA that flow, asked for -> .. while the stop is pressed
+    stop: Callable[[Four, Four], Four] | None = None  # mA that flow, commanded -> .. with the stop pressed
     line: str = ""  # a fault of the line, as `line_faults.read_fault` takes it
     watchdog: bool = True
     clock: float = 1.0  # the board's time over the true one
@@ -174,20 +166,20 @@ def noisy(values: tuple, random: np.random.Generator, spread: float) -> tuple:
     return tuple(round(value + spread * random.standard_normal()) for value in values)
 
 
-def slow(asked: Four, before: "deque[Four]") -> Four:
+def slow(commanded: Four, before: "deque[Four]") -> Four:
     """A current loop of 30 ms at A."""
     last = before[-1][0] if before else 0
-    step = (asked[0] - last) / 30.0
-    return (last + (round(step) or int(math.copysign(1, step)) if step else 0), *asked[1:])
+    step = (commanded[0] - last) / 30.0
+    return (last + (round(step) or int(math.copysign(1, step)) if step else 0), *commanded[1:])
 
 
-def ringing(asked: Four, before: "deque[Four]") -> Four:
+def ringing(commanded: Four, before: "deque[Four]") -> Four:
     """A current loop at B that overshoots: a second-order system of 25 Hz with little damping."""
     if len(before) < 2:
-        return asked
+        return commanded
     last, earlier = before[-1][2], before[-2][2]
-    value = 1.9 * last - 0.93 * earlier + 0.03 * asked[2] if asked[2] or last else 0.0
-    return (*asked[:2], round(value), asked[3])
+    value = 1.9 * last - 0.93 * earlier + 0.03 * commanded[2] if commanded[2] or last else 0.0
+    return (*commanded[:2], round(value), commanded[3])
 
 
 MISTAKES = {
@@ -230,10 +222,10 @@ MISTAKES = {
     "ringing-current": Mistake("the current loop at B overshoots", drivers=ringing),
     "swapped-sensing": Mistake("current sensing of A and E is exchanged", measured=lambda i: exchanged(i, 0, 1)),
     "dead-watchdog": Mistake("the firmware never looks at its watchdog", watchdog=False),
-    "stop-not-wired": Mistake("the emergency stop is not in the supply", stop=lambda flowing, asked: asked),
+    "stop-not-wired": Mistake("the emergency stop is not in the supply", stop=lambda flowing, commanded: commanded),
     "stop-misses-B": Mistake(
         "the emergency stop does not cut the amplifier at B, and no contact tells the board",
-        stop=lambda flowing, asked: (0, 0, asked[2], 0),
+        stop=lambda flowing, commanded: (0, 0, commanded[2], 0),
     ),
     "crossed-brakes": Mistake("the plugs of brakes A and E are exchanged", brakes=lambda i: exchanged(i, 0, 1)),
     "slipping-brake": Mistake("the clamp of brake A slips on its shaft", brakes=lambda i: scaled(i, 0, 0.0)),
@@ -279,7 +271,7 @@ class BuiltDevice(EmulatedDevice):
 class UnwatchedBoard(Board):
     """A board whose firmware forgot the watchdog."""
 
-    def _watch(self, now_us: int) -> None:
+    def _check_watchdog(self, now_us: int) -> None:
         return
 
 

@@ -1,4 +1,4 @@
-"""The device behind the emulated board: the simulator with its brakes, a hand at the handle, and what sensors read.
+"""The device behind the emulated board: the simulated device, a hand at its handle, and its sensors.
 
 Encoders count whole steps from where they stood at power-up; the force sensor sits between handle and hand with mass
 beyond it, turned as the device file says, with noise, and ends at its full scale.
@@ -18,13 +18,13 @@ from core.linkage import joint_angles
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_mechanism
+from core.tick_log import TICK_S
 from core.workspace import tip_is_free
-from hardware.emulated_board.board import FULL_BOARD, TICK_US, Readings
+from hardware.emulated_board.board import FULL_BOARD, Readings
 from hardware.emulated_board.line_faults import LineFault
 from hardware.sensing.samples import sensing_of, sensor_angle
 from hardware.wire.messages import Four, Hello
 
-TICK_S = TICK_US * 1e-6
 WORKSPACE_M = 2.0  # an order further out than this is a slip of the pen
 LARGEST_N = 1000.0
 FORCE_UNIT = 1000  # micro-newtons a count
@@ -59,7 +59,7 @@ class EmulatedHand(Protocol):
         """Before each tick (1 ms), with the tip (m): set `hand` for it."""
 
     def obey(self, order: dict) -> None:
-        """An order from outside. InputError where it is none of this hand's."""
+        """Obey an order from outside. InputError if this hand does not know it."""
 
 
 class HeldHand:
@@ -134,9 +134,8 @@ class Wiring(NamedTuple):
 
     mechanism: np.ndarray  # one record
     steps: np.ndarray  # (4,) counts per rad
-    mounting: (
-        np.ndarray
-    )  # (6,) mass beyond the force sensor (kg), its angle (rad), that angle's change with each joint's
+    #: (6,) mass beyond the force sensor (kg), its angle (rad), the change of that angle with each joint's
+    mounting: np.ndarray
     gauges: np.ndarray  # (6, 6) counts per N and N m
     # what changes
     at_power_up: np.ndarray  # (4,) rad
@@ -162,7 +161,7 @@ class EmulatedSensors:
             np.zeros(6, dtype=np.int64),
         )  # fmt: skip
         self._brakes = hello.brakes
-        self._over = [min(2 * most, 32_000) for most in hello.current_max_mA]  # what a faulty amplifier measures
+        self._over_mA = [min(2 * most, 32_000) for most in hello.current_max_mA]  # measured by a faulty amplifier
         self.theta, self.at_power_up = self._wiring.theta, self._wiring.at_power_up
         joint_angles(self._wiring.mechanism[0], *tip, self.theta)
         self.power_up()
@@ -187,19 +186,20 @@ class EmulatedSensors:
         faults: Iterable[LineFault] = (),
     ) -> Readings:  # fmt: skip
         """The readings at a tip (m) with a hand force (N) and an acceleration (m/s2), (2,) each."""
-        wrong = {(fault.kind, fault.value) for fault in faults}
+        acting = {(fault.kind, fault.value) for fault in faults}
         noise = next(self._noise)
         read_off(self._wiring, tip, hand, acceleration, noise)
         counts, measured = self._wiring.counts.tolist(), [0, 0, 0, 0]
         for i in range(4):
-            if ("stuck-encoder", i) in wrong:
+            if ("stuck-encoder", i) in acting:
                 counts[i] = self._last.counts[i]
             if self._brakes >> i & 1:
-                measured[i] = round((self._over[i] if ("over-current", i) in wrong else current_mA[i]) + noise[6 + i])
+                flows = self._over_mA[i] if ("over-current", i) in acting else current_mA[i]
+                measured[i] = round(flows + noise[6 + i])
         channels = self._wiring.channels.tolist() if self._force else []
-        if channels and ("saturated-force", 0) in wrong:
+        if channels and ("saturated-force", 0) in acting:
             channels[0] = FORCE_FULL_SCALE
-        good = tuple(("bad-encoder", i) not in wrong for i in range(4))
+        good = tuple(("bad-encoder", i) not in acting for i in range(4))
         self._last = Readings(tuple(counts), tuple(channels), tuple(measured), good)
         return self._last
 

@@ -17,15 +17,16 @@ from typing import NamedTuple
 
 from core.device import Device
 from core.files import InputError
+from core.tick_log import TICK_S
 from hardware.emulated_board.board import ZERO
 from hardware.emulated_board.builder import MISTAKES, BuilderHand, BuiltDevice, board_with
-from hardware.emulated_board.device import TICK_S, EmulatedDevice, EmulatedHand, hello_of
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, hello_of
 from hardware.emulated_board.line_faults import POWER, Line, LineFault, read_fault
 from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, TcpPort, Terminal
 from hardware.wire import messages as m
 from hardware.wire.frames import encode_frame
 
-MOST_AT_ONCE = 20  # ticks made up for after a delay by this machine; after a longer one the board's time waits
+MOST_AT_ONCE = 20  # ticks that are caught up after a delay by this machine; after a longer one the board's time waits
 ORDER_BYTES = 4096
 
 
@@ -143,7 +144,7 @@ class Emulator:
             self._take_order()
 
     def _tick(self) -> None:
-        """One tick: faults begin and end, sensors are read, the board looks at them, the device moves."""
+        """Make one tick: begin and end faults, read the sensors, tick the board, move the device."""
         now = self.ticks * TICK_S
         self._begin_and_end_faults(now)
         readings = self.device.sense(self.board.currents, self._acting)

@@ -1,4 +1,4 @@
-"""Faults on request, for the emulated board: what cables, buffers, supplies and sensors do on a bad day, from a seed.
+"""Faults of cable, buffers, supply and sensors that the emulated board can be given; random ones from a seed.
 
     drop=0.01            a hundredth of all frames is lost, each way
     corrupt=0.01         .. has one bit flipped
@@ -93,7 +93,7 @@ class Line:
         self.counts = dict.fromkeys((*SHARES, *TIMES, "stall"), 0)
 
     def put(self, frame: bytes, now_s: float) -> None:
-        """Put a frame (or whatever piece came in) onto the wire."""
+        """Put a frame, or a piece of one, onto the wire."""
         acting = [fault for fault in self._faults if fault.acts(now_s)]
         arrives, copies = now_s, 1
         for fault in acting:
@@ -130,5 +130,5 @@ class Line:
         return self._queue[0][0] if self._queue else math.inf
 
     def clear(self) -> None:
-        """Lose what is on the way (unplugged, powered down)."""
+        """Lose what is on the wire: unplugged, or without power."""
         self._queue.clear()

@@ -1,3 +1,3 @@
-"""The Haply 2diy, whose two motors stand for brakes: only ever against the hand. Never attached to a real one."""
+"""The Haply 2diy, whose two motors act as brakes, only against the hand. No real one has been attached yet."""
 
 HAPLY = "haply:"  # begins a link to one

@@ -28,9 +28,10 @@ from core.faults import Cause, cause, cause_of
 from core.files import InputError
 from core.simulator.state import new_state, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
+from core.tick_log import TICK_S
 from hardware.emulated_board.device import hello_of
 from hardware.haply.guarded_port import GuardedPort
-from hardware.haply.rendered_brake import TICK_S, RenderedBrake
+from hardware.haply.rendered_brake import RenderedBrake
 from hardware.haply.wire import ANGLES, NO_TORQUE, RESET, counts_of, drive, set_up
 from hardware.sensing.encoders import load_kernels
 from hardware.sensing.samples import NO_ZERO, WINDOW, BoardSensing
@@ -88,7 +89,7 @@ class HaplyDevice:
         self._begin()
 
     def _begin(self) -> None:
-        """What does not outlive a connection: the board's counts begin at zero."""
+        """Reset everything that does not outlive a connection: the board's counts begin at zero."""
         self._buffer = b""
         self._sent: deque[tuple[tuple[float, float], list[float]]] = deque()  # torques and currents, unanswered
         self._acted: deque[tuple[float, float]] = deque(maxlen=WINDOW)
@@ -105,7 +106,7 @@ class HaplyDevice:
         return self._files[motor].torque_gain(current) - self._friction[motor]
 
     def _limited(self, motor: int, current: float) -> float:
-        """A current (A) that the brake may have; 0 for what is not finite. The last line before the wire."""
+        """A current (A) within the brake's limit; 0 if not finite. The last line before the wire."""
         return min(current, self._files[motor].current_max_A) if 0.0 < current < math.inf else 0.0
 
     # ----------------------------------------------------------------------------------------- from first to last
@@ -180,14 +181,14 @@ class HaplyDevice:
             self._forget_answers(wire)
         self._asked = now
         doubtful = self._sent or self._largest is not None or self._fault or self._hot()
-        asked = [0.0 if doubtful else self._limited(n, currents[i]) for n, i in enumerate(MOTORS)]
-        torques = tuple(brake.torque(self._holds(n, asked[n])) for n, brake in enumerate(self.brakes))
-        self._sent.append(((torques[0], torques[1]), asked))
+        limited = [0.0 if doubtful else self._limited(n, currents[i]) for n, i in enumerate(MOTORS)]
+        torques = tuple(brake.torque(self._holds(n, limited[n])) for n, brake in enumerate(self.brakes))
+        self._sent.append(((torques[0], torques[1]), limited))
         wire.write(drive(*torques))
         return self._listen(wire, now)
 
     def _forget_answers(self, wire: Port) -> None:
-        """Answers may be missing or not be ours: what acted since the last is not known."""
+        """Forget the answers on their way: some may be missing or not ours, so the torques that acted are unknown."""
         may_have_acted = [*self._acted, *(torques for torques, _ in self._sent)][-1 - len(self._sent) :]
         largest = max((abs(torque) for torques in may_have_acted for torque in torques), default=0.0)
         self._largest = max(self._largest or 0.0, largest)
@@ -218,8 +219,8 @@ class HaplyDevice:
         return None
 
     def _answer(self, counts: tuple[int, int], now: float) -> DeviceSample:
-        """An answer, and from now on the torques that it answers act."""
-        torques, asked = self._sent.popleft()
+        """The sample of an answer. The torques that it answers act from now on."""
+        torques, currents = self._sent.popleft()
         self._bad_on_end = 0
         ticks = max((now - self._heard) / TICK_S, 1.0)
         angles = [math.tau * n / per_rev for n, per_rev in zip(counts, self._per_rev, strict=True)]
@@ -232,20 +233,20 @@ class HaplyDevice:
                 brake.read(angles[i], torques[i])
                 if self._answers and turned > ticks * brake.most_turned + math.tau / self._per_rev[i]:
                     self._fault = self._fault or cause("over-speed")
-            self._warm(i, self._acted[-1][i] if self._acted else 0.0)
+            self._heat_up(i, self._acted[-1][i] if self._acted else 0.0)
         self._largest = None
         self._answers += 1
         self._acted.append(torques)
         self._sequence = max(self._sequence + 1, round((now - self._began) / TICK_S))
-        sample = self._sample(counts, asked, now)
+        sample = self._sample(counts, currents, now)
         self._taken.append(sample)
         return sample
 
-    def _sample(self, counts: tuple[int, int], asked: list[float], now: float) -> DeviceSample:
+    def _sample(self, counts: tuple[int, int], currents: list[float], now: float) -> DeviceSample:
         read = Sample(
             self._sequence, self._sequence, round(1e6 * (now - self._began)), State.READY, self._homed, 0, 0,
             (counts[0] + self._offset[0], counts[1] + self._offset[1]), (),
-            tuple(round(1e3 * current) for current in asked),
+            tuple(round(1e3 * current) for current in currents),
         )  # fmt: skip
         self.sensing.fault = self._fault
         sample = self.sensing.take(read, now)
@@ -268,8 +269,8 @@ class HaplyDevice:
             fx, fy = fx - gx * torque, fy - gy * torque
         return fx, fy
 
-    def _warm(self, motor: int, torque: float) -> None:
-        """A tick of a winding's temperature: of first order, heated by its current."""
+    def _heat_up(self, motor: int, torque: float) -> None:
+        """Update the temperature of a winding (first order, heated by its current) for a tick."""
         heat = OHM * (torque / NM_PER_A) ** 2 * K_PER_W
         self.warmth[motor] += (heat + ROOM_C - self.warmth[motor]) * TICK_S / HEAT_S
 

@@ -15,7 +15,7 @@ PROCESS = Path(__file__).with_name("watchdog_process.py")
 
 
 class GuardedPort(Port):
-    """A `Port` each of whose writes tells the watchdog that this program lives. DeviceError if that has ended."""
+    """A `Port` that tells the watchdog of each write. DeviceError if the watchdog has ended."""
 
     def __init__(self, name: str) -> None:
         if sys.platform == "win32":

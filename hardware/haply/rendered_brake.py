@@ -25,7 +25,8 @@ short the brake holds less, and slips.
 
 import math
 
-TICK_S = 1e-3
+from core.tick_log import TICK_S
+
 FLOOR = 0.05  # share of the allowance that a debt leaves: with none the brake could never earn again. Our choice
 
 
@@ -47,7 +48,7 @@ class RenderedBrake:
         self._anchor = 0.0
 
     def begin(self) -> None:
-        """A trial begins: the account is opened anew."""
+        """Begin a trial with the full allowance."""
         self.credit = self.allowance
 
     @property
@@ -56,7 +57,7 @@ class RenderedBrake:
         return 0.5 * self._stiffness * (self._angle - self._anchor) ** 2 if self._angle is not None else 0.0
 
     def read(self, angle: float, begins: float) -> None:
-        """A reading, from which on the torque `begins` acts: book the work of the one before it."""
+        """Take a reading, from which on the torque `begins` acts, and book the work of the torque before it."""
         if self._angle is None:
             self._anchor = angle
         else:
@@ -64,7 +65,7 @@ class RenderedBrake:
         self._angle, self._acting = angle, begins
 
     def read_after_loss(self, angle: float, largest: float) -> None:
-        """A reading after some that were lost, no torque acting now: book the worst of torques up to `largest`."""
+        """Take a reading after lost ones, no torque acting now, and book the worst work of torques up to `largest`."""
         if self._angle is not None:
             self._book(largest * abs(angle - self._angle))
         self._angle = self._anchor = angle
@@ -78,7 +79,7 @@ class RenderedBrake:
             self.credit = FLOOR * self.allowance
 
     def torque(self, holds: float) -> float:
-        """The torque from the next reading on, of a brake that now holds `holds`."""
+        """The torque (N m) to act from the next reading on, of a brake that now holds `holds`."""
         if self._angle is None:
             return 0.0
         affordable = max(self.credit - abs(self._acting) * self._acting_turn, 0.0) / self._next_turn

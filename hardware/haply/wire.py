@@ -45,7 +45,7 @@ NO_TORQUE = drive(0.0, 0.0)
 
 
 def counts_of(answer: bytes, counts_per_rev: tuple[int, int]) -> tuple[int, int] | None:
-    """The counts of A and B in an answer; None: it is none."""
+    """The counts of A and B in an answer; None: the bytes are no answer of a Haply."""
     device, angle_b, angle_a = ANGLES.unpack(answer)
     if device != DEVICE or not (abs(angle_a) <= LARGEST_DEG and abs(angle_b) <= LARGEST_DEG):  # false for NaN
         return None

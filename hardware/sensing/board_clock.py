@@ -1,9 +1,9 @@
-"""The board's clock in terms of the host's: offset and drift, from when samples came.
+"""The board's clock by the host's: offset and drift, from the times at which samples arrive.
 
-A sample comes later than it was true, by the wire's least delay and then some: never earlier. So of each second only
-the quickest sample counts, and a straight line through the last minute's quickest ones, by the median of all slopes
-between them (Theil and Sen: a quarter of the points may be wrong), gives host time = offset + (1 + drift) board time.
-Its offset holds the wire's least delay, which a heartbeat there and back bounds (less than the least round trip).
+A sample arrives at least the wire's shortest delay after it was taken. So only the quickest sample of each second
+counts. A straight line through those of the last minute gives host time = offset + (1 + drift) board time; its slope is
+the median of all slopes between two of them (Theil and Sen: a quarter of the points may be wrong). The offset contains
+the wire's shortest delay, which is less than the shortest round trip of a heartbeat.
 """
 
 from collections import deque
@@ -13,16 +13,16 @@ import numpy as np
 
 from hardware.wire.messages import Flag, Sample
 
-BLOCK_S = 1.0  # of board time, of which the quickest sample counts
+BLOCK_S = 1.0  # of board time: of each such block the quickest sample counts
 BLOCKS = 60
-#: s; where the quickest samples of this many blocks on end are all this far from the line, a clock has stepped (a host
-#: that slept, a board that was held up) and what was before counts no more.
+#: s; where the quickest samples of so many blocks in a row are all so far from the line, a clock has jumped (the host
+#: slept, the board was held up), and earlier ones are forgotten.
 STEP_S, STEP_BLOCKS = 0.005, 3
 
-#: s. The host's clock stood still for longer than this (or as long in several steps). Below what makes a board call a
-#: command late (board.LATE_US) by what the way of a command may vary.
+#: s. A longer standstill of the host's clock, in one step or several, is a doubt. Shorter than the lateness at which a
+#: board refuses a command (board.LATE_US), by how much a command's travel time may vary.
 STOOD_STILL_S = 0.04
-LEARN_S = 1.0  # of board time, after which the quickest sample's way is known
+LEARN_S = 1.0  # of board time, after which the quickest sample's delay is known
 DRIFT = 2e-4  # most that the two clocks run apart: four crystals of 50 ppm. Assumed
 LATE_S = 0.2  # all commands are late for this long
 
@@ -37,7 +37,7 @@ class ClockFit(NamedTuple):
 
 
 class ClockModel:
-    """Fitted to the quickest samples, anew after each block."""
+    """The line through the quickest samples, fitted again after each block."""
 
     def __init__(self) -> None:
         self.went_back = 0  # how often the board's clock went back, which it must not: the model then starts again
@@ -72,9 +72,9 @@ class ClockModel:
             self.fit = ClockFit(self._block[1], 0.0, 0.0, 0)
 
     def went_on(self, board_us: int, asked_s: float) -> bool:
-        """Whether a board that says `board_us`, asked at host time `asked_s`, has had power since its newest sample.
+        """Whether a board has had power since its newest sample. Asked at host time `asked_s`, it answers `board_us`.
 
-        Else its clock has gone back, or began after that sample. A board that never said a time went on.
+        Else its clock has gone back, or began after that sample. Without an earlier sample the answer is yes.
         """
         if board_us < self._newest_us:
             return False
@@ -106,7 +106,7 @@ def fit_line(points: np.ndarray) -> ClockFit:
 
 
 class FreshnessWatch:
-    """Whether the board still takes commands for fresh: the host's end of docs/protocol.md, "Commands".
+    """Watches whether the board still accepts commands as fresh: the host's side of docs/protocol.md, "Commands".
 
     A board calls a command late by both clocks. If the host's clock stood still (a paused virtual machine, an aborted
     suspend), every command is late from then on, for minutes. Only reconnecting helps: freshness then starts again, and
@@ -123,7 +123,7 @@ class FreshnessWatch:
         stood = self._stood_still(1e-6 * sample.board_us, came_s)
         if stood > STOOD_STILL_S:
             return f"this computer's clock stood still for {1e3 * stood:.0f} ms; the board is being reconnected"
-        if self._late is None or self._late[1] != sample.echo:  # one was taken in
+        if self._late is None or self._late[1] != sample.echo:  # a command was accepted
             self._late = (came_s, sample.echo) if sample.flags & Flag.LATE else None
         elif came_s - self._late[0] > LATE_S:
             return "the board takes every command for late; it is being reconnected"

@@ -58,16 +58,17 @@ class PoseSensing:
         return tuple(round(turns[i] * self._per_rev[i]) if i in self.joints else 0 for i in range(4))
 
     def pose(self, counts: tuple[int, ...]) -> Pose:
+        """The pose at the counts of `joints`, in that order."""
         angle = {i: TURN * n / self._per_rev[i] for i, n in zip(self.joints, counts, strict=True)}
         apart = 0.0
         if len(angle) == 4:
-            first, second = self._direct(0, angle), self._direct(1, angle)
+            first, second = self._tip_by_arm(0, angle), self._tip_by_arm(1, angle)
             apart = math.dist(first, second)
             tip: tuple[float, float] | None = (0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1]))
         elif self.joints == (A, E) or self.joints == (B, C):
-            tip = self._direct(self.joints[0] // 2, angle)
+            tip = self._tip_by_arm(self.joints[0] // 2, angle)
         else:
-            tip = self._meet(*(self._circle(i, angle[i]) for i in self.joints))
+            tip = self._intersection(*(self._circle(i, angle[i]) for i in self.joints))
         if tip is None or apart > OPEN_M:
             last = self._last or Pose((math.nan, math.nan), (math.nan,) * 4, False)
             return last._replace(closed=False)
@@ -77,10 +78,10 @@ class PoseSensing:
         return self._last
 
     def forget(self) -> None:
-        """The next pose need not be near the last one (the encoders were set, or the link was lost)."""
+        """Forget the last pose: the encoders were set, or the link was lost."""
         self._last = None
 
-    def _direct(self, arm: int, angle: dict[int, float]) -> tuple[float, float]:
+    def _tip_by_arm(self, arm: int, angle: dict[int, float]) -> tuple[float, float]:
         """The tip by both encoders of one arm."""
         x, y, radius = self._circle(2 * arm, angle[2 * arm])
         elbow = angle[2 * arm] + angle[2 * arm + 1]
@@ -98,8 +99,8 @@ class PoseSensing:
         square = arm.length_1**2 + arm.length_2**2 + 2.0 * arm.length_1 * arm.length_2 * math.cos(angle)
         return arm.base_x, arm.base_y, math.sqrt(max(square, 0.0))
 
-    def _meet(self, first: Circle, second: Circle) -> tuple[float, float] | None:
-        """Where two circles meet, on the side where the device's elbows are; None: nowhere."""
+    def _intersection(self, first: Circle, second: Circle) -> tuple[float, float] | None:
+        """The intersection of two circles on the side of the device's elbows; None: there is none."""
         dx, dy = second[0] - first[0], second[1] - first[1]
         square = dx * dx + dy * dy
         if square == 0.0:

@@ -1,4 +1,4 @@
-"""From a board's samples to SI units: pose, motion, hand force, currents, with what is remembered in between."""
+"""A board's samples in SI units: pose, motion, hand force, currents."""
 
 import math
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from core.device_file import Encoders, ForceSensor, Sensing
 from core.device_interface import VELOCITY_WINDOW, DeviceError, DeviceSample, ZeroRecord
 from core.faults import FAULTS, cause
 from core.files import InputError
+from core.tick_log import TICK_S
 from hardware.sensing.board_clock import ClockModel
 from hardware.sensing.encoders import PoseSensing
 from hardware.wire.messages import Fault, Flag, Hello, Sample, joints_of
@@ -20,7 +21,6 @@ Vector = tuple[float, float]
 USUAL_ENCODERS = Encoders(A=96000, B=96000)
 USUAL = Sensing(encoders=USUAL_ENCODERS, force=ForceSensor(on="handle"))
 WINDOW = VELOCITY_WINDOW  # samples that the parabola goes through
-TICK_S = 1e-3
 GAP_S = 0.05  # after a longer gap between positions the motion filter restarts
 ZERO_SAMPLES = 500
 STILL_M = 1e-3  # a handle that moved further was touched
@@ -37,9 +37,9 @@ class BoardSensing:
     """Converts the counts of one board. InputError if board and device file do not fit."""
 
     def __init__(self, device: Device, hello: Hello, before: "BoardSensing | None" = None, fault: str = "") -> None:
-        """before: of the connection before this one, whose zero and clock hold: the same board went on.
+        """before: of the last connection to the same board, if its zero and clock still hold.
 
-        fault: what this host found wrong with the board; it stands until the board is reset.
+        fault: of the board, found by this host; it stands until the board is reset.
         """
         self.hello = hello
         self.state = hello.state  # of the board, by the newest sample
@@ -179,7 +179,7 @@ class ForceSensing:
 
 
 def sensor_angle(sensor: ForceSensor, theta: tuple[float, ...]) -> float:
-    """How far the sensor's x axis is turned from the frame's, rad; theta (4,) rad, A, E, B, C.
+    """The angle (rad) from the frame's x axis to the sensor's; theta (4,) rad, joints A, E, B, C.
 
     Our choice: the handle itself does not turn (the hand holds it upright), so a sensor on it is turned by a constant.
     """
@@ -191,7 +191,7 @@ def sensor_angle(sensor: ForceSensor, theta: tuple[float, ...]) -> float:
 
 
 def zero_of(taken: Sequence[DeviceSample], before: ZeroRecord) -> ZeroRecord:
-    """The zero in samples; before: the one that was taken off their currents. DeviceError: the handle moved."""
+    """The zero shown by samples. before: what was subtracted from their currents. DeviceError: the handle moved."""
     moved = float(np.max(np.ptp(np.array([sample.tip for sample in taken]), axis=0)))
     if not math.isfinite(moved):
         raise DeviceError("zero: the handle cannot be seen to be still; home the encoders first")

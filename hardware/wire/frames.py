@@ -1,7 +1,7 @@
 """Frames on the wire: COBS around payload and CRC-32, a zero byte after each (docs/protocol.md, "Frames").
 
-A zero byte stands nowhere but between frames, so that whatever was lost or torn, the next zero byte is where reading
-starts again. The decoder survives any bytes and counts what it met.
+Zero bytes stand only between frames: after lost or torn bytes reading starts again at the next one. The decoder takes
+any bytes and counts what was wrong.
 """
 
 from dataclasses import dataclass

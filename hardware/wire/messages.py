@@ -60,7 +60,7 @@ NO_DETAIL = 255
 
 
 class AskHello(NamedTuple):
-    """Who are you? Ends whatever connection there was: currents zero, no samples."""
+    """Who are you? Ends an existing connection: currents zero, no samples."""
 
     version: int  # of the protocol, the host's
 

@@ -14,7 +14,7 @@ from app.cli import main
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
 from app.ipc.scheduling import stolen_share
 from app.session_server import preflight
-from core.kernels.cache import Place, keep
+from core.kernels.cache import Place, write_file
 
 
 @pytest.fixture
@@ -119,11 +119,19 @@ def test_kernels_are_compiled_once_those_of_a_trial_are_whatever_else_is(monkeyp
         assert doctor.kernels().state == state
 
 
+def test_kernels_of_other_versions_are_counted(tmp_path: Path) -> None:
+    assert doctor.of_other_versions(tmp_path / "this") == ""
+    (tmp_path / "older").mkdir()
+    (tmp_path / "older" / "a.kernel").write_bytes(bytes(2_000_000))
+    said = "; 1 of other versions there (2 MB), removed when unused for 60 days"
+    assert doctor.of_other_versions(tmp_path / "this") == said
+
+
 def test_damaged_kernels_are_named_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "cache_place", lambda: Place(tmp_path))
     monkeypatch.setattr(doctor, "is_compiled", lambda kernel: True)
     for name in "ab":
-        keep(tmp_path / "core" / f"{name}.kernel", b"code")
+        write_file(tmp_path / "core" / f"{name}.kernel", b"code")
     assert doctor.kernels().state == GOOD
     flip_a_bit(tmp_path / "core" / "a.kernel")
     line = doctor.kernels()

@@ -168,7 +168,7 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         sample, port = run(host, 3)[-1], emulated.port
         found = {one.port: one for one in scan_ports()}
         assert found[port].words == found[port].problem == "another program is using it"
-        assert port not in {one.port for one in scan_ports(besides=port)}
+        assert port not in {one.port for one in scan_ports(in_use=port)}
         host.close()
         (found,) = (one for one in scan_ports() if one.port == port)
         assert (found.words, found.problem) == (f"answers, {name}", "")

@@ -5,6 +5,7 @@ import pickle
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,8 +13,8 @@ import pytest
 from disks import flip_a_bit
 from test_kernel_cache import small_tree
 
-from core.kernels import cache
-from core.kernels.cache import HANDED_DOWN, Place, keep, make_own, read_kept, remove_unsound
+from core.kernels import cache, old_versions
+from core.kernels.cache import HANDED_DOWN, Place, make_private, read_file, remove_unsound, write_file
 
 CALL = (
     "import sys\nfrom core.kernels import cache\n"
@@ -77,7 +78,7 @@ def test_the_cache_is_a_folder_of_this_user_alone_whatever_it_was_and_whatever_i
     found = place()
     assert found.folder is not None and found.folder.parent == home and not found.wrong
     assert [folder.stat().st_mode & 0o777 for folder in (found.folder, home, home.parent)] == [0o700] * 3
-    keep(found.folder / "core" / "one.kernel", b"code")
+    write_file(found.folder / "core" / "one.kernel", b"code")
     assert (found.folder / "core").stat().st_mode & 0o777 == 0o700
     assert (found.folder / "core" / "one.kernel").stat().st_mode & 0o777 == 0o600
 
@@ -151,6 +152,21 @@ def test_where_nothing_can_be_written_kernels_are_not_kept_and_all_goes_on(
         assert place() == Place(None, "this user has no folder for caches")
 
 
+@posix
+def test_a_new_version_removes_the_folders_of_others_that_were_not_used_for_sixty_days_and_are_not_in_use(home: Path):
+    unused, in_use, lately = folders = [home / name for name in ("unused", "in use", "lately")]
+    for folder, days in zip(folders, (61, 61, 59), strict=True):
+        (folder / "core").mkdir(parents=True)
+        if folder == in_use:
+            old_versions.hold(folder)
+        os.utime(folder, 2 * (time.time() - 86_400 * days,))
+    found = place()
+    assert found.removed == 1 and set(home.iterdir()) == {in_use, lately, found.folder}
+    unused.mkdir()
+    os.utime(unused, (0, 0))
+    assert place().removed == 0 and unused.exists()  # only a new version looks
+
+
 # --------------------------------------------------------------------------------------------------------------- files
 
 
@@ -159,26 +175,25 @@ def kept(home: Path) -> Iterator[Path]:
     folder = place().folder
     assert folder is not None
     file = folder / "core" / "one.kernel"
-    keep(file, random.Random(1).randbytes(5000))
-    assert read_kept(file) == random.Random(1).randbytes(5000) and not cache.problems
+    write_file(file, random.Random(1).randbytes(5000))
+    assert read_file(file) == random.Random(1).randbytes(5000) and not cache.problems
     yield file
 
 
 def test_no_file_is_read_that_is_not_as_it_was_kept(kept: Path) -> None:
     sound, chance = kept.read_bytes(), random.Random(2)
-    pieces = [sound[: chance.randrange(len(sound))] for _ in range(80)]
+    pieces = [sound[: chance.randrange(len(sound))] for _ in range(40)]
     flipped = []
-    for bit in [*range(8 * 60), *(chance.randrange(8 * len(sound)) for _ in range(200))]:
-        kept.write_bytes(sound)
-        flip_a_bit(kept, bit // 8, bit % 8)
-        flipped.append(kept.read_bytes())
+    for bit in [*range(8 * 50), *(chance.randrange(8 * len(sound)) for _ in range(100))]:
+        flipped.append(bytearray(sound))
+        flipped[-1][bit // 8] ^= 1 << bit % 8
     others = [b"", sound + b"\0", sound * 2, b"\0" * len(sound), pickle.dumps(1), sound[:13] + pickle.dumps(1)]
     for wrong in (*pieces, *flipped, *others):
         kept.write_bytes(wrong)
-        assert read_kept(kept) is None
+        assert read_file(kept) is None
     assert cache.problems["file"] == len(pieces) + len(flipped) + len(others)
-    keep(kept, b"again")
-    assert read_kept(kept) == b"again"
+    write_file(kept, b"again")
+    assert read_file(kept) == b"again"
 
 
 def test_where_files_have_no_owners_the_checksum_decides_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,10 +203,10 @@ def test_where_files_have_no_owners_the_checksum_decides_alone(home: Path, monke
     monkeypatch.delattr(cache.os, "geteuid", raising=False)
     folder = place().folder
     assert folder is not None and folder.parent == home
-    keep(folder / "core" / "one.kernel", b"code")
-    assert read_kept(folder / "core" / "one.kernel") == b"code"
+    write_file(folder / "core" / "one.kernel", b"code")
+    assert read_file(folder / "core" / "one.kernel") == b"code"
     flip_a_bit(folder / "core" / "one.kernel")
-    assert read_kept(folder / "core" / "one.kernel") is None
+    assert read_file(folder / "core" / "one.kernel") is None
 
 
 @posix
@@ -199,21 +214,21 @@ def test_no_file_is_read_that_others_may_have_made(kept: Path, monkeypatch: pyte
     beside = kept.with_name("two.kernel")
     for mode, is_read in ((0o600, True), (0o644, True), (0o620, False), (0o602, False), (0o666, False)):
         kept.chmod(mode)
-        assert (read_kept(kept) is not None) == is_read
+        assert (read_file(kept) is not None) == is_read
     kept.chmod(0o600)
     beside.write_bytes(kept.read_bytes())  # sound, but another kernel's
-    assert read_kept(beside) is None
+    assert read_file(beside) is None
     for make in (lambda: beside.symlink_to(kept), lambda: os.mkfifo(beside), beside.mkdir):
         beside.unlink()
         make()
-        assert read_kept(beside) is None
+        assert read_file(beside) is None
     monkeypatch.setattr(cache.os, "geteuid", lambda: os.getuid() + 1)
-    assert read_kept(kept) is None and make_own(kept.parent) != ""
+    assert read_file(kept) is None and make_private(kept.parent) != ""
 
 
 def test_what_is_unsound_is_named_and_removed(kept: Path) -> None:
     folder = kept.parents[1]
-    keep(kept.with_name("two.kernel"), b"two")
+    write_file(kept.with_name("two.kernel"), b"two")
     assert remove_unsound(folder) == {}
     flip_a_bit(kept)
     assert remove_unsound(folder) == {"core/one.kernel": "it is damaged"}
@@ -231,7 +246,7 @@ def test_a_disk_that_takes_no_more_keeps_nothing_half_and_is_told_once(
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, after[1]))
     try:
         for _ in range(3):
-            keep(limit, bytes(5000))
+            write_file(limit, bytes(5000))
         no_room = cache.why_no_room(kept.parent)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, after)
@@ -244,48 +259,31 @@ def test_a_disk_that_takes_no_more_keeps_nothing_half_and_is_told_once(
 # ------------------------------------------------------------------------------------------------- with real kernels
 
 
-def test_damaged_kernels_are_compiled_again_and_what_was_planted_is_never_unpickled(tmp_path: Path) -> None:
+def test_what_was_planted_is_compiled_again_and_never_unpickled(tmp_path: Path) -> None:
     tree = small_tree(tmp_path / "tree")
     assert run(tree) == (COMPILED, "")
     files = sorted((tree / "cache").rglob("*.kernel"))
     assert len(files) == 3  # an entry and two parts
-    for damage in ("planted", "by chance"):
-        for file, spoiled in zip(files, (b"", files[1].read_bytes()[:-1], b"flipped"), strict=True):
-            if damage == "planted":
-                file.write_bytes(pickle.dumps(Planted(tmp_path / "mark")))
-            elif spoiled == b"flipped":
-                flip_a_bit(file)
-            else:
-                file.write_bytes(spoiled)
-        answer, said = run(tree)
-        assert answer == COMPILED and not (tmp_path / "mark").exists()
-        assert said.count("\n") == 1 and "compiled again" in said and str(tree / "cache") in said
+    for file in files:
+        file.write_bytes(pickle.dumps(Planted(tmp_path / "mark")))
+    answer, said = run(tree)
+    assert answer == COMPILED and not (tmp_path / "mark").exists()
+    assert said.count("\n") == 1 and "compiled again" in said and str(tree / "cache") in said
 
 
-def test_without_a_cache_of_its_own_a_process_finds_nothing_that_was_planted_in_the_temporary_folder(
+def test_without_the_users_cache_processes_that_start_each_other_share_a_folder_of_which_nothing_is_left(
     tmp_path: Path,
 ) -> None:
     tree, temporary = small_tree(tmp_path / "tree"), tmp_path / "temporary"
     temporary.mkdir()
     (tree / "cache").touch()  # nothing can be kept there
-    more = {"TMPDIR": str(temporary)}
-    for _ in range(2):
-        answer, said = run(tree, **more)
-        assert answer == COMPILED and said.count("\n") == 1 and "this command compiles them for itself" in said
-        for file in temporary.rglob("*.*"):  # a place that can be known before
-            if file.is_file():
-                file.write_bytes(pickle.dumps(Planted(tmp_path / "mark")))
-        assert not (tmp_path / "mark").exists() and not list(temporary.iterdir())
-
-
-def test_processes_that_a_process_starts_share_its_private_folder(tmp_path: Path) -> None:
-    tree = small_tree(tmp_path / "tree")
-    (tree / "cache").touch()
     code = (
         CALL + f"sys.stdout.flush()\nimport subprocess\nsubprocess.run([sys.executable, '-c', {CALL!r}], check=True)\n"
     )
-    answer, said = run(tree, code)
-    assert answer == COMPILED + FROM_DISK and said.count("\n") == 1
+    answer, said = run(tree, code, TMPDIR=str(temporary))
+    assert answer == COMPILED + FROM_DISK
+    assert said.count("\n") == 1 and "this command compiles them for itself" in said
+    assert not list(temporary.iterdir())
 
 
 @posix

@@ -8,15 +8,15 @@ import pytest
 from core.control.stopping import (
     MARGIN,
     SLOWEST,
+    assume_brakes,
     furthest,
-    leash,
-    look_around,
-    look_towards,
     make_stopping,
-    set_highest_lags,
+    safe_radius,
+    set_direction,
     set_lags,
+    set_largest_lags,
     slope_and_work,
-    suppose,
+    take_places,
 )
 from core.device import Device, load_device
 from core.simulator.state import new_state, pack_mechanism
@@ -66,9 +66,9 @@ def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_doe
         turned, back, highest = np.zeros(4), np.zeros(4), 0.0
         for tip, energy, angles, turns in pushed_about(rng, simulated, push, 400):
             turned, back, highest = turned + angles, back + turns, max(highest, energy)
-            look_around(stopping, *tip, 0.0)
-        look_around(stopping, *simulated.tip, 0.08)
-        suppose(stopping, stopping.drag, float(back.max()))
+            take_places(stopping, *tip, 0.0)
+        take_places(stopping, *simulated.tip, 0.08)
+        assume_brakes(stopping, stopping.drag, float(back.max()))
         set_lags(stopping, 1.02 * highest + 1e-9)
         for i in np.flatnonzero(device.brakes.present):
             _, work = slope_and_work(stopping, i, 0.98 * turned[i])
@@ -86,14 +86,14 @@ def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name
         speed = rng.uniform(0.0, 0.3)
         simulated.state["tip"][0, 2:] = speed * math.cos(heading), speed * math.sin(heading)
         simulated.settle(np.zeros(4), 0.0)
-        suppose(stopping, stopping.drag, 0.0)
-        radius = leash(stopping, *start, energy_of(simulated) + 1e-6)
+        assume_brakes(stopping, stopping.drag, 0.0)
+        radius = safe_radius(stopping, *start, energy_of(simulated) + 1e-6)
         if not math.isfinite(radius):
             continue
         checked += 1
         towards = rng.uniform(0.0, 2.0 * math.pi)
         n = np.array([math.cos(towards), math.sin(towards)])
-        look_towards(stopping, *n)
+        set_direction(stopping, *n)
         on = furthest(stopping, energy_of(simulated) + 1e-6, 0.3 * radius)
         back = np.zeros(4)
         for tip, _, _, turns in pushed_about(rng, simulated, push, 300):
@@ -115,9 +115,9 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
         x, y = tips[rng.integers(len(tips))]
         radius, heading = rng.choice([0.005, 0.03, 0.06, 0.1, 0.2]), rng.uniform(0.0, 2.0 * math.pi)
         slopes = np.where(present, stopping.full * rng.choice([0.5, 1.0], 4), 0.0)
-        look_around(stopping, x, y, radius)
+        take_places(stopping, x, y, radius)
         n = np.array([math.cos(heading), math.sin(heading)])
-        look_towards(stopping, *n)
+        set_direction(stopping, *n)
         left = slopes @ stopping.lever[:, : stopping.rows] - push
         found = {"held": left.min(), "for progress": (left * stopping.per_way[: stopping.rows]).min()}
         r, angles = radius * np.sqrt(rng.random(1500)), rng.uniform(0.0, 2.0 * math.pi, 1500)
@@ -146,10 +146,10 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
 def test_the_work_of_a_brake_is_convex_and_its_slope_lies_between_drag_and_full_yield(name: str) -> None:
     device = load_device(name)
     stopping = make_stopping(device.mechanism, device.brakes._replace(ripple=0.5), PUSHES_N[name])[0]
-    look_around(stopping, 0.0, 0.4, 0.05)
+    take_places(stopping, 0.0, 0.4, 0.05)
     for held in (0.0, 0.6, 1.0):
         for turns in (0.0, 2.0):
-            suppose(stopping, stopping.drag + held * (stopping.full - stopping.drag), turns)
+            assume_brakes(stopping, stopping.drag + held * (stopping.full - stopping.drag), turns)
             set_lags(stopping, 0.1)
             theta = np.linspace(0.0, 0.5, 4001)
             slope, work = np.array([slope_and_work(stopping, 0, angle) for angle in theta]).T
@@ -167,8 +167,8 @@ def test_a_rougher_look_is_never_taken_for_a_proof() -> None:
     device = load_device("er-two-brake")  # holds 16.4 N everywhere
     for push, sure in ((0.7 * (1.0 - MARGIN) * 16.4, True), (16.41, False)):
         stopping = make_stopping(device.mechanism, device.brakes, push)[0]
-        assert math.isfinite(leash(stopping, 0.0, 0.4, 1e-6)) == sure
-    look_around(stopping, 0.0, 0.4, 0.02)
-    look_towards(stopping, 0.0, 0.0)
-    set_highest_lags(stopping, 0.0, 0.02)
+        assert math.isfinite(safe_radius(stopping, 0.0, 0.4, 1e-6)) == sure
+    take_places(stopping, 0.0, 0.4, 0.02)
+    set_direction(stopping, 0.0, 0.0)
+    set_largest_lags(stopping, 0.0, 0.02)
     assert furthest(stopping, 0.0, 0.02) == math.inf

@@ -14,11 +14,14 @@ from core.simulator.state import pack_mechanism
 from core.simulator.stick_slip import FREE, STILL
 from core.simulator.stick_slip_mode import finish, set_costs, update_kinematics
 from core.ten_coordinates import (
+    CD,
+    ED,
     HANDLE,
+    THETA_AE,
+    THETA_BC,
     bodies_of,
     constraint_bias,
     constraint_matrix,
-    constraints,
     coordinates,
     generalised_forces,
     mass_matrix,
@@ -114,6 +117,21 @@ def test_kinetic_energy_is_the_sum_over_the_bodies(any_five_bar):
     for p, v, _, _ in moments(any_five_bar):
         rate = rates(bodies, coordinates(any_five_bar.device, p), v)
         assert 0.5 * rate @ mass_matrix(bodies) @ rate == pytest.approx(any_five_bar.kinetic(p, v), rel=1e-12)
+
+
+def constraints(b, q):
+    """How far the four vector constraints are from closed (8,), m: E, D of arm 1, C, D of arm 2."""
+    open_by = np.zeros(8)
+    for arm, (proximal, distal) in enumerate(((THETA_AE, ED), (THETA_BC, CD))):
+        near, far, k = 2 * arm, 2 * arm + 1, 4 * arm
+        along, com = unit(q[distal + 2]), q[distal : distal + 2]
+        open_by[k : k + 2] = b.base[arm] + b.length[near] * unit(q[proximal]) - (com - b.com[far] * along)
+        open_by[k + 2 : k + 4] = com + (b.length[far] - b.com[far]) * along - q[HANDLE:]
+    return open_by
+
+
+def unit(angle):
+    return np.array([np.cos(angle), np.sin(angle)])
 
 
 def test_linkage_is_closed_and_the_constraint_matrix_is_its_derivative(any_five_bar):

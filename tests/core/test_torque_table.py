@@ -40,7 +40,7 @@ def test_a_table_is_a_torque_that_rises_through_its_points_without_corners_and_h
     for current, torque in table:
         assert torque_gain(record, 0, current) == pytest.approx(torque, rel=1e-9)
         assert brake.torque_gain(current) == pytest.approx(torque, rel=1e-9)
-    currents = np.linspace(0.0, table[-1][0], 801)
+    currents = np.linspace(0.0, table[-1][0], 161)
     torques = np.array([torque_gain(record, 0, current) for current in currents])
     assert torques == pytest.approx([brake.torque_gain(current) for current in currents.tolist()], rel=1e-12)
     assert np.all(np.diff(torques) > -1e-12)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bring_up_bench import HOME, ScriptedBuilder
+from bring_up_bench import HOME, ScriptedBuilder, TimedHand
 from protocols import PAPER
 from real_bench import PATH, TIP, Late, drawn
 
@@ -78,7 +78,7 @@ def test_the_template_has_every_method_of_a_real_device_and_is_short() -> None:
 
 
 def test_the_template_is_brought_up() -> None:
-    hand = BuilderHand(TIP)
+    hand = TimedHand(TIP)
     device, bus = own_device(hand)
     reset = device.reset
 

@@ -331,7 +331,7 @@ def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
 
     def until_reached() -> None:
         for thread in threading.enumerate():
-            if thread.name == "bring the board back":
+            if thread.name == "reconnect the board":
                 thread.join()
 
     monkeypatch.setattr(link, "exchange", away_at_the_hundredth)

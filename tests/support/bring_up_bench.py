@@ -1,16 +1,42 @@
 """A bench in simulated time on which a board is brought up by a scripted builder, perhaps with a mistake."""
 
+import math
+
 from simulated_bench import TIP, Bench, reached
 
+from core.tick_log import TICK_S
 from experiments.bring_up.bring_up import BringUp, Result
 from experiments.bring_up.step import Step
 from experiments.bring_up.steps import PATIENCE_S, steps_for
-from hardware.emulated_board.builder import MISTAKES, BuilderHand, BuiltDevice, board_with
+from hardware.emulated_board.builder import MISTAKES, PRESS_S, SPEED_M_S, BuilderHand, BuiltDevice, board_with
 from hardware.emulated_board.device import hello_of
 from hardware.serial_device import SerialDevice
 
 HOME = (0.0, 0.40)
 SHORT_S = 3.0  # in place of the builder's minute
+RESTS_S = 0.3
+
+
+class TimedHand(BuilderHand):
+    """A builder's hand that tells when it has obeyed its last order and the handle had time to come to rest."""
+
+    def __init__(self, tip: tuple[float, float]) -> None:
+        super().__init__(tip)
+        self.at, self.needs_s = tip, 0.0
+
+    @property
+    def is_done(self) -> bool:
+        return self.needs_s < 0.0
+
+    def tick(self, x: float, y: float) -> None:
+        super().tick(x, y)
+        self.at = (x, y)
+        self.needs_s -= TICK_S
+
+    def obey(self, order: dict) -> None:
+        super().obey(order)
+        moves_s = math.dist(self.at, order["hold"]) / SPEED_M_S if "hold" in order else 0.0
+        self.needs_s = max(moves_s + RESTS_S, PRESS_S)
 
 
 class BuiltBench(Bench):
@@ -18,7 +44,7 @@ class BuiltBench(Bench):
 
     def __init__(self, device, mistake: str = "") -> None:
         self.clock = MISTAKES[mistake].clock if mistake else 1.0
-        hand = BuilderHand(TIP)
+        hand = TimedHand(TIP)
         super().__init__(device, hand)
         self.board = board_with(hello_of(device, "TEST"), mistake)
         self.device = BuiltDevice(device, self.board.hello, hand, TIP, mistake)
@@ -33,7 +59,7 @@ class BuiltBench(Bench):
 class ScriptedBuilder:
     """Does what is asked, unless it is told not to."""
 
-    def __init__(self, hand: BuilderHand, idle: str = "") -> None:
+    def __init__(self, hand: TimedHand, idle: str = "") -> None:
         self.hand, self.idle = hand, idle  # name of a step at which nothing is done
         self.results: list[Result] = []
 

@@ -20,8 +20,8 @@ from core.device_interface import DeviceError
 from core.faults import cause
 from core.linkage import joint_angles
 from core.simulator.simulated_device import SimulatedDevice
+from core.tick_log import TICK_S
 from hardware.emulated_board.device import EmulatedHand
-from hardware.haply.rendered_brake import TICK_S
 
 TURN = 2.0 * math.pi
 STEPS = 2  # of the plant in a tick: a torque is a force at the tip, held over each

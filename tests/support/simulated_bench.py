@@ -176,7 +176,7 @@ def homed_link(bench: Bench) -> Iterator[SerialDevice]:
 def nothing_looks_for_the_board() -> None:
     """An attempt to bring a board back that had begun when its link was closed is the last one."""
     for thread in threading.enumerate():
-        if thread.name == "bring the board back":
+        if thread.name == "reconnect the board":
             thread.join(60.0)
             assert not thread.is_alive()
 
