@@ -75,13 +75,13 @@ class TrialRun:
         """Take the trial back from the loop. After its last tick the recorder is closed; a trial that was handed back
         before goes on later.
         """
-        self.trial.take_back(answer.changed)
+        self.trial.take_back(answer.state)
         if not self.trial.finished:
             return
         self.recorder.close()
         if reason := self._end_reason():
             self.trial.abort(reason)
-        self.trial.let_go = int(self._ring.control.let_go)
+        self.trial.hand_left = int(self._ring.control.let_go)
         timing = self.recorder.timing(scheduling)
         if timing is not None:
             lost = int(self._ring.control.dropped)

@@ -333,7 +333,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
     without = np.full(recording.rows, np.nan)
     wanted = [recording.columns.get(name, without) for name in WANTED]
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
-    path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.how.assumptions
+    path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.trial_rules.assumptions
     middle = middle_of(path)
     if recording.sensors:
         noise, sensing, assumed = velocity_noise(device, middle), new_sensing(device, DEFAULTS), AS_ON_THE_BENCH
@@ -342,7 +342,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
     controller = make_controller(
         conditions.preset, device.force_normalised_N, conditions.rules, velocity_noise=noise,
-        around=make_around(conditions.how.around, device, sensed(device, middle, assumed)),
+        around=make_around(conditions.trial_rules.around, device, sensed(device, middle, assumed)),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     model = Model(pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False), MR, EVENT)

@@ -134,30 +134,30 @@ RUN = np.dtype(
 )
 
 
-def new_run(how: TrialRules, simulated_hand: bool, real: bool = False) -> np.ndarray:
+def new_run(rules: TrialRules, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
-    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
+    approach_s = rules.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(
         RUN,
-        start_radius=how.start_radius_m,
-        end_radius=how.end_radius_m,
-        hold_ticks=round(how.hold_s / TICK_S),
+        start_radius=rules.start_radius_m,
+        end_radius=rules.end_radius_m,
+        hold_ticks=round(rules.hold_s / TICK_S),
         approach_ticks=round(approach_s / TICK_S),
-        move_ticks=round(how.time_out_s / TICK_S),
-        end_ticks=round(how.end_s / TICK_S),
+        move_ticks=round(rules.time_out_s / TICK_S),
+        end_ticks=round(rules.end_s / TICK_S),
         simulated_hand=int(simulated_hand),
         substeps=1,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
-        release_force=how.release.force_N if how.release else math.inf,
-        release_ticks=round(how.release.time_s / TICK_S) if how.release else 0,
+        release_force=rules.release.force_N if rules.release else math.inf,
+        release_ticks=round(rules.release.time_s / TICK_S) if rules.release else 0,
         phase=APPROACH,
         held=1,
         newest=1,
         decision=OFF,
     )
-    if how.slave:
-        set_slave(run["slave"][0], how.slave)
+    if rules.slave:
+        set_slave(run["slave"][0], rules.slave)
     return run
 
 
