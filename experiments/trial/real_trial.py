@@ -91,7 +91,8 @@ class RealTrial(Trial):
     def currents(self) -> tuple[float, float, float, float]:
         """The currents (A) for the brakes of a real device now; zero in doubt, and once the trial is over."""
         device = self._connected
-        if device is None or self.finished or self._run["stop"][0] or not device.clock() - self._last_sample_s < SILENT_S:
+        is_silent = device is None or not device.clock() - self._last_sample_s < SILENT_S  # before the first: NaN
+        if is_silent or self.finished or self._run["stop"][0]:
             return (0.0, 0.0, 0.0, 0.0)
         a, e, b, c = self._run["current"][0].tolist()
         return a, e, b, c
