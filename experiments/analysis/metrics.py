@@ -295,8 +295,12 @@ class Movement:
 
     @cached_property
     def _controlled(self) -> bool:
-        """Whether there was a controller that decided anything."""
-        return not self._decided(frozenset({NONE})).all()
+        """Whether a controller, or the guard of obstacles, could act.
+
+        The recording of a blind session does not name its controller: there one that never acted counts as none.
+        """
+        kind = self._recording.metadata.get("preset", {}).get("kind", "none")
+        return kind != "none" or not self._decided(frozenset({NONE})).all()
 
     def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
@@ -421,7 +425,7 @@ METRICS = (
     ),
     Metric(
         "unreachable_share", "", "Unreachable share", "unreachable share",
-        "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
+        "share of the ticks with a felt hand in which no brake was valid or selected; none without control",
         Movement.unreachable_share,
         needs_progress=False, tells_controller=True,
     ),
@@ -470,14 +474,14 @@ METRICS = (
     ),
     Metric(
         "locked_share", "", "Locked share", "share locked",
-        "share of the ticks in which the rules put full current on all brakes; none for controller 1",
+        "share of the ticks in which the rules put full current on all brakes; none without control",
         lambda m: m.share_of_ticks(LOCKED),
         needs_progress=False, tells_controller=True,
     ),
     Metric(
         "released_share", "", "Released share", "share released",
-        "share of the ticks in which no brake was valid or selected and the rules took all current off; none for "
-        "controller 1",
+        "share of the ticks in which no brake was valid or selected and the rules took all current off; none without "
+        "control",
         lambda m: m.share_of_ticks(RELEASED),
         needs_progress=False, tells_controller=True,
     ),
@@ -497,8 +501,8 @@ METRICS = (
     ),
     Metric(
         "chatter_per_s", "1/s", "Chatter", "chatter",
-        "changes of a brake's current by more than 0.05 A from one tick to the next, per second, over all brakes; none "
-        "for controller 1",
+        "changes of a brake's current by more than 0.05 A from one tick to the next, per second, over all brakes; 0 "
+        "where the controller never braked, none without control",
         Movement.chatter,
         shown_unit="1/s", decimals=1, needs_progress=False, tells_controller=True,
     ),

@@ -331,16 +331,13 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
-    preset = about.get("preset", {})
-    if not isinstance(preset, Mapping) or not isinstance(preset.get("name", ""), str):
-        raise InputError(f"{recording.path}: the metadata's preset must be a table with a name")
     row = TrialRow(
         *(about[key] for key in NEEDED[:-1]),
         outcome["status"],
         recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
         energy_residual_J=outcome.get("energy_residual_J"),
         energy_added_max_J=outcome.get("energy_added_max_J"),
-        controller_name=preset.get("name"),
+        controller_name=about.get("preset", {}).get("name"),
         **measured,
     )
     return named(row, {})
@@ -380,6 +377,9 @@ def check_named(recording: "Recording") -> None:
     for key in NEEDED:
         if key not in about:
             raise InputError(f"{recording.path}: the metadata lack {key}")
+    preset = about.get("preset", {})
+    if not isinstance(preset, Mapping) or not isinstance(preset.get("name", ""), str):
+        raise InputError(f"{recording.path}: the metadata's preset must be a table with a name")
     if "status" not in outcome:
         raise InputError(f"{recording.path}: the end record lacks the status")
     named = [(key, about[key]) for key in NEEDED[:-1]]

@@ -234,7 +234,8 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device, preset: Pres
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    about = {steering.KEY: steering.to_metadata(trial.stored.protocol.assumptions.applied_to(device))}
+    steered = steering.to_metadata(trial.stored.protocol.assumptions.applied_to(device))
+    about = {steering.KEY: steered, "preset": {"kind": preset.kind}}
     return recording_of(ticks, device.braked, trial.recording.path, preset.decisions, about)
 
 

@@ -101,7 +101,7 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     rows = run_trial(trial)
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    about = {steering.KEY: steering.to_metadata(trial.device)}
+    about = {steering.KEY: steering.to_metadata(trial.device), "preset": {"kind": trial.preset.kind}}
     recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions, metadata=about)
     values |= measure(recording, trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
