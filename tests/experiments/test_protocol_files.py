@@ -104,6 +104,10 @@ WRONG = {
     "brake that cannot be": ({"brake": [BRAKE | {"name": "weak", "knee_A": -1.0}]}, "brake 1: knee_A must be"),
     "brake missing": ({"brake": []}, "device 1: brakes: unknown brake 'weak'"),
     "two of one name": ({"device": MINE["device"] * 2}, "device: two have the same name (mine)"),
+    "second of a list": (
+        {"controller": [{"name": "a", "kind": "none"}, {"name": "b", "kind": "sdof", "gap_m": -1.0}]},
+        "mine.toml: controller 2: gap_m must be at least 0, not -1.0",
+    ),
     "device missing": ({"devices": ["yours"]}, "unknown device 'yours'"),
     "no encoders": (
         {"device": [{k: v for k, v in one.items() if k != "sensing"} for one in MINE["device"]],
@@ -157,7 +161,7 @@ def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path, monkeypatc
 WRONG_SWEEPS = {
     "no value": ({"lag_factor": []}, "assumptions.lag_factor"),
     "no list": ({"lag_factor": 2.0}, "assumptions.lag_factor must be a list, not a number"),
-    "a wrong value": ({"fidelity": ["mr", "best"]}, "assumptions.fidelity[1] must be one of ideal, static, mr"),
+    "a wrong value": ({"fidelity": ["mr", "best"]}, "value 2 of assumptions.fidelity must be one of ideal, static, mr"),
     "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same value is given twice"),
     "a gain": ({"low_gain": [5.0]}, "unknown key assumptions.low_gain"),
 }
