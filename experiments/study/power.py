@@ -1,11 +1,9 @@
 """`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import joblib
 import matplotlib
 import numpy as np
 
@@ -21,7 +19,7 @@ from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
 from experiments.session.files import TABLE
-from experiments.study.helpers import end_with
+from experiments.study.helpers import cores, process_pool
 from experiments.study.people_needed import (
     MOST_PEOPLE,
     Needed,
@@ -103,18 +101,16 @@ def simulated_trials(
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
-    calls = (joblib.delayed(_trials_of)(protocol, population, person, measure, os.getpid())
-             for person in range(1, people + 1))  # fmt: skip
     found: list[TrialRow] = []
-    for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
-        found += rows
-        progress(done / people)
+    with process_pool(min(cores(), people)) as pool:
+        calls = [pool.submit(_trials_of, protocol, population, person, measure) for person in range(1, people + 1)]
+        for done, call in enumerate(calls, start=1):
+            found += call.result()
+            progress(done / people)
     return found
 
 
-def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric, parent: int) -> list[TrialRow]:
-    if parent != os.getpid():
-        end_with(parent)
+def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric) -> list[TrialRow]:
     return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 

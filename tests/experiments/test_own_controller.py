@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import joblib
 import numpy as np
 import pytest
 from exports import rows as csv_rows
@@ -167,8 +166,7 @@ def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str)
     assert "\n" not in str(refused.value)
 
 
-def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path, monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path):
     file.write_text(f'measure = "my_measure.py"\n{PROTOCOL}{FREE}')
     (sweep := file.with_name("sweep.toml")).write_text("""
         name = "own"
