@@ -14,7 +14,8 @@ from experiments.analysis.charts import AnswerSet, View
 from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
 from experiments.analysis.metrics import Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import sentences, warnings
+from experiments.analysis.report import warnings
+from experiments.analysis.report_sentences import sentences
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare, without_value

@@ -17,7 +17,8 @@ from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.own_measures import recorded_metrics
-from experiments.analysis.report import Moved, side_by_side, write_report
+from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import (
     COUNTED,
     StudyData,

@@ -16,7 +16,8 @@ from core.files import InputError
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import Moved, warnings, write_report
+from experiments.analysis.report import warnings, write_report
+from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import StudyData, TrialRow, without_value
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress

@@ -21,7 +21,7 @@ from core.simulator.simulated_device import SimulatedDevice, start_again
 from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import HAND, STEP, Moved
+from experiments.analysis.simulation_errors import HAND, STEP, Moved
 from experiments.analysis.trials_table import TrialRow, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
@@ -136,7 +136,7 @@ def errors_in(folder: Path) -> list[Moved]:
 
 
 def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Moved]:
-    """How far the measures move when a study's trials are simulated otherwise (the changes: `report.READ_ERRORS`).
+    """How far the measures move when a study's trials are simulated otherwise (`STEP`, `HAND`, `BRAKES`).
 
     Each trial of one operator's first block is run again from the same start, with the same operator and noise. The
     controller decides at 1 kHz as before: that is the device's, and no error of the simulation. Every controller,
