@@ -90,18 +90,18 @@ def _effect(name: str, column: str, rows: Sequence[Row], measure: Metric) -> Eff
 
 def moves_most(found: Sequence[Effect]) -> list[str]:
     """For each measure the key that moves it most, a sentence each."""
-    said = []
+    sentences = []
     for measure in _measures_of(found):
         here = [effect for effect in found if effect.measure is measure]
-        said.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
-    return said
+        sentences.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
+    return sentences
 
 
 def _measures_of(found: Sequence[Effect]) -> list[Metric]:
     """The measures that have an effect: those of the figures in their order, then those of one's own."""
-    there = {effect.measure.name: effect.measure for effect in found}
-    own = [measure for measure in there.values() if measure not in FIGURES]
-    return [*(measure for measure in FIGURES if measure.name in there), *own]
+    by_name = {effect.measure.name: effect.measure for effect in found}
+    own = [measure for measure in by_name.values() if measure not in FIGURES]
+    return [*(measure for measure in FIGURES if measure.name in by_name), *own]
 
 
 def effect_files(found: Sequence[Effect], name: str) -> dict[str, bytes]:
