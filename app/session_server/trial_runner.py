@@ -93,7 +93,7 @@ class TrialRun:
             raise OSError(self.recorder.error)
         assert self.recorder.writer is not None
         decided = self._decided and int(self._ring.control.cause) == STOPPED
-        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
+        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, accept_stream=True)
 
     def abandon_recording(self) -> None:
         """Record no more; the stream stays as it is."""

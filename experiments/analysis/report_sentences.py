@@ -157,7 +157,7 @@ def _order(base: Result, others: Sequence[Result], names: Mapping[int, str]) -> 
     return " ".join(said)
 
 
-# ------------------------------------------------------------------------------------------------- how to read a table
+# -------------------------------------------------------------------------------------------------- how to read a table
 
 
 def reading_contrasts(contrasts: Sequence[Result]) -> str:

@@ -26,7 +26,7 @@ from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.protocol import label
-from experiments.recording.atomic_files import MOST_SHOWN, reason_of, replace_file, write_new_file
+from experiments.recording.atomic_files import reason_of, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -286,12 +286,6 @@ def read_table(path: str | Path) -> list[TrialRow]:
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
 
 
-def _cut(value: object) -> str:
-    """A value as text, cut to fit into a sentence."""
-    text = repr(value)
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}.."
-
-
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
@@ -304,9 +298,9 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
         try:
             values[column] = _value(column, cell)
         except ValueError:
-            raise InputError(f"{path}: line {number}: {column} = {_cut(cell)} is not a number") from None
+            raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
     if values["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {_cut(values['status'])} is none of {', '.join(STATUSES)}")
+        raise InputError(f"{path}: line {number}: status {values['status']!r} is none of {', '.join(STATUSES)}")
     return TrialRow(**values)
 
 
@@ -388,10 +382,10 @@ def check_named(recording: "Recording") -> None:
         try:
             _cell(column, value)
         except (ValueError, TypeError, OverflowError):
-            raise InputError(f"{recording.path}: {column} cannot be {_cut(value)}") from None
+            raise InputError(f"{recording.path}: {column} cannot be {value!r}") from None
     if outcome["status"] not in list(STATUSES):  # it may be anything
         known = ", ".join(STATUSES)
-        raise InputError(f"{recording.path}: status {_cut(outcome['status'])} is none of {known}")
+        raise InputError(f"{recording.path}: status {outcome['status']!r} is none of {known}")
 
 
 def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:

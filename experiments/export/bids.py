@@ -41,7 +41,7 @@ from experiments.inputs import INPUTS, is_person
 from experiments.protocol_file import Export
 from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
-from experiments.session.session import version_of
+from experiments.session.metadata import version_of
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"

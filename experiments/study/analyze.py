@@ -44,7 +44,7 @@ from experiments.session.journal import (
     rows_without_recording,
     write_event,
 )
-from experiments.session.session import operators_from_json, preset_from_json
+from experiments.session.metadata import operators_from_json, preset_from_json
 from experiments.study.unrecorded import errors_in
 
 

@@ -21,7 +21,8 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_writer import Variant, save_variant
 from experiments.recording.reader import read_recording
-from experiments.session.session import Participant, Session, preset_from_json, preset_to_json
+from experiments.session.metadata import preset_from_json, preset_to_json
+from experiments.session.session import Participant, Session
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
