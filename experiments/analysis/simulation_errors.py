@@ -11,7 +11,7 @@ from experiments.analysis.report_sentences import name_of
 from experiments.analysis.report_tables import markdown_table, with_unit
 from experiments.numbers import significant
 
-STEP, HAND = "step of a tenth", "hand 1 um aside"  # what is changed; the third change: the model of the brakes
+STEP, HAND = "step of a tenth", "hand 1 um aside"  # changes; a third one is the model of the brakes
 
 
 class Moved(NamedTuple):

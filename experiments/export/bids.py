@@ -79,7 +79,7 @@ _PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's ow
 class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
-    def __init__(self, folder: Path, shift_dates: bool = False) -> None:
+    def __init__(self, folder: Path, shift_dates: bool) -> None:
         """shift_dates: to before 1925, by days drawn for each participant and not stored."""
         self.folder, self._shift_dates = folder, shift_dates
         self._shifts: dict[str, timedelta] = {}  # subject -> of its dates

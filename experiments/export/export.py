@@ -201,13 +201,13 @@ class CsvTables:
     OUT/README.md
         trials.csv                  as in the data folder; `recording` names the CSV file
         questionnaire.csv           a row for each block that was asked about, if any was
-        notes.csv                   what the experimenter wrote down, if anything
+        notes.csv                   the experimenter's notes, if there are any
         columns.json                file -> column -> unit and description
         sub-01/ses-01/run-001.csv   every tick; run-001.csv.gz where that was asked for
-                      run-001.json  what is known of the trial: its path, rules, gain, how it ended
+                      run-001.json  the trial: its path, rules, gain, how it ended
     """
 
-    def __init__(self, folder: Path, compress: bool = False) -> None:
+    def __init__(self, folder: Path, compress: bool) -> None:
         self.folder, self._suffix = folder, ".csv.gz" if compress else ".csv"
         self._rows: list[TrialRow] = []
         self._columns: dict[str, DictionaryEntry] = {}

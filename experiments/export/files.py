@@ -66,14 +66,14 @@ DECISION_READING = (
     "sdof J / prop J: the brake at joint J is used, by the SDOF or the proportional rule. All words: "
     + "; ".join(DECISIONS)
 )
-#: Columns of the ticks that show what the brakes did, and with it which controller it was.
+#: Columns of the ticks that show the brakes at work, and so which controller it was.
 _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
 
 
 def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
     """The meaning of a column of a recording. InputError: another version wrote it.
 
-    command_unit: of what was commanded to the brakes, if that was no current.
+    command_unit: of the commands to the brakes, if they were no currents.
     """
     if name not in RECORDING:
         raise InputError(f"recording: column {name} is not described, it cannot be exported")
@@ -122,7 +122,7 @@ def scale_column(name: str) -> DictionaryEntry:
 
 
 class ExportedTrial(NamedTuple):
-    """One whole recording, and what may be shown of it."""
+    """One whole recording, with the metadata that may be shown."""
 
     subject: str  # "sub-01"
     session: str  # "ses-01"

@@ -30,7 +30,7 @@ from typing import Any, Self
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, named, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, read_table, with_name, write_table
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, participant_index, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
@@ -253,7 +253,7 @@ def rows_of(session: Path) -> list[TrialRow]:
     if all(row.controller_name is not None for row in rows):
         return rows
     names = controller_names(session)
-    return [named(row, names) for row in rows]
+    return [with_name(row, names) for row in rows]
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:

@@ -1,4 +1,4 @@
-"""A participant's session: its plan, its trials in order, and what is kept of them (files: see `files`).
+"""A participant's session: its plan, its trials in order, and their recordings and rows (files: see `files`).
 
 Nothing is overwritten: every file is new, tables are replaced whole, and what changes a table stands in the journal
 first. One live process may write in a session.
@@ -61,7 +61,7 @@ class Participant(NamedTuple):
     hand: str = MOUSE  # of `INPUTS`; of a simulated operator always OPERATOR
     operator: Person | None = None  # simulated; None: a person
     population: Operators | None = None  # of which the simulated operator is one
-    form: Mapping[str, str | float] = {}  # answers to what the protocol asks
+    form: Mapping[str, str | float] = {}  # answers to the protocol's questions
     consent: ConsentAnswer | None = None  # None: not asked
 
 
@@ -364,7 +364,7 @@ class Session:
         self._lock = files.hold_lock(self.folder)
 
     def move_to(self, data_dir: Path, unsaved: RecordingWriter | None = None) -> int:
-        """Move to another data folder, with what can be read of this one and what is in memory.
+        """Move to another data folder, with all of this one that can be read or is in memory.
 
         Returns how many recordings could not be copied; their trials keep their rows. unsaved: a recording in memory,
         which moves too. InputError or OSError: nothing has changed, and nothing is left there.

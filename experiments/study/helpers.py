@@ -41,7 +41,7 @@ class Shared(NamedTuple):
 
 
 class Helpers(NamedTuple):
-    """The processes of a study, and what they share with this one."""
+    """The processes of a study, and the counters that they share with this one."""
 
     pool: ProcessPoolExecutor
     processes: int
@@ -97,7 +97,7 @@ def _begin(parent: int, shared: Shared | None) -> None:
 
 
 def shared_in_helper() -> Shared:
-    """In a process of a study: what it shares with the others."""
+    """In a process of a study: the counters that it shares with the others."""
     return _in_helper[0]
 
 

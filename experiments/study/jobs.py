@@ -1,6 +1,6 @@
 """Many jobs into one table, without recordings: on all cores or a cluster, resumed after a kill.
 
-OUT/KIND.json         what the work is, in full
+OUT/KIND.json         the files that decide the work, in full
 OUT/parts/000001.csv  the rows of one job, once it is done: work that was killed goes on with the others
 OUT/KIND.csv          all rows, once all jobs are done; the parts are then gone
 
@@ -150,7 +150,7 @@ def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
 
 
 def device_texts(devices: Iterable[Device]) -> dict[str, str]:
-    """The files of devices and their brakes, in full, by what they are."""
+    """The files of devices and of their brakes, in full, by their names in refusals."""
     texts = {}
     for device in devices:
         texts[f"device {device.name}"] = device.text
@@ -213,7 +213,7 @@ def _ending_at_once(out: Path) -> Iterator[None]:
     """
 
     def end(number: int, _: object) -> None:
-        with contextlib.suppress(OSError, ValueError):  # nobody may be there to read it
+        with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"phd: {going_on(out)}", file=sys.stderr, flush=True)
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)

@@ -1,6 +1,6 @@
 """`phd replay`: the hand of a recorded trial once more, through its own or another controller or device.
 
-Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
+The summary names controller, device and hand and compares each metric; the replayed ticks can be written to a file.
 """
 
 from dataclasses import replace
@@ -65,7 +65,7 @@ class Checked(NamedTuple):
 
 
 class Replacement(NamedTuple):
-    """What takes the place of what was recorded; None: nothing."""
+    """The controller, device, hand or protocol that replaces the recorded one; None: it stays."""
 
     controller: int | None = None  # its number in the session's protocol, or in `protocol`
     device: str | None = None  # a name or a file
@@ -111,7 +111,7 @@ def replay(
     ways = way_made(recording, trial.path), way_made(replayed, trial.path)
     status = row.status, outcome["status"]
     common = None if status == ("done", "done") else min(ways)
-    metrics, failed = compared(trial, replayed, common)
+    metrics, failed = compare_metrics(trial, replayed, common)
     if out is not None:
         write_ticks(replayed, trial.first, out)
     return {
@@ -121,7 +121,7 @@ def replay(
         "hand": kind,
         "before": {
             "device": row.configuration,
-            "controller": named(recorded_protocol, row.controller),
+            "controller": controller_words(recorded_protocol, row.controller),
             "status": row.status,
             "way_made": ways[0],
             "energy_residual_J": row.energy_residual_J,
@@ -129,7 +129,7 @@ def replay(
         },
         "after": {
             "device": onto.name,
-            "controller": named(chosen, number),
+            "controller": controller_words(chosen, number),
             "way_made": ways[1],
             **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
         },
@@ -211,7 +211,7 @@ def first_difference(recording: Recording, rows: np.ndarray, decisions: tuple[st
 
 
 def warnings(without_start: bool, difference: str | None, checked: Checked | None) -> list[str]:
-    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording."""
+    """Why the replay differs from the recorded trial, and decisions of the recording that are not reproduced."""
     found = [OTHER_VERSION] if without_start else []
     if difference:
         found.append(
@@ -247,7 +247,7 @@ def short_ways(common: float | None, ways: tuple[float, float], status: str) -> 
     return [f"{short} made {common:.1%} of the way: both are measured from the start to there, and no further"]
 
 
-def compared(
+def compare_metrics(
     trial: Recorded, replayed: Recording, common: float | None
 ) -> tuple[dict[str, dict[str, float | None]], list[str]]:
     """Each metric before and after, and its change; None where there is nothing, or a blind session hides it.
@@ -302,7 +302,7 @@ def tip_difference(trial: Recorded, rows: np.ndarray) -> float:
     return float(np.max(np.hypot(dx, dy)[both], initial=0.0))
 
 
-def named(protocol: Protocol, controller: int | str) -> str:
+def controller_words(protocol: Protocol, controller: int | str) -> str:
     """A controller as a summary names it: number and name, or its code in a blind session."""
     name = protocol.controller_name(controller)
     return name if isinstance(controller, str) else f"{controller} {name}"

@@ -109,7 +109,7 @@ def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
 
 
 def run_to_the_end(out: Path, study: StudyPlan, workers: Helpers, purpose: str, progress: Progress) -> dict:
-    """Run what is not done yet; the summary. An interrupt says how the study goes on."""
+    """Run all trials that are not done yet; the summary. An interrupt says how the study goes on."""
     try:
         return StudyRun(out, study, workers.shared, progress, purpose).carry_out(workers)
     except KeyboardInterrupt:
@@ -130,7 +130,7 @@ class StudyRun:
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, workers: Helpers) -> dict:
-        """Run what is not done yet, with the helpers, then the table and the figures."""
+        """Run all trials that are not done yet, with the helpers, then write the table and the figures."""
         began = time.perf_counter()
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
         errors, others = None, []

@@ -10,7 +10,6 @@ import matplotlib
 import numpy as np
 from scipy import stats
 
-from core.control.controllers import PARAMETERS
 from experiments.analysis.metrics import FIGURES, Metric
 from experiments.analysis.sheet import BLUE, PAGE_IN, STYLE, figure_bytes, sheet, title
 from experiments.numbers import significant
@@ -52,9 +51,8 @@ def person_in(row: Row) -> Person:
 
 
 def effects(
-    rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str] = (*PARAMETERS,),
-    measures: Sequence[Metric] = FIGURES,
-) -> list[Effect]:  # fmt: skip
+    rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str], measures: Sequence[Metric]
+) -> list[Effect]:
     """Every key with more than one value against every measure that has a value at each of them.
 
     varied: the seed and assumptions that are not the same in all rows; parameters: of all controllers. Trials that did

@@ -103,7 +103,7 @@ class Trial(ABC):
         self._end = TrialEnd()
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
         self.hand_left = 0  # how often the pointer left its workspace during the movement and let the handle go
-        self.start: dict[str, Any] | None = None  # what the trial depends on beside its ticks, where that is known
+        self.start: dict[str, Any] | None = None  # device and arm at the first tick, of a simulated device; for replays
 
     @property
     def state(self) -> TrialState:
@@ -137,7 +137,7 @@ class Trial(ABC):
         return int(tick.run_ticks(self.arguments(), rows))
 
     def arguments(self) -> tick.RunningTrial:
-        """The trial as the kernels see it; what they change is changed here."""
+        """The trial as the kernels see it: views of its own arrays."""
         return tick.RunningTrial(
             self.path, self._operator_path, self.controller, self.simulation.model, self.simulation.data,
             self._run.view(np.ndarray), self._operator.view(np.ndarray), self._operator_noise, self._memory,
