@@ -91,7 +91,8 @@ def draw_charts(
 ) -> list[Path]:
     """Draw each chart of these rows as PNG, SVG and PDF; the paths.
 
-    note: protocol and assumptions, on every figure. progress: called with the share that is drawn. InputError before anything is written if a file exists.
+    note: protocol and assumptions, on every figure. progress: called with the share that is drawn. InputError before
+    anything is written if a file exists.
     """
     files: dict[Path, bytes] = {}
     for chart in shown:
