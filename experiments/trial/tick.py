@@ -459,7 +459,7 @@ def log_row(trial, t, row):
 
 @kernel
 def log_shown(trial, row):
-    """Stage: into the row, the force to be shown, the nearest that brakes can exert, and that of the brakes, Eq. (7)."""
+    """Stage: into the row, the force to be shown, the nearest that brakes can exert, and theirs, Eq. (7)."""
     state, slave, memory = trial.data.state, trial.run.slave, trial.memory
     row[log.SLAVE_X] = slave.place[0] if slave.on != 0 else math.nan
     row[log.SLAVE_Y] = slave.place[1] if slave.on != 0 else math.nan
