@@ -131,8 +131,9 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
         found = msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{where}: {_sentence(str(error), content, kind).lstrip()}") from None
-    for doubt in strange(found, kind):
-        warnings.warn(StrangeInput(f"{where}: {doubt}"), stacklevel=1)
+    for key, doubt in strange(found, kind):
+        at, name = _place(key)
+        warnings.warn(StrangeInput(f"{where}: {at}{name} = {doubt}"), stacklevel=1)
     return found
 
 
@@ -195,7 +196,8 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
         for i, inner in enumerate(value):
             _refuse_not_finite(inner, f"{key}[{i}]", where)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{where}: {key}{' ' if key else ''}must be finite, not {value}")
+        at, name = _place(key)
+        raise InputError(f"{where}: {at}{name}{' ' if key else ''}must be finite, not {value}")
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
@@ -205,23 +207,43 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
     reason, key = match["message"], match["key"] or ""
     inside = f"{key}." if key else ""
     if found := _MISSING.match(reason):
-        return f"the required key {inside}{found[1]} is missing"
+        at, name = _place(f"{inside}{found[1]}")
+        return f"{at}the required key {name} is missing"
     if found := _UNKNOWN.match(reason):
+        at, name = _place(f"{inside}{found[1]}")
         known = _keys(kind, key)
         listed = f" (there are: {', '.join(known)})" if known else ""
-        return f"unknown key {inside}{found[1]}{did_you_mean(found[1], known)}{listed}"
+        return f"{at}unknown key {name}{did_you_mean(found[1], known)}{listed}"
+    at, name = _place(key)
     if found := _TYPE.match(reason):
         wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
-        return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
+        return f"{at}{name} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
     if found := _BOUND.match(reason):
-        return f"{key} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+        return f"{at}{name} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
     if words := _FORMS.get(reason.replace(" | null", "")):
-        return f"{key} must be {words}, not {_value(content, key)!r}"
+        return f"{at}{name} must be {words}, not {_value(content, key)!r}"
     if found := _INVALID.match(reason):
-        return f"{key} {found[1]!r} is not known"
+        return f"{at}{name} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):
-        return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
-    return f"{key}: {reason}" if key else reason
+        values = "value" if found[1] == "1" else "values"
+        return f"{at}{name} must hold {found[1]} {values}, not {len(_value(content, key))}"
+    return f"{_numbered(key)}: {reason}" if key else reason
+
+
+def _place(key: str) -> tuple[str, str]:
+    """The table of a list in which a key stands, and what the key is called there; lists are counted from 1.
+
+    `controller[1].gap_m` is ("controller 2: ", "gap_m"), `start_m[0]` is ("", "value 1 of start_m").
+    """
+    table, is_listed, name = key.rpartition("].")
+    while found := re.fullmatch(r"(.*)\[(\d+)\]", name.rpartition(" of ")[2]):
+        name = name.removesuffix(found[0]) + f"value {int(found[2]) + 1} of {found[1]}"
+    return (f"{_numbered(table + ']')}: " if is_listed else ""), name
+
+
+def _numbered(key: str) -> str:
+    """`controller[1]` as "controller 2"."""
+    return re.sub(r"\[(\d+)\]", lambda found: f" {int(found[1]) + 1}", key)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -89,8 +89,8 @@ CobotMass = Annotated[float, _within(MASS_OF_A_COBOT)]
 CobotInertia = Annotated[float, _within(INERTIA_OF_A_COBOT)]
 
 
-def strange(value: Any, kind: Any, key: str = "") -> Iterator[str]:
-    """A sentence for each strange number of a value: its key, and what was probably meant.
+def strange(value: Any, kind: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """The strange numbers of a value: the key of each, and what was probably meant.
 
     kind: the type of the value, as its field declares it; a table has its own. key: of the value, in the file.
     """
@@ -103,7 +103,7 @@ def strange(value: Any, kind: Any, key: str = "") -> Iterator[str]:
     if origin is Annotated:
         ranges = [meta.extra["range"] for meta in inside[1:] if isinstance(meta, msgspec.Meta) and meta.extra]
         if ranges and isinstance(value, float | int) and (doubt := ranges[0].doubt(value)):
-            yield f"{key} = {doubt}"
+            yield key, doubt
         elif not ranges:
             yield from strange(value, inside[0], key)
     elif origin in (Union, types.UnionType):

@@ -288,7 +288,7 @@ def _seen(protocol: Protocol) -> str:
 
 
 def _path_text(path: PathFile, drawn: str) -> str:
-    """A path in a line; drawn: what became of its drawing, "" where it is none."""
+    """A path in a line; drawn: how its drawing was read, "" where it is none."""
 
     def place(point: tuple[float, float]) -> str:
         return f"({point[0]:g}, {point[1]:g})"

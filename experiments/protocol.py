@@ -67,10 +67,10 @@ class Protocol(Settings, frozen=True, kw_only=True):
     """An experiment that was checked: every device can follow every path."""
 
     text: str  # the file in full
-    overrides: dict[str, Any]  # what was asked for in its place
+    overrides: dict[str, Any]  # options that replace keys of the file
     devices: tuple[Device, ...]
     paths: dict[int, PathFile]
-    drawn: dict[int, str]  # what became of the drawings among them, by number
+    drawn: dict[int, str]  # number -> how a drawing was read, in words
     drawings: dict[str, str]  # their files in full
     code: dict[str, str]  # the Python files of controllers and measures that are not shipped, in full
     controllers: dict[int, Preset]
@@ -121,7 +121,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
             )
 
     def note(self) -> str:
-        """The note on every figure: protocol, rules and low gain where controllers have them, what is assumed."""
+        """The note on every figure: protocol, rules and low gain where controllers have them, assumptions."""
         kinds = [preset.kind for preset in self.controllers.values()]
         ruled = "sdof" in kinds or "proportional" in kinds
         parts = [f"{self.name} protocol", *([f"{self.rules} rules"] if ruled else [])]
@@ -355,7 +355,7 @@ def _numbered(numbers: Iterable[int | None], entries: Iterable[T], where: str) -
 def _paths(
     entries: Sequence[dict[str, Any]], drawings: Mapping[str, str], where: str
 ) -> tuple[dict[int, PathFile], dict[int, str]]:
-    """The paths by number, each of which can be followed, and what became of the drawings among them."""
+    """The paths by number, each of which can be followed; and how each drawing among them was read, in words."""
     own = [
         from_plain(entry.get("number"), Count | None, f"{where}: path {place}: number")
         for place, entry in enumerate(entries, start=1)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
     from experiments.protocol import Protocol
-    from experiments.trial.trial import Changed, Trial
+    from experiments.trial.trial import Trial, TrialState
 
 Point = tuple[float, float]  # m
 
@@ -461,7 +461,7 @@ class TimingChecked(NamedTuple):
 class TrialReturned(NamedTuple):
     """A trial has ended, or is handed back before its end."""
 
-    changed: "Changed"  # by running it; see `Trial.take_back`
+    state: "TrialState"  # for `Trial.take_back`
 
 
 class BringUpShown(NamedTuple):

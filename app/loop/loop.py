@@ -140,7 +140,7 @@ class Loop:
                     self._answer(m.TimingChecked(lateness))
                 case m.RunTrial(trial):
                     self.run(trial)
-                    self._answer(m.TrialReturned(trial.changed()))
+                    self._answer(m.TrialReturned(trial.state))
                     if trial.finished:  # else it comes back at once
                         gc.collect()
                 case m.Connect(devices):

@@ -75,13 +75,13 @@ class TrialRun:
         """Take the trial back from the loop. After its last tick the recorder is closed; a trial that was handed back
         before goes on later.
         """
-        self.trial.take_back(answer.changed)
+        self.trial.take_back(answer.state)
         if not self.trial.finished:
             return
         self.recorder.close()
         if reason := self._end_reason():
             self.trial.abort(reason)
-        self.trial.let_go = int(self._ring.control.let_go)
+        self.trial.hand_left = int(self._ring.control.let_go)
         timing = self.recorder.timing(scheduling)
         if timing is not None:
             lost = int(self._ring.control.dropped)
@@ -93,7 +93,7 @@ class TrialRun:
             raise OSError(self.recorder.error)
         assert self.recorder.writer is not None
         decided = self._decided and int(self._ring.control.cause) == STOPPED
-        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, raw_will_do=True)
+        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, accept_stream=True)
 
     def abandon_recording(self) -> None:
         """Record no more; the stream stays as it is."""

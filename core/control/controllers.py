@@ -42,7 +42,7 @@ from core.control.guard import NO_OBSTACLE, keep_out
 from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, OwnFile, address_in, algorithm_in
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_at_obstacle, new_memory
-from core.files import InputError
+from core.files import InputError, did_you_mean
 from core.kernels import kernel
 from core.kernels.by_address import FAILED, Caller
 from core.mechanism import no_brakes
@@ -147,7 +147,8 @@ def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: Ow
     values = {key: parameter.default for key, parameter in known.items()}
     for key, value in given.items():
         if value is not None and key not in known:
-            raise ValueError(f"{key} is not for {kind!r}" + ("" if known else ", which never controls"))
+            why = did_you_mean(key, known) if known else ", which never controls"
+            raise ValueError(f"{key} is not for {kind!r}{why}")
         values |= {key: value} if value is not None else {}
     for key, value in values.items():
         if value is None:

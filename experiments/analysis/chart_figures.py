@@ -1,4 +1,4 @@
-"""The charts of the pages of results, printed: what is seen on the screen as PNG, SVG and PDF."""
+"""The charts of the pages of results, printed: the same as on the screen, as PNG, SVG and PDF."""
 
 import math
 import textwrap
@@ -55,7 +55,7 @@ from experiments.recording.atomic_files import refuse_existing_files, write_new_
 
 FORMATS = ("png", "svg", "pdf")
 PAPER = "paper"  # the protocol whose figures these are
-#: Of the points of Table I's five, where they are told apart by colour.
+#: Markers of the points of Table I's five controllers.
 MARKERS = "os^Dv"
 TIMEOUT_COLOUR = "#c47400"
 #: As `charts.LOOKS`.
@@ -89,9 +89,10 @@ def draw_charts(
     view: View,
     progress: Progress = no_progress,
 ) -> list[Path]:
-    """Each chart of these rows as PNG, SVG and PDF; the paths. note: what was used, it stands on every figure.
+    """Draw each chart of these rows as PNG, SVG and PDF; the paths.
 
-    progress: called with the share that is drawn. InputError before anything is written if a file exists.
+    note: protocol and assumptions, on every figure. progress: called with the share that is drawn. InputError before
+    anything is written if a file exists.
     """
     files: dict[Path, bytes] = {}
     for chart in shown:

@@ -62,7 +62,7 @@ class Point(NamedTuple):
     y: float  # in the chart's unit
     controller: int | str  # whose colour it has; "": none
     look: int  # as `LOOKS`
-    text: str  # what it is, in words
+    text: str  # participant, controller, run and value, in words
     row: TrialRow | None = None
 
 

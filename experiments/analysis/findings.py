@@ -63,8 +63,8 @@ Controllers = tuple[int, ...]  # several: their mean
 Place = tuple[str, str]  # device of the first side, of the second
 
 
-def named(controllers: Controllers) -> str:
-    """One controller, or several that count by their mean."""
+def names_of(controllers: Controllers) -> str:
+    """The name of a controller, or of several that count by their mean."""
     return CONTROLLER[controllers[0]] if len(controllers) == 1 else GROUP[controllers]
 
 
@@ -102,7 +102,7 @@ class Statement(NamedTuple):
     claims: tuple[Claim, ...]
 
 
-def _each(
+def _claims(
     kind: str, measure: str, *pairs: tuple[int | Controllers, int | Controllers], **more: bool
 ) -> tuple[Claim, ...]:
     """A claim for each pair of controllers, or of groups of them."""
@@ -113,49 +113,49 @@ def _each(
 _ALL = (2, 3, 4, 5)  # the controllers that brake
 STATEMENTS = (
     Statement(
-        1, "SDOF control (without and with gap) reduces path error", _each(BELOW, ERROR, (2, 1), (3, 1), clear=True)
+        1, "SDOF control (without and with gap) reduces path error", _claims(BELOW, ERROR, (2, 1), (3, 1), clear=True)
     ),
     Statement(
-        2, "Proportional control reduces path error at either gain", _each(BELOW, ERROR, (4, 1), (5, 1), clear=True)
+        2, "Proportional control reduces path error at either gain", _claims(BELOW, ERROR, (4, 1), (5, 1), clear=True)
     ),
     Statement(
         3,
         "SDOF with gap is the most consistent in accuracy",
-        _each(BELOW, ERROR, (3, 1), (3, 2), (3, 4), (3, 5), spread=True),
+        _claims(BELOW, ERROR, (3, 1), (3, 2), (3, 4), (3, 5), spread=True),
     ),
-    Statement(4, "The gap makes SDOF smoother", _each(BELOW, SMOOTHNESS, (3, 2))),
-    Statement(5, "The gap lowers the force of SDOF", _each(BELOW, FORCE, (3, 2))),
-    Statement(6, "The gap costs a negligible amount of accuracy", _each(AT_MOST, ERROR, (3, 2))),
+    Statement(4, "The gap makes SDOF smoother", _claims(BELOW, SMOOTHNESS, (3, 2))),
+    Statement(5, "The gap lowers the force of SDOF", _claims(BELOW, FORCE, (3, 2))),
+    Statement(6, "The gap costs a negligible amount of accuracy", _claims(AT_MOST, ERROR, (3, 2))),
     Statement(
         7,
         "The low gain lowers force and is smoother, with little change in accuracy",
-        _each(BELOW, FORCE, (5, 4), clear=True)
-        + _each(BELOW, SMOOTHNESS, (5, 4), clear=True)
-        + _each(SIMILAR, ERROR, (5, 4), little=True),
+        _claims(BELOW, FORCE, (5, 4), clear=True)
+        + _claims(BELOW, SMOOTHNESS, (5, 4), clear=True)
+        + _claims(SIMILAR, ERROR, (5, 4), little=True),
     ),
     Statement(
         8,
         "Low-gain proportional control is about as light and smooth as none",
-        _each(SIMILAR, FORCE, (5, 1)) + _each(SIMILAR, SMOOTHNESS, (5, 1)),
+        _claims(SIMILAR, FORCE, (5, 1)) + _claims(SIMILAR, SMOOTHNESS, (5, 1)),
     ),
     Statement(
         9,
         "Proportional control is lighter and smoother than SDOF",
-        _each(BELOW, FORCE, ((4, 5), (2, 3))) + _each(BELOW, SMOOTHNESS, ((4, 5), (2, 3))),
+        _claims(BELOW, FORCE, ((4, 5), (2, 3))) + _claims(BELOW, SMOOTHNESS, ((4, 5), (2, 3))),
     ),
     Statement(
         10,
         "Four brakes gain nothing over three, and their uncontrolled error spreads wider",
-        _each(AT_MOST, ERROR, (_ALL, _ALL), devices=True)
-        + _each(AT_MOST, FORCE, (_ALL, _ALL), devices=True)
-        + _each(AT_MOST, SMOOTHNESS, (_ALL, _ALL), devices=True)
-        + _each(BELOW, ERROR, (1, 1), spread=True, devices=True),
+        _claims(AT_MOST, ERROR, (_ALL, _ALL), devices=True)
+        + _claims(AT_MOST, FORCE, (_ALL, _ALL), devices=True)
+        + _claims(AT_MOST, SMOOTHNESS, (_ALL, _ALL), devices=True)
+        + _claims(BELOW, ERROR, (1, 1), spread=True, devices=True),
     ),
     Statement(
         11,
         "All controllers improve accuracy by a similar amount",
-        _each(BELOW, ERROR, *((k, 1) for k in _ALL))
-        + _each(SIMILAR, ERROR, *((j, k) for k in _ALL for j in _ALL if k < j)),
+        _claims(BELOW, ERROR, *((k, 1) for k in _ALL))
+        + _claims(SIMILAR, ERROR, *((j, k) for k in _ALL for j in _ALL if k < j)),
     ),
 )
 
@@ -215,7 +215,7 @@ class Evidence(NamedTuple):
     def text(self) -> str:
         """The comparison in words: measure, sides, place, difference and interval."""
         metric, claim = BY_NAME[self.measure], self.claim
-        against = named(claim.first) + ("" if claim.devices else f" against {named(claim.second)}")
+        against = names_of(claim.first) + ("" if claim.devices else f" against {names_of(claim.second)}")
         where = " against ".join(dict.fromkeys(self.place))
         measured = f"spread of {metric.short}" if claim.spread else metric.short
         about = f"{measured[:1].upper()}{measured[1:]}, {against}, {where}"
@@ -228,7 +228,7 @@ class Evidence(NamedTuple):
 
     @property
     def judged(self) -> str:
-        """The numbers, what was needed, and what is amiss."""
+        """The numbers, what was needed, and why that is not met."""
         least = percent(self.matters)
         needed = {BELOW: f"at least {least} lower", AT_MOST: f"at most {least} higher"}
         text = f"{self.text}; needed: {needed.get(self.claim.kind, f'within {least}, either way')}"
@@ -244,7 +244,7 @@ class Evidence(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A statement's verdict, with what it rests on."""
+    """A statement's verdict, and the evidence for it."""
 
     statement: Statement
     verdict: str  # HOLDS, FAILS, CANNOT_TELL; DEPENDS where the two sums give two verdicts
@@ -277,20 +277,20 @@ def _finding(statement: Statement, compare: Compare, configurations: Sequence[st
             for its_verdict, text, of_sum in by_sum
             if its_verdict == CANNOT_TELL and None in [piece.found for piece in of_sum]
         ]
-        both = f"As cut, it {_reads(verdict)}: {sentence} Without the ramp, it {_reads(other)}: {why}"
+        both = f"As cut, it {_in_a_sentence(verdict)}: {sentence} Without the ramp, it {_in_a_sentence(other)}: {why}"
         verdict, sentence = (CANNOT_TELL, missing[0]) if missing else (DEPENDS, both)
     every = tuple(dict.fromkeys((*evidence, *further)))
-    return Finding(statement, verdict, sentence, (_least(evidence), _least(further)), every)
+    return Finding(statement, verdict, sentence, (_least_margin(evidence), _least_margin(further)), every)
 
 
-def _least(evidence: Sequence[Evidence]) -> float:
+def _least_margin(evidence: Sequence[Evidence]) -> float:
     """The least margin; nan where that of a missing comparison might be less, and it would matter."""
     known = [piece.margin for piece in evidence if piece.found]
     least = min(known, default=math.nan)
     return least if len(known) == len(evidence) or least < 0.0 else math.nan
 
 
-def _reads(verdict: str) -> str:
+def _in_a_sentence(verdict: str) -> str:
     return "is unclear" if verdict == CANNOT_TELL else verdict
 
 

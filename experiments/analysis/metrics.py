@@ -72,7 +72,7 @@ def without_ramp(acceleration: np.ndarray) -> np.ndarray:
     """Acceleration (n, 2) less the straight line from its first sample to its last.
 
     Our choice: the paper names no window. `move` begins at rest and is cut while the hand still moves, and the DFT
-    takes what it is given as one period of something that repeats. A jump da from the end to the start of the period
+    takes its input for one period of something that repeats. A jump da from the end to the start of the period
     has the amplitude da / (pi k) at its k-th frequency, whatever happened between: weighted and summed (100 / pi) da.
     """
     share = np.linspace(0.0, 1.0, len(acceleration))[:, np.newaxis]
@@ -205,7 +205,7 @@ class Movement:
 
     def hand_energy_per_metre(self) -> float | None:
         """The ledger of the hand from the first tick of `move` to its last, over the progress made."""
-        spent = self._may_be_missing("energy_hand_J")[:, 0]
+        spent = self._columns_or_nan("energy_hand_J")[:, 0]
         way = float(self.progress[-1] - self.progress[0])
         return None if np.isnan(spent).any() else float(spent[-1] - spent[0]) / way
 
@@ -227,7 +227,7 @@ class Movement:
         return float(np.mean(self._decided(decisions))) if self._controlled else None
 
     def slave_error(self) -> float | None:
-        apart = self._may_be_missing("slave_x_m", "slave_y_m") - self.tip
+        apart = self._columns_or_nan("slave_x_m", "slave_y_m") - self.tip
         return None if np.isnan(apart).any() else float(np.mean(np.hypot(*apart.T)))
 
     def force_shown_share(self) -> float | None:
@@ -235,7 +235,7 @@ class Movement:
         asked = size > FELT_FORCE_N
         if not asked.any():
             return None
-        shown = self._may_be_missing("shown_fx_N", "shown_fy_N")
+        shown = self._columns_or_nan("shown_fx_N", "shown_fy_N")
         along = np.sum(wanted[asked] * shown[asked], axis=1) / size[asked]
         return float(np.sum(along) / np.sum(size[asked]))
 
@@ -243,13 +243,13 @@ class Movement:
         wanted, size = self._wanted
         if not np.any(size > FELT_FORCE_N):
             return None
-        nearest = self._may_be_missing("nearest_fx_N", "nearest_fy_N")
+        nearest = self._columns_or_nan("nearest_fx_N", "nearest_fy_N")
         asked = (size > FELT_FORCE_N) & np.isfinite(nearest[:, 0])
         missed = np.hypot(*(wanted - nearest)[asked].T)
         return float(np.sum(missed) / np.sum(size[asked])) if asked.any() else None
 
     def steerable_share(self) -> float | None:
-        desired = self._may_be_missing("desired_x", "desired_y")
+        desired = self._columns_or_nan("desired_x", "desired_y")
         judged = np.isfinite(desired[:, 0]) & (self.speed > SETTLED.rest_speed)
         if (braking := steering.from_metadata(self._recording.metadata)) is None or not judged.any():
             return None
@@ -259,7 +259,7 @@ class Movement:
         return float(np.mean((least <= wanted) & (wanted <= most)))
 
     def push_held_share(self) -> float | None:
-        forward_x, forward_y, distance = self._may_be_missing("forward_x", "forward_y", "path_distance_m").T
+        forward_x, forward_y, distance = self._columns_or_nan("forward_x", "forward_y", "path_distance_m").T
         inward = np.sign(distance) * np.array([forward_y, -forward_x])  # (2, n)
         pushed = -np.sum(inward * self._hand_force.T, axis=0)
         felt = pushed > FELT_FORCE_N
@@ -278,16 +278,16 @@ class Movement:
     @cached_property
     def least_distance(self) -> float | None:
         """Least distance from the nearest obstacle, m, negative inside; None without one."""
-        distance = self._may_be_missing("obstacle_distance_m")
+        distance = self._columns_or_nan("obstacle_distance_m")
         return None if np.isnan(distance).any() else float(distance.min())
 
     @cached_property
     def _wanted(self) -> tuple[np.ndarray, np.ndarray]:
         """The force to be shown (n, 2) and its size (n,), N; NaN where there is none."""
-        wanted = self._may_be_missing("wanted_fx_N", "wanted_fy_N")
+        wanted = self._columns_or_nan("wanted_fx_N", "wanted_fy_N")
         return wanted, np.hypot(*wanted.T)
 
-    def _may_be_missing(self, *names: str) -> np.ndarray:
+    def _columns_or_nan(self, *names: str) -> np.ndarray:
         """Columns (n, columns); NaN where an earlier version recorded the trial, without them."""
         if not all(name in self._recording.columns for name in names):
             return np.full((len(self.tip), len(names)), math.nan)
@@ -295,8 +295,12 @@ class Movement:
 
     @cached_property
     def _controlled(self) -> bool:
-        """Whether there was a controller that decided anything."""
-        return not self._decided(frozenset({NONE})).all()
+        """Whether a controller, or the guard of obstacles, could act.
+
+        The recording of a blind session does not name its controller: there one that never acted counts as none.
+        """
+        kind = self._recording.metadata.get("preset", {}).get("kind", "none")
+        return kind != "none" or not self._decided(frozenset({NONE})).all()
 
     def _decided(self, codes: frozenset[int]) -> np.ndarray:
         """True (n,) at the ticks whose decision is one of `codes` of this version, found by its words."""
@@ -421,7 +425,7 @@ METRICS = (
     ),
     Metric(
         "unreachable_share", "", "Unreachable share", "unreachable share",
-        "share of the ticks with a felt hand in which no brake was valid or selected; none for controller 1",
+        "share of the ticks with a felt hand in which no brake was valid or selected; none without control",
         Movement.unreachable_share,
         needs_progress=False, tells_controller=True,
     ),
@@ -470,14 +474,14 @@ METRICS = (
     ),
     Metric(
         "locked_share", "", "Locked share", "share locked",
-        "share of the ticks in which the rules put full current on all brakes; none for controller 1",
+        "share of the ticks in which the rules put full current on all brakes; none without control",
         lambda m: m.share_of_ticks(LOCKED),
         needs_progress=False, tells_controller=True,
     ),
     Metric(
         "released_share", "", "Released share", "share released",
-        "share of the ticks in which no brake was valid or selected and the rules took all current off; none for "
-        "controller 1",
+        "share of the ticks in which no brake was valid or selected and the rules took all current off; none without "
+        "control",
         lambda m: m.share_of_ticks(RELEASED),
         needs_progress=False, tells_controller=True,
     ),
@@ -497,8 +501,8 @@ METRICS = (
     ),
     Metric(
         "chatter_per_s", "1/s", "Chatter", "chatter",
-        "changes of a brake's current by more than 0.05 A from one tick to the next, per second, over all brakes; none "
-        "for controller 1",
+        "changes of a brake's current by more than 0.05 A from one tick to the next, per second, over all brakes; 0 "
+        "where the controller never braked, none without control",
         Movement.chatter,
         shown_unit="1/s", decimals=1, needs_progress=False, tells_controller=True,
     ),

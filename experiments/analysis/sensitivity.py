@@ -30,7 +30,7 @@ from experiments.analysis.trials_table import TrialRow, to_compare
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 
-#: What stands for one thing; the first is the definition that the figures use.
+#: Accuracy, force, smoothness -> the measures that define it; the first is the one of the figures.
 DEFINITIONS = {
     thing: tuple(metric.name for metric in METRICS if metric.stands_for == thing)
     for thing in dict.fromkeys(metric.stands_for for metric in METRICS if metric.stands_for)
@@ -98,16 +98,17 @@ def ticks_moving(recording: Recording) -> np.ndarray:
     return ticks[np.argmax(away) :] if away.any() else ticks[:0]
 
 
-def dft_sum(recording: Recording, how: Smoothness) -> float | None:
+def dft_sum(recording: Recording, definition: Smoothness) -> float | None:
     """`metrics.acceleration_dft_sum` by another definition; None where there is nothing to measure."""
-    if how.cutoff_hz is None:
+    if definition.cutoff_hz is None:
         acceleration = None if recording.sensors else columns(recording, "tip_ax_m_s2", "tip_ay_m_s2")
     else:
-        acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), how.cutoff_hz)
-    ticks = np.flatnonzero(recording.in_phase("move")) if how.reaction else ticks_moving(recording)
+        acceleration = tip_acceleration(columns(recording, "tip_x_m", "tip_y_m"), definition.cutoff_hz)
+    ticks = np.flatnonzero(recording.in_phase("move")) if definition.reaction else ticks_moving(recording)
     if acceleration is None or not len(ticks):
         return None
-    return amplitude_sum(weighted_amplitudes(how.window(acceleration[ticks]), how.highest_hz, how.power))
+    within = definition.window(acceleration[ticks])
+    return amplitude_sum(weighted_amplitudes(within, definition.highest_hz, definition.power))
 
 
 def _from_recording(recording: Recording) -> dict[str, float | None]:
@@ -115,7 +116,7 @@ def _from_recording(recording: Recording) -> dict[str, float | None]:
     moving = ticks_moving(recording)
     force = np.hypot(*columns(recording, "hand_fx_N", "hand_fy_N")[moving].T)
     return {
-        **{name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()},
+        **{name: dft_sum(recording, definition) for name, definition in SMOOTHNESS.items()},
         FORCE_MOVING: float(np.mean(force)) if len(moving) else None,
         DURATION_MOVING: (len(moving) - 1) / SAMPLE_RATE_HZ if len(moving) else None,
     }
@@ -133,16 +134,16 @@ def sensitivity(
     """
     rows = to_compare(rows, timeouts)
     values = [dict(vars(row)) for row in rows]
-    for row, of_row in zip(rows, values, strict=True):
+    for row, trial in zip(rows, values, strict=True):
         if folder and row.duration_s:
-            of_row |= _from_recording(read_recording(folder / row.recording))
+            trial |= _from_recording(read_recording(folder / row.recording))
     further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if folder else {}
     results = []
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *further.get(thing, ()))
         for configuration in configurations_of(rows):
-            trials = [of_row for of_row in values if of_row["configuration"] == configuration]
-            people = len({of_row["participant"] for of_row in trials})
+            trials = [trial for trial in values if trial["configuration"] == configuration]
+            people = len({trial["participant"] for trial in trials})
             base = _means(trials, definitions[0])
             for definition in definitions:
                 means = _means(trials, definition)
@@ -161,11 +162,11 @@ def sensitivity(
 def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
     """What leaving the reaction time out does to a trial: the median ratio of all trials on a device."""
     results = []
-    for configuration in dict.fromkeys(of_row["configuration"] for of_row in values):
-        trials = [of_row for of_row in values if of_row["configuration"] == configuration]
-        people = len({of_row["participant"] for of_row in trials})
+    for configuration in dict.fromkeys(trial["configuration"] for trial in values):
+        trials = [trial for trial in values if trial["configuration"] == configuration]
+        people = len({trial["participant"] for trial in trials})
         for measure, moving in MOVING.items():
-            ratios = [of_row[moving] / of_row[measure] for of_row in trials if of_row.get(moving) and of_row[measure]]
+            ratios = [trial[moving] / trial[measure] for trial in trials if trial.get(moving) and trial[measure]]
             if ratios:
                 about = ("reaction", measure, configuration, "", "", people, "median_ratio")
                 results.append(Result(*about, float(np.median(ratios))))
@@ -183,9 +184,9 @@ def _roughness(
 ) -> Iterator[Result]:
     """How many times as rough as no control each controller is: ratio of the medians of all trials."""
     cells: dict[int, list[float]] = {}
-    for of_row in values:
-        if of_row.get(definition) is not None:
-            cells.setdefault(of_row["controller"], []).append(of_row[definition])
+    for trial in values:
+        if trial.get(definition) is not None:
+            cells.setdefault(trial["controller"], []).append(trial[definition])
     uncontrolled = float(np.median(cells.pop(none, [0.0])))
     for controller in sorted(cells) if uncontrolled > 0.0 else ():
         about = ("roughness", definition, configuration, str(controller), str(none), people, "ratio_of_medians")
@@ -195,9 +196,9 @@ def _roughness(
 def _means(values: Sequence[Mapping], definition: str) -> dict[int, float]:
     """Controller -> mean over participants of their means; less is better."""
     cells: dict[tuple[int, str], list[float]] = {}
-    for of_row in values:
-        if of_row.get(definition) is not None:
-            cells.setdefault((of_row["controller"], of_row["participant"]), []).append(of_row[definition])
+    for trial in values:
+        if trial.get(definition) is not None:
+            cells.setdefault((trial["controller"], trial["participant"]), []).append(trial[definition])
     sign = -1.0 if _higher_is_better(definition) else 1.0
     controllers = sorted({controller for controller, _ in cells})
     return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}

@@ -26,7 +26,7 @@ from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.protocol import label
-from experiments.recording.atomic_files import MOST_SHOWN, reason_of, replace_file, write_new_file
+from experiments.recording.atomic_files import reason_of, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     from experiments.recording.schema import Recording
@@ -107,19 +107,19 @@ class TrialRow(_Measured):
 def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRow]:
     """The trials that boxes and statistics are made of: those that reached the end of the path.
 
-    Our choice: what was measured until the time was up is not a measure of the whole path, so such a trial is counted
-    and shown, and stays out unless `timeouts` asks for it. The paper reports none.
+    Our choice: a trial that ran out of time has not been measured over the whole path, so it is counted and shown, and
+    stays out unless `timeouts` asks for it. The paper reports none.
     """
     return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
 
 
 class StudyData(NamedTuple):
-    """The trials of a study or of sessions, and what they were made with."""
+    """The trials of a study or of sessions, with their controllers, protocol and notes."""
 
     rows: Sequence[TrialRow]
     controllers: Mapping[int, Preset]  # of the protocol
     protocol: str  # its name
-    caption: str  # what was used, on every figure: "settled rules, low gain 5 N s/m, parameters assumed"
+    caption: str  # on every figure: "settled rules, low gain 5 N s/m, parameters assumed"
     note: str  # likewise, in the report
     simulated: bool  # operators, not people, moved the handle
     own: tuple[Metric, ...] = ()  # measures of the protocol's own file
@@ -146,13 +146,13 @@ _OTHERS = [name for name in _TYPES if name not in (*_MEASURES, *_LAST)]
 _PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
 #: What came after the first version stands at the end.
 COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:], *_LAST)
-_LEAST = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
-_ALWAYS = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
+_FIRST_VERSION = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
+_ALWAYS_WRITTEN = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
 #: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, DictionaryEntry] = {name: DictionaryEntry(*_TYPES[name][1:]) for name in COLUMNS}
 
 
-def named(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
+def with_name(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
     """The row with its controller's name where it has none; a code is its own name."""
     if row.controller_name is not None:
         return row
@@ -220,8 +220,8 @@ def own_columns(rows: Iterable[TrialRow]) -> list[str]:
 
 
 def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
-    later = [name for name in COLUMNS[len(_ALWAYS) :] if any(getattr(row, name) is not None for row in rows)]
-    return (*_ALWAYS, *later, *own_columns(rows))
+    later = [name for name in COLUMNS[len(_ALWAYS_WRITTEN) :] if any(getattr(row, name) is not None for row in rows)]
+    return (*_ALWAYS_WRITTEN, *later, *own_columns(rows))
 
 
 def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
@@ -251,8 +251,8 @@ def append_row(
 ) -> bytes:
     """Add a row at the end, making the table if there is none; the rows before are kept as they are.
 
-    Returns what the file holds now. known: what the last call returned; a file that still holds it is not read row by
-    row again. names: of the controllers, for rows of an earlier version's table, which has no column for them.
+    Returns the new content of the file. known: the content that the last call returned; a file that still has it is not
+    read row by row again. names: of the controllers, for rows of an earlier version's table, which has no such column.
     """
     path = Path(path)
     content = path.read_bytes() if path.exists() else b""
@@ -263,7 +263,7 @@ def append_row(
         before = read_table(path) if content else []
         if before and content != table_bytes(before):
             raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-        data = table_bytes([*(named(earlier, names or {}) for earlier in before), row])
+        data = table_bytes([*(with_name(earlier, names or {}) for earlier in before), row])
     replace_file(path, data, sync)
     return data
 
@@ -281,15 +281,9 @@ def read_table(path: str | Path) -> list[TrialRow]:
         raise InputError(f"{path}: the table cannot be read: {reason_of(error)}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
-    if not lines or tuple(lines[0][: len(_LEAST)]) != _LEAST:
+    if not lines or tuple(lines[0][: len(_FIRST_VERSION)]) != _FIRST_VERSION:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
     return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
-
-
-def _cut(value: object) -> str:
-    """A value as text, cut to fit into a sentence."""
-    text = repr(value)
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}.."
 
 
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
@@ -304,9 +298,9 @@ def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -
         try:
             values[column] = _value(column, cell)
         except ValueError:
-            raise InputError(f"{path}: line {number}: {column} = {_cut(cell)} is not a number") from None
+            raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
     if values["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {_cut(values['status'])} is none of {', '.join(STATUSES)}")
+        raise InputError(f"{path}: line {number}: status {values['status']!r} is none of {', '.join(STATUSES)}")
     return TrialRow(**values)
 
 
@@ -331,19 +325,16 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
-    preset = about.get("preset", {})
-    if not isinstance(preset, Mapping) or not isinstance(preset.get("name", ""), str):
-        raise InputError(f"{recording.path}: the metadata's preset must be a table with a name")
     row = TrialRow(
         *(about[key] for key in NEEDED[:-1]),
         outcome["status"],
         recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
         energy_residual_J=outcome.get("energy_residual_J"),
         energy_added_max_J=outcome.get("energy_added_max_J"),
-        controller_name=preset.get("name"),
+        controller_name=about.get("preset", {}).get("name"),
         **measured,
     )
-    return named(row, {})
+    return with_name(row, {})
 
 
 def measure(
@@ -369,9 +360,10 @@ def without_value(rows: Iterable[TrialRow], own: Iterable[Metric]) -> list[str]:
     """
     counted = [row for row in rows if row.status in COUNTED and isinstance(row.controller, int)]
     lacking = {metric.title: sum(metric.name not in row.own for row in counted) for metric in own}
-    said = [f"{title} has no value in {n} of {len(counted)} trials that count." for title, n in lacking.items() if n]
+    of = f"of {len(counted)} trials that count"
+    sentences = [f"{title} has no value in {n} {of}." for title, n in lacking.items() if n]
     reasons = Counter(reason for row in counted for reason in row.failed.values())
-    return [*said, *(f"{reason}, in {n} trial{'s' if n != 1 else ''}." for reason, n in reasons.items())]
+    return [*sentences, *(f"{reason}, in {n} trial{'s' if n != 1 else ''}." for reason, n in reasons.items())]
 
 
 def check_named(recording: "Recording") -> None:
@@ -380,18 +372,21 @@ def check_named(recording: "Recording") -> None:
     for key in NEEDED:
         if key not in about:
             raise InputError(f"{recording.path}: the metadata lack {key}")
+    preset = about.get("preset", {})
+    if not isinstance(preset, Mapping) or not isinstance(preset.get("name", ""), str):
+        raise InputError(f"{recording.path}: the metadata's preset must be a table with a name")
     if "status" not in outcome:
         raise InputError(f"{recording.path}: the end record lacks the status")
-    named = [(key, about[key]) for key in NEEDED[:-1]]
-    named += [(name, outcome[name]) for name in ("energy_residual_J", "energy_added_max_J") if name in outcome]
-    for column, value in named:
+    values = [(key, about[key]) for key in NEEDED[:-1]]
+    values += [(name, outcome[name]) for name in ("energy_residual_J", "energy_added_max_J") if name in outcome]
+    for column, value in values:
         try:
             _cell(column, value)
         except (ValueError, TypeError, OverflowError):
-            raise InputError(f"{recording.path}: {column} cannot be {_cut(value)}") from None
+            raise InputError(f"{recording.path}: {column} cannot be {value!r}") from None
     if outcome["status"] not in list(STATUSES):  # it may be anything
         known = ", ".join(STATUSES)
-        raise InputError(f"{recording.path}: status {_cut(outcome['status'])} is none of {known}")
+        raise InputError(f"{recording.path}: status {outcome['status']!r} is none of {known}")
 
 
 def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:

@@ -24,8 +24,8 @@ from core.simulator.hand import spring_hand
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.analysis.findings import CONTROLLER
-from experiments.analysis.report import Moved, error_table
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
+from experiments.analysis.simulation_errors import Moved, error_table
 from experiments.benchmark.drake import DrakeRun, drake_version
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version

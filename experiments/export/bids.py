@@ -14,7 +14,7 @@ import contextlib
 import csv
 import re
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,8 +40,8 @@ from experiments.export.files import (
 from experiments.inputs import INPUTS, is_person
 from experiments.protocol_file import Export
 from experiments.recording.schema import Recording
-from experiments.session.files import read_stored
-from experiments.session.session import version_of
+from experiments.session.files import StoredSession, read_stored
+from experiments.session.metadata import version_of
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"
@@ -79,7 +79,7 @@ _PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's ow
 class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
-    def __init__(self, folder: Path, shift_dates: bool = False) -> None:
+    def __init__(self, folder: Path, shift_dates: bool) -> None:
         """shift_dates: to before 1925, by days drawn for each participant and not stored."""
         self.folder, self._shift_dates = folder, shift_dates
         self._shifts: dict[str, timedelta] = {}  # subject -> of its dates
@@ -122,37 +122,19 @@ class BidsDataset:
     def finish(self, exported: Exported) -> None:
         """Write the tables and what describes the whole data set."""
         own = own_columns_described(exported.sessions)
-        for (subject, session), lines in self._scans.items():
-            place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
-            header = ["filename", "acq_time", *_SCANNED, *own]
-            write_rows(place, [header, *([line.get(name) or MISSING for name in header] for line in lines)])
-        forms: dict[str, dict[str, str | float]] = {}  # subject -> what was answered before the session
-        asked: dict[str, tuple[str, ...] | str] = {}
-        said: dict[Export, Path] = {}  # of the data set, by a protocol -> a session that was run by it
-        for folder in exported.sessions:
-            with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
-                stored = read_stored(folder)
-                forms[f"sub-{stored.participant}"] = stored.about.get("form", {})
-                asked |= stored.protocol.form
-                said.setdefault(stored.protocol.export, folder)
-        header = [*_PERSON, *(name for name in asked if name not in _PERSON), "hand"]
-        write_rows(self.folder / "participants.tsv", [
-            header,
-            *([subject, *(_answer(forms.get(subject, {}).get(name, MISSING)) for name in header[1:-1]), hand]
-              for subject, hand in self._hands.items()),
-        ])  # fmt: skip
+        protocols = _protocols_of(exported.sessions)
+        self._write_scans(own)
+        self._write_participants(protocols)
         answers, _ = answers_and_notes(exported.sessions)
         write_phenotype(self.folder, [a for a in answers if f"sub-{a.participant}" in self._hands])
-        levels = {name: hand.meaning for name, hand in INPUTS.items() if name in self._hands.values()}
         controllers = controller_levels(self._rows, exported.sessions)
-        hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
         phd = version_of("phd")
         about: dict[str, dict[str, Any]] = {
             "scans.json": {
                 name: _scan_column(name, meaning, controllers.get(name, {}))
                 for name, meaning in ({name: DICTIONARY[name] for name in _SCANNED} | own).items()
             },
-            "participants.json": {name: _asked(kind) for name, kind in asked.items()} | {"hand": hand},
+            "participants.json": self._participants_described(protocols),
             f"task-{TASK}_events.json": {
                 "trial_type": {"Description": "phase of the trial", "Levels": PHASE_LEVELS},
                 "StimulusPresentation": {"SoftwareName": "phd", "SoftwareVersion": phd},
@@ -163,7 +145,7 @@ class BidsDataset:
                 "BIDSVersion": BIDS_VERSION,
                 "DatasetType": "raw",
                 "GeneratedBy": [{"Name": "phd", "Version": phd}],
-                **_said(said),
+                **_from_protocols(protocols),
             },
         }
         for name, content in about.items():
@@ -171,22 +153,63 @@ class BidsDataset:
         shifted = _SHIFTED if self._shift_dates else b""
         (self.folder / "README.md").write_bytes(exported.readme("bids") + shifted)
 
+    def _write_scans(self, own: Mapping[str, DictionaryEntry]) -> None:
+        """A table of each session: a row a recording."""
+        for (subject, session), lines in self._scans.items():
+            place = self.folder / subject / session / f"{subject}_{session}_scans.tsv"
+            header = ["filename", "acq_time", *_SCANNED, *own]
+            write_rows(place, [header, *([line.get(name) or MISSING for name in header] for line in lines)])
 
-def _said(by: dict[Export, Path]) -> dict[str, Any]:
+    def _write_participants(self, protocols: Mapping[Path, StoredSession]) -> None:
+        """participants.tsv: what each participant answered to the protocol's form, and whose hand it was."""
+        forms = {f"sub-{stored.participant}": stored.about.get("form", {}) for stored in protocols.values()}
+        columns = [*_PERSON, *(name for name in _form_of(protocols) if name not in _PERSON)]
+        lines = [
+            [subject, *(_answer(forms.get(subject, {}).get(name, MISSING)) for name in columns[1:]), hand]
+            for subject, hand in self._hands.items()
+        ]
+        write_rows(self.folder / "participants.tsv", [[*columns, "hand"], *lines])
+
+    def _participants_described(self, protocols: Mapping[Path, StoredSession]) -> dict[str, Any]:
+        """The content of participants.json."""
+        levels = {name: hand.meaning for name, hand in INPUTS.items() if name in self._hands.values()}
+        hand = {"Description": "where the force of the hand came from"} | ({"Levels": levels} if levels else {})
+        return {name: _form_column(kind) for name, kind in _form_of(protocols).items()} | {"hand": hand}
+
+
+def _protocols_of(sessions: Sequence[Path]) -> dict[Path, StoredSession]:
+    """What is stored of each session that can be read."""
+    found = {}
+    for folder in sessions:
+        with contextlib.suppress(InputError):  # `phd verify` names what is wrong with it
+            found[folder] = read_stored(folder)
+    return found
+
+
+def _form_of(protocols: Mapping[Path, StoredSession]) -> dict[str, tuple[str, ...] | str]:
+    """All that the protocols' forms ask of a participant."""
+    return {name: kind for stored in protocols.values() for name, kind in stored.protocol.form.items()}
+
+
+def _from_protocols(protocols: Mapping[Path, StoredSession]) -> dict[str, Any]:
     """What protocols say of the data set, for dataset_description.json. InputError where they differ."""
-    if len(by) > 1:
+    folders: dict[Export, Path] = {}  # one for each [export]
+    for folder, stored in protocols.items():
+        folders.setdefault(stored.protocol.export, folder)
+    if len(folders) > 1:
         raise InputError(
-            f"{' and '.join(map(str, by.values()))}: their protocols differ in [export], and a data set says one thing"
+            f"{' and '.join(map(str, folders.values()))}: their protocols differ in [export], and a data set says one "
+            "thing"
         )
     keys = {"authors": "Authors", "license": "License", "hed_version": "HEDVersion"}
-    return {key: value for export in by for name, key in keys.items() if (value := getattr(export, name))}
+    return {key: value for export in folders for name, key in keys.items() if (value := getattr(export, name))}
 
 
 def _answer(answer: str | float) -> str:
     return f"{answer:g}" if isinstance(answer, float) else str(answer)
 
 
-def _asked(kind: Sequence[str] | str) -> dict[str, Any]:
+def _form_column(kind: Sequence[str] | str) -> dict[str, Any]:
     """The description of a column that the protocol's form asks for. kind: as in `Protocol.form`."""
     levels = {} if isinstance(kind, str) else {"Levels": {choice: choice for choice in kind}}
     return {"Description": "asked of each participant before the session", **levels}

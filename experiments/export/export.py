@@ -74,21 +74,7 @@ def export(
     paths = [path for home in homes for path in recordings_in(home)]
     if not paths:
         raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
-    sessions, left_out = {}, []
-    for home in homes:
-        try:
-            sessions[home] = _session_of(home)
-            if sessions[home].agreed is False:
-                left_out.append(f"{home.relative_to(folder).as_posix()} (the participant declined to take part)")
-        except InputError as error:  # without its table a session cannot say what its trials are
-            left_out.append(relative_to(folder, str(error)))
-    homes, found = list(sessions), set(paths)
-    left_out += [
-        f"{(home / row.recording).relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)"
-        for home, session in sessions.items()
-        for row in session.recorded.values()
-        if found.isdisjoint((home / row.recording).with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX))
-    ]
+    sessions, left_out = _read_sessions(folder, homes, set(paths))
     trials = 0
     with _new_folders(outs) as partial:
         forms = [
@@ -97,7 +83,10 @@ def export(
         ]
         for number, path in enumerate(paths, start=1):
             home = path.parent.parent
-            trial = _look_at(path, sessions[home]) if home in sessions else "the table of its session cannot be read"
+            trial = (
+                _trial_or_reason(path, sessions[home]) if home in sessions
+                else "the table of its session cannot be read"
+            )  # fmt: skip
             if isinstance(trial, str):
                 left_out.append(f"{path.relative_to(folder).as_posix()} ({trial})")
             else:
@@ -108,23 +97,45 @@ def export(
         if not trials:
             raise InputError(f"{folder}: none of its recordings can be exported: {'; '.join(left_out)}")
         blind = [home.relative_to(folder).as_posix() for home, session in sessions.items() if session.blind]
-        asked = [session.agreed for session in sessions.values() if session.agreed is not None]
+        consent = [session.agreed for session in sessions.values() if session.agreed is not None]
         unrecorded = [row for session in sessions.values() for row in session.unrecorded]
         for form in forms:
-            form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, homes, asked))
+            form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, list(sessions), consent))
     summary = {"recordings": len(paths), "trials": trials, "left_out": left_out, "blind": blind}
     return {form: str(out) for form, out in outs.items()} | summary
 
 
+def _read_sessions(folder: Path, homes: list[Path], found: set[Path]) -> tuple[dict[Path, "_Session"], list[str]]:
+    """Each session that can be read, by its folder; and what of the data folder is left out, and why.
+
+    found: the recordings that are there.
+    """
+    sessions, left_out = {}, []
+    for home in homes:
+        try:
+            sessions[home] = _session_of(home)
+        except InputError as error:  # without its table a session cannot say what its trials are
+            left_out.append(relative_to(folder, str(error)))
+            continue
+        if sessions[home].agreed is False:
+            left_out.append(f"{home.relative_to(folder).as_posix()} (the participant declined to take part)")
+    for home, session in sessions.items():
+        for row in session.recorded.values():
+            path = home / row.recording
+            if found.isdisjoint(path.with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX)):
+                left_out.append(f"{path.relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)")
+    return sessions, left_out
+
+
 class _Session(NamedTuple):
-    """The content of a session's files besides its recordings."""
+    """A session without its recordings."""
 
     has_table: bool
     recorded: dict[str, TrialRow]  # by the name of the recording, without suffix
     unrecorded: list[TrialRow]
     blind: bool
     begun: dict[int, str]  # run number -> time of day
-    software: str  # what it was recorded with
+    software: str  # version of phd that recorded it
     agreed: bool | None  # the participant, to take part; None: not asked
 
 
@@ -145,7 +156,7 @@ def _session_of(folder: Path) -> _Session:
     )
 
 
-def _look_at(path: Path, session: _Session) -> ExportedTrial | str:
+def _trial_or_reason(path: Path, session: _Session) -> ExportedTrial | str:
     """A trial to export, or why it is left out."""
     recording, home = read_recording(path), path.parent.parent
     if not recording.whole:
@@ -190,13 +201,13 @@ class CsvTables:
     OUT/README.md
         trials.csv                  as in the data folder; `recording` names the CSV file
         questionnaire.csv           a row for each block that was asked about, if any was
-        notes.csv                   what the experimenter wrote down, if anything
+        notes.csv                   the experimenter's notes, if there are any
         columns.json                file -> column -> unit and description
         sub-01/ses-01/run-001.csv   every tick; run-001.csv.gz where that was asked for
-                      run-001.json  what is known of the trial: its path, rules, gain, how it ended
+                      run-001.json  the trial: its path, rules, gain, how it ended
     """
 
-    def __init__(self, folder: Path, compress: bool = False) -> None:
+    def __init__(self, folder: Path, compress: bool) -> None:
         self.folder, self._suffix = folder, ".csv.gz" if compress else ".csv"
         self._rows: list[TrialRow] = []
         self._columns: dict[str, DictionaryEntry] = {}

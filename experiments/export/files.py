@@ -1,4 +1,4 @@
-"""What an export holds: trials as they may be shown, answers, notes; what its columns mean; how they become text."""
+"""The contents of an export: trials, answers and notes, the meaning of its columns, and how they become text."""
 
 import contextlib
 import gzip
@@ -21,7 +21,7 @@ from experiments.recording.schema import Recording
 from experiments.session.files import read_stored
 from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
 
-#: What the ticks of a recording hold.
+#: The columns of a recording.
 RECORDING = {
     part.name: DictionaryEntry(part.meaning, part.unit) for column in tick_log.COLUMNS for part in column.spread()
 }  # fmt: skip
@@ -35,12 +35,12 @@ SCALES = {
     "frustration": DictionaryEntry("NASA-TLX frustration, 0 not at all to 100 very irritated or discouraged"),
     "smoothness": DictionaryEntry("how the movement felt, 0 smooth to 100 jerky"),
 }
-#: What questionnaire.csv holds besides the scales, one row for each block that was asked about.
+#: The columns of questionnaire.csv besides the scales; a row for each block that was asked about.
 QUESTIONNAIRE = {
     **{name: DICTIONARY[name] for name in ("participant", "configuration", "block", "controller")},
     "time": DictionaryEntry("when it was answered, UTC, ISO 8601"),
 }
-#: What notes.csv holds, one row a note.
+#: The columns of notes.csv; a row a note.
 NOTES = {
     "time": DictionaryEntry("when it was written, UTC, ISO 8601"),
     "participant": DictionaryEntry("in whose session"),
@@ -66,14 +66,14 @@ DECISION_READING = (
     "sdof J / prop J: the brake at joint J is used, by the SDOF or the proportional rule. All words: "
     + "; ".join(DECISIONS)
 )
-#: Columns of the ticks that show what the brakes did, and with it which controller it was.
+#: Columns of the ticks that show the brakes at work, and so which controller it was.
 _TELLTALE = ("current_", "torque_", "stuck", "decision", "energy_brakes")
 
 
 def recording_column(name: str, command_unit: str = "A") -> DictionaryEntry:
     """The meaning of a column of a recording. InputError: another version wrote it.
 
-    command_unit: of what was commanded to the brakes, if that was no current.
+    command_unit: of the commands to the brakes, if they were no currents.
     """
     if name not in RECORDING:
         raise InputError(f"recording: column {name} is not described, it cannot be exported")
@@ -122,7 +122,7 @@ def scale_column(name: str) -> DictionaryEntry:
 
 
 class ExportedTrial(NamedTuple):
-    """One whole recording, and what may be shown of it."""
+    """One whole recording, with the metadata that may be shown."""
 
     subject: str  # "sub-01"
     session: str  # "ses-01"
@@ -161,8 +161,8 @@ class Exported(NamedTuple):
                 "",
             ]
         if self.consent:
-            said = f"{self.consent.count(True)} agreed to take part, {self.consent.count(False)} declined"
-            lines += [f"Consent was asked of each participant before anything else: {said}.", ""]
+            answers = f"{self.consent.count(True)} agreed to take part, {self.consent.count(False)} declined"
+            lines += [f"Consent was asked of each participant before anything else: {answers}.", ""]
         if self.left_out:
             lines += ["Left out:", "", *(f"- {entry}" for entry in self.left_out)]
         return ("\n".join(lines).rstrip() + "\n").encode()
@@ -216,8 +216,8 @@ def answers_and_notes(sessions: Iterable[Path]) -> tuple[list[AnswerSet], list[N
             if event is ANSWERS:
                 answers.append(AnswerSet(participant, about["configuration"], about["block"], 0, about["values"], at))
             elif event is CONTROLLER_ANSWERS:
-                whose = about["configuration"], 0, about["controller"]
-                answers.append(AnswerSet(participant, *whose, about["values"], at))
+                cell = about["configuration"], 0, about["controller"]
+                answers.append(AnswerSet(participant, *cell, about["values"], at))
             elif event is NOTE:
                 notes.append(Note(at, participant, about["text"]))
     return answers, notes

@@ -3,7 +3,7 @@
 import contextlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,12 +14,13 @@ from experiments.analysis.charts import AnswerSet, View
 from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
 from experiments.analysis.metrics import Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import sentences, warnings
+from experiments.analysis.report import warnings
+from experiments.analysis.report_sentences import sentences
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare, without_value
 from experiments.export.files import answers_and_notes
-from experiments.protocol import label
+from experiments.protocol import Protocol, label
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.checksums import read_sealed
 from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
@@ -94,30 +95,15 @@ def read_results(folder: Path) -> Results:
 def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
     rows: list[TrialRow] = []
     problems: list[str] = []
-    planned: dict[str, int] = {}
-    texts: dict[str, Path] = {}  # a protocol, as stored -> a session that follows it
     for session in sessions:
         place = Path(os.path.relpath(session, folder)).as_posix()
-        try:
+        with _noting(problems):
             rows += [row.in_folder(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
-        except InputError as error:
-            problems.append(str(error))
-        with contextlib.suppress(InputError), reading_stored(session / STORED):  # `phd verify` names what is wrong
-            about = read_sealed(session / STORED)
-            planned[str(about["participant"])] = len(about["plan"])
-            texts.setdefault(json.dumps(about["protocol"], sort_keys=True), session)
-    protocols = []
-    for session in texts.values():
-        try:
-            protocols.append(read_stored(session).protocol)
-        except InputError as error:
-            problems.append(str(error))
+    planned, protocols = _plans_and_protocols(sessions, problems)
     own: dict[str, Metric] = {}
     for protocol in protocols:
-        try:
+        with _noting(problems):
             own |= {metric.name: metric for metric in own_metrics(protocol)}
-        except InputError as error:
-            problems.append(str(error))
     presets = {number: preset for protocol in reversed(protocols) for number, preset in protocol.controllers.items()}
     lengths = {
         number: build_path(path, f"path {number}").length
@@ -142,6 +128,31 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
         tuple(own.values()),
         tuple(problems),
     )
+
+
+def _plans_and_protocols(sessions: Sequence[Path], problems: list[str]) -> tuple[dict[str, int], list[Protocol]]:
+    """Participant -> trials of the plan; and each protocol that sessions follow, once. Adds to `problems`."""
+    planned: dict[str, int] = {}
+    texts: dict[str, Path] = {}  # a protocol, as stored -> a session that follows it
+    for session in sessions:
+        with contextlib.suppress(InputError), reading_stored(session / STORED):  # `phd verify` names what is wrong
+            about = read_sealed(session / STORED)
+            planned[str(about["participant"])] = len(about["plan"])
+            texts.setdefault(json.dumps(about["protocol"], sort_keys=True), session)
+    protocols = []
+    for session in texts.values():
+        with _noting(problems):
+            protocols.append(read_stored(session).protocol)
+    return planned, protocols
+
+
+@contextlib.contextmanager
+def _noting(problems: list[str]) -> Iterator[None]:
+    """Add an InputError to the problems, and go on."""
+    try:
+        yield
+    except InputError as error:
+        problems.append(str(error))
 
 
 def _labels(rows: Sequence[TrialRow]) -> dict[Controller, str]:

@@ -1,4 +1,4 @@
-"""Files of results: figures and tables of what is seen on a page, and reports of sessions; never over others."""
+"""Files of results: the figures and tables of a page, and reports of sessions; never over other files."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""Reading recordings back: every whole batch of a stream, or a Parquet file, and what is wrong with the rest.
+"""Reading recordings back: every whole batch of a stream, or a Parquet file, and the faults of the rest.
 
 A stream that was cut anywhere gives back every batch before the cut, and lacks its end; damage inside costs the
 batches that it touches, and names them.
@@ -26,7 +26,7 @@ _UNREADABLE = (pa.ArrowException, OSError, EOFError, StopIteration, KeyError, Va
 def read_recording(path: str | Path) -> Recording:
     """Read a recording from its stream (.arrows) or its Parquet file; check `complete` and `damaged`.
 
-    Damage is no error: what is whole is returned. InputError if there is no such file or it is of another kind.
+    Damage is no error: every whole batch is returned. InputError if there is no such file or it is of another kind.
     """
     path = Path(path)
     read = {STREAM_SUFFIX: _read_stream, PARQUET_SUFFIX: read_parquet}.get(path.suffix)
@@ -57,7 +57,7 @@ def read_parquet(path: Path) -> Recording:
 
 
 def _read_stream(path: Path) -> Recording:
-    """Read every whole batch of a stream, and what is wrong with the rest."""
+    """Read every whole batch of a stream, and note the faults of the rest."""
     data = path.read_bytes()
     header = _whole_header(data)
     if not header:

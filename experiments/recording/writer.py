@@ -171,6 +171,7 @@ class RecordingWriter:
 
     @property
     def lost(self) -> int:
+        """Rows that are neither in the file nor in memory."""
         kept = self._in_stream + sum(map(len, self._waiting))
         if self.trouble is not None and self._memory is None:
             kept = self.rows_written
@@ -229,7 +230,7 @@ class RecordingWriter:
         if self.trouble is None:
             try:
                 os.close(self._file)
-            except OSError as error:  # as of a network drive that takes what was written only now
+            except OSError as error:  # as of a network drive, which writes only now
                 self.trouble = error
 
     def _drain_sink(self) -> bytes:
@@ -343,7 +344,7 @@ def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
 
 
 def save_as_parquet(recording: Recording, target: Path, sync: bool) -> Recording:
-    """Write a recording as Parquet and read it back to compare; what was read back.
+    """Write a recording as Parquet, read it back and compare; the recording that was read back.
 
     An existing file must hold the same, else InputError (neither is touched). OSError if it cannot be written.
     """

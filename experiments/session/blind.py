@@ -22,7 +22,7 @@ from experiments.plan import PlannedTrial, codes
 from experiments.recording.atomic_files import reading_stored, replace_file
 
 KEY = "key.json"
-#: Measures that reveal a controller by themselves; of those in a file of one's own nobody knows.
+#: Measures that may reveal a controller: those that tell it by themselves, and all of an own file.
 HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller} | {"own": {}}
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
@@ -35,7 +35,7 @@ def new_key(controllers: Iterable[int]) -> dict[str, int]:
     return dict(zip(codes(len(shuffled)), shuffled, strict=True))
 
 
-def write_key(session: Path, key: Mapping[str, int], sync: bool = True) -> str:
+def write_key(session: Path, key: Mapping[str, int], sync: bool) -> str:
     """Store the key of a new session; its SHA-256. OSError if it cannot be written."""
     data = json.dumps({"controllers": key, "salt": secrets.token_hex(16)}, indent=1).encode() + b"\n"
     replace_file(session / KEY, data, sync)  # there is none, or one of a session that a crash left half created
@@ -55,7 +55,7 @@ def read_key(session: Path, sha256: str) -> dict[str, int]:
 def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
     """A planned trial or row with its controller in place of the code; unchanged if the key lacks the code.
 
-    A row then has no controller name: the key has none (`trials_table.named`).
+    A row then has no controller name: the key has none (`trials_table.with_name`).
     """
     number = key.get(str(thing.controller), thing.controller)
     if number == thing.controller:

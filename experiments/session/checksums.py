@@ -74,11 +74,11 @@ def _of_meaning(plain: Mapping[str, Any]) -> str:
 
 
 class Lines(NamedTuple):
-    """The readable lines of a journal, counted from 1, and what is wrong with the others."""
+    """The readable lines of a journal, counted from 1, and the faults of the others."""
 
     valid: dict[int, dict[str, Any]]  # line -> its fields
     faults: list[str]  # which lines are damaged or missing
-    notes: list[str]  # what is no fault: lines without a checksum, or that a crash cut off
+    notes: list[str]  # no faults: lines without a checksum, or that a crash cut off
     whole: list[str]  # checksums of the whole lines
     length: int  # lines of any kind
 
@@ -92,7 +92,7 @@ def next_line(about: Mapping[str, Any], journal: bytes) -> bytes:
 
 
 def read_lines(journal: bytes) -> Lines:
-    """The valid lines of a journal, and what is wrong with the others."""
+    """The valid lines of a journal, and the faults of the others."""
     texts = journal.splitlines()
     wholes = [i for i, text in enumerate(texts) if _is_whole(text)]
     read = Lines({}, [], [], [texts[i][-_TAIL:-2].decode() for i in wholes], len(texts))
@@ -213,7 +213,7 @@ def fault_of_end(end: NotedEnd | None, read: Lines) -> str:
     return "" if read.faults else f"lacks the line that was its last one, line {end.lines}"  # named, if it is damaged
 
 
-def note_end(session: Path, read: Lines, sync: bool = True) -> None:
+def note_end(session: Path, read: Lines, sync: bool) -> None:
     """Note how long the journal of a session is. The caller holds the lock.
 
     A journal shorter than an earlier note keeps that note, and so its fault. If the note cannot be written, the earlier

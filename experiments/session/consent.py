@@ -30,7 +30,7 @@ def refuse_consent(protocol: Protocol, participant: str, answer: ConsentAnswer |
 
 
 def agreed(about: Mapping[str, Any]) -> bool | None:
-    """What session.json says; None: nobody was asked, or it cannot be read."""
+    """Whether the participant agreed, by session.json; None: not asked, or it cannot be read."""
     stored = about.get(KEY)
     answer = stored.get("agreed") if isinstance(stored, dict) else None
     return answer if isinstance(answer, bool) else None

@@ -30,7 +30,7 @@ from typing import Any, Self
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, named, read_table, write_table
+from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, read_table, with_name, write_table
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, participant_index, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
@@ -253,7 +253,7 @@ def rows_of(session: Path) -> list[TrialRow]:
     if all(row.controller_name is not None for row in rows):
         return rows
     names = controller_names(session)
-    return [named(row, names) for row in rows]
+    return [with_name(row, names) for row in rows]
 
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
@@ -341,14 +341,14 @@ def read_study(folder: Path) -> StudyPlan:
         return StudyPlan(operators, protocol_from_json(about["protocol"], str(path)), population, CHECKSUM in about)
 
 
-def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) -> None:
+def refuse_other(folder: Path, study: StudyPlan, options: Mapping[str, object]) -> None:
     """InputError if the options differ from those with which the study was begun.
 
-    asked: operators, seed, rules, low_gain -> value; devices, protocol, population -> the thing itself.
+    options: operators, seed, rules, low_gain -> value; devices, protocol, population -> the object.
     """
     own = {"operators": study.operators, "protocol": study.protocol, "population": study.population}
     own |= {"low_gain": study.protocol.assumptions.low_gain or study.protocol.low_gain}
-    for name, value in asked.items():
+    for name, value in options.items():
         begun, words = _content(name, own[name] if name in own else getattr(study.protocol, name))
         if _content(name, value)[0] != begun:
             option = {"devices": "--device", "protocol": "PROTOCOL.toml"}.get(name, f"--{name.replace('_', '-')}")
@@ -357,11 +357,11 @@ def refuse_other(folder: Path, study: StudyPlan, asked: Mapping[str, object]) ->
             )
 
 
-def _content(name: str, thing: Any) -> tuple[object, str]:
+def _content(name: str, value: Any) -> tuple[object, str]:
     """The content of an option that is compared (texts of files, or the value), and its name in a refusal."""
-    if isinstance(thing, Protocol | Population):
-        return thing.text, f"another {name} ({thing.name})"
-    if isinstance(thing, tuple):
-        texts = [(device.name, device.text, device.brake_texts) for device in thing]
-        return texts, f"other devices: {', '.join(device.name for device in thing)}"
-    return thing, "none" if thing is None else f"{thing:g}" if isinstance(thing, float) else f"{thing}"
+    if isinstance(value, Protocol | Population):
+        return value.text, f"another {name} ({value.name})"
+    if isinstance(value, tuple):
+        texts = [(device.name, device.text, device.brake_texts) for device in value]
+        return texts, f"other devices: {', '.join(device.name for device in value)}"
+    return value, "none" if value is None else f"{value:g}" if isinstance(value, float) else f"{value}"

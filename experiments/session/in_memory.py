@@ -30,7 +30,7 @@ class InMemory:
         #: folder -> run numbers that are used
         self.runs = {files.TRIALS: {line.about["run"] for line in self._lines if line.event is events.BEGUN}}
         self.runs[files.PRACTICE] = {line.about["run"] for line in self._lines if line.event is events.PRACTICE_BEGUN}
-        self._missed = self._not_there(session, rows)  # recordings that were missing when the session was opened
+        self._missing_before = self._missing_recordings(session, rows)  # when it was opened
 
     def add_event(self, event: events.Event, about: dict[str, Any]) -> None:
         """Add a line of the journal. about: its fields, with `time` if not now."""
@@ -54,16 +54,16 @@ class InMemory:
                 return f"{session / name} cannot be read ({reason_of(error)})"
         expected = [session / events.NAME, session / files.TRIALS, *([session / files.TABLE] if rows else [])]
         gone = [path for path in expected if not path.exists()]
-        if missing := self._not_there(session, rows) - self._missed:
+        if missing := self._missing_recordings(session, rows) - self._missing_before:
             gone.append(session / min(missing))
         if not gone:
             return ""
         inside = f", with the {counted(len(missing), 'recording')} in it" if missing else ""
         return f"{gone[0]} is gone{inside}"
 
-    def put_into(self, target: Path, old: Path, rows: Sequence[TrialRow], sync: bool) -> int:
-        """Copy the session into an empty folder: recordings and journal from the old one if they can be read, all else
-        from memory. Returns how many recordings could not be copied.
+    def write_into(self, target: Path, old: Path, rows: Sequence[TrialRow], sync: bool) -> int:
+        """Write the session into an empty folder: recordings and journal from the old one if they can be read, all
+        else from memory. Returns how many recordings could not be copied.
 
         InputError or OSError: the new folder cannot be written to.
         """
@@ -82,9 +82,9 @@ class InMemory:
             write_new_file(target / files.TABLE, table_bytes(rows), sync)
         events.write_event(target, events.MOVED, sync, **{"from": str(old)})
         self.add_event(events.MOVED, {"from": str(old)})
-        behind = self._not_there(target, rows)
-        new = len(behind - self._missed)
-        self._missed |= behind
+        behind = self._missing_recordings(target, rows)
+        new = len(behind - self._missing_before)
+        self._missing_before |= behind
         return new
 
     def is_ours(self, session: Path) -> bool:
@@ -102,7 +102,7 @@ class InMemory:
             place.parent.mkdir(parents=True, exist_ok=True)
         write_new_file(place, content, sync)
 
-    def _not_there(self, session: Path, rows: Sequence[TrialRow]) -> set[str]:
+    def _missing_recordings(self, session: Path, rows: Sequence[TrialRow]) -> set[str]:
         """Recordings that the rows name and the folder lacks, as a stream and as Parquet."""
         on_disk: set[str] = set()
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""journal.jsonl of a session: one line for each event, never rewritten; and what the table takes from it.
+"""journal.jsonl of a session: one line for each event, never rewritten; and what follows from it for the table.
 
 A recording says how its trial ended, and never changes. The journal says what was decided later: trials redone, skipped
 or excluded, a key opened. It is written before the table, so that a damaged table can be made again from journal and
@@ -18,7 +18,15 @@ import msgspec
 
 from core.device_interface import ZeroRecord
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, FINISHED, STATUSES, TrialRow, named, row_of, write_table
+from experiments.analysis.trials_table import (
+    COUNTED,
+    FINISHED,
+    STATUSES,
+    TrialRow,
+    row_of,
+    with_name,
+    write_table,
+)
 from experiments.plan import PlannedTrial
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
@@ -126,11 +134,11 @@ class Journal(NamedTuple):
 
     entries: list[JournalEntry]  # in order
     faults: list[str]  # each a sentence: which lines are left out or missing, and why
-    notes: list[str]  # each a sentence: what is no fault
+    notes: list[str]  # each a sentence; no faults
 
 
 def read_journal(folder: Path) -> Journal:
-    """Read every valid event of a session, in order, and what is wrong with the rest.
+    """Read every valid event of a session, in order, and the faults of the rest.
 
     Left out are lines that do not match their checksum or cannot be read, and events that are not declared or have
     other fields. InputError if the journal exists and cannot be read at all.
@@ -188,6 +196,7 @@ def _shown(value: object) -> str:
 
 
 def read_events(folder: Path) -> list[JournalEntry]:
+    """The valid events of a session, in order."""
     return read_journal(folder).entries
 
 
@@ -225,10 +234,10 @@ class JournalSummary:
         return controller_names(self.session)
 
     def row(self, row: TrialRow) -> TrialRow:
-        """A trial's row as it stands in the table: with its mark, and its controller or the code of it."""
+        """A trial's row as it stands in the table: marked as redone or excluded, with its controller or code."""
         row = unblinded(row, self.key) if self.key is not None else blinded(row)
         if row.controller_name is None:
-            row = named(row, self.names)
+            row = with_name(row, self.names)
         return replace(row, status=self.marked.get(row.run, row.status))
 
     def plan(self, plan: tuple[PlannedTrial, ...]) -> tuple[PlannedTrial, ...]:
@@ -237,6 +246,7 @@ class JournalSummary:
 
 
 def journal_summary(session: Path) -> JournalSummary:
+    """Read the journal of a session and sum it up. InputError if it exists and cannot be read at all."""
     journal = read_journal(session)
     found = JournalSummary(session, faults=journal.faults, notes=journal.notes)
     for event, _, about in journal.entries:

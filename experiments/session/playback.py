@@ -140,7 +140,7 @@ def fill_field(path: Way, rows: np.ndarray) -> None:
 
 
 class Comparison(NamedTuple):
-    """A trial's hand through another controller: what `phd replay` has made of it."""
+    """A trial's hand through another controller: the result of `phd replay`."""
 
     ticks: np.ndarray  # (n, tick_log.WIDTH), of the movement; of its texts the phase alone
     error: np.ndarray  # (n,) m

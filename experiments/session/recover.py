@@ -50,7 +50,7 @@ class Rescue:
 
 
 def recover(folder: Path, progress: Progress = no_progress) -> dict:
-    """Recover every session of a data folder; what was done, by file names in it, and what is left.
+    """Recover every session of a data folder. The summary: what was done, by file names, and the faults that are left.
 
     `faults`: what `verify` still finds. InputError, and nothing is changed, if a live process has the study or a
     session.

@@ -1,4 +1,4 @@
-"""A participant's session: its plan, its trials in order, and what is kept of them (files: see `files`).
+"""A participant's session: its plan, its trials in order, and their recordings and rows (files: see `files`).
 
 Nothing is overwritten: every file is new, tables are replaced whole, and what changes a table stands in the journal
 first. One live process may write in a session.
@@ -7,16 +7,13 @@ first. One live process may write in a session.
 import contextlib
 import errno
 import hashlib
-import importlib.metadata
-import platform
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, decision_words
-from core.control.own_file import OwnFile
+from core.control.controllers import Preset, decision_words
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis import steering
@@ -46,6 +43,7 @@ from experiments.session.checksums import END, sealed
 from experiments.session.consent import KEY as CONSENT
 from experiments.session.consent import ConsentAnswer, refuse_consent, refuse_without_consent
 from experiments.session.in_memory import InMemory, discard, refuse_place
+from experiments.session.metadata import operators_from_json, preset_to_json, versions
 from experiments.session.recover import recover_session
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
@@ -54,7 +52,6 @@ from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 
 OnEvent = Callable[[events.Event, dict[str, Any]], None]
-LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 
 
 class Participant(NamedTuple):
@@ -64,14 +61,14 @@ class Participant(NamedTuple):
     hand: str = MOUSE  # of `INPUTS`; of a simulated operator always OPERATOR
     operator: Person | None = None  # simulated; None: a person
     population: Operators | None = None  # of which the simulated operator is one
-    form: Mapping[str, str | float] = {}  # answers to what the protocol asks
+    form: Mapping[str, str | float] = {}  # answers to the protocol's questions
     consent: ConsentAnswer | None = None  # None: not asked
 
 
 class Session:
     """One participant's session in progress; holds its lock until `close` or the end of the process."""
 
-    _known: InMemory | None = None  # of its folder; None: the session is being created
+    _in_memory: InMemory | None = None  # its folder; None: the session is being created
 
     def __init__(
         self, data_dir: Path, who: Participant, protocol: Protocol, blind: bool | None = None, sync: bool = True,
@@ -112,14 +109,14 @@ class Session:
         try:
             if self.blind:
                 self._key = new_key(protocol.controllers)
-            about = self._about(write_key(self.folder, self._key, sync) if self.blind else "")
+            about = self._session_json(write_key(self.folder, self._key, sync) if self.blind else "")
             about |= {"form": dict(who.form)} if who.form else {}
             about |= {CONSENT: who.consent._asdict()} if who.consent else {}
             write_new_file(self.folder / files.STORED, sealed(about), sync)
             self.journal(events.CREATED, plan=self.plan_sha256)
             if who.consent:
                 self.journal(events.CONSENT, **who.consent._asdict())
-            self._known = InMemory(self.folder, self.rows)
+            self._in_memory = InMemory(self.folder, self.rows)
         except BaseException:
             for name in (files.STORED, KEY, events.NAME, END, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
@@ -156,7 +153,7 @@ class Session:
             session.blind = was_blind and summary.key is None
             session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
             session.rows = files.rows_of(folder)
-            session._known = InMemory(folder, session.rows)
+            session._in_memory = InMemory(folder, session.rows)
             if session._waiting:
                 session.journal(events.RESUMED, open=len(session._waiting))
         except BaseException:
@@ -180,7 +177,7 @@ class Session:
 
     def close(self) -> None:
         """Note where the journal ends, and release the lock."""
-        with contextlib.suppress(InputError):  # it cannot be read, which whoever reads it next is told
+        with contextlib.suppress(InputError):  # it cannot be read: the next reader is told so
             events.close_journal(self.folder, self._sync)
         self._lock.release()
 
@@ -190,8 +187,8 @@ class Session:
         self._publish(event, about)
 
     def _publish(self, event: events.Event, about: dict[str, Any]) -> None:
-        if self._known is not None:
-            self._known.add_event(event, about)
+        if self._in_memory is not None:
+            self._in_memory.add_event(event, about)
         if self._on_event is not None:
             self._on_event(event, about)
 
@@ -199,7 +196,7 @@ class Session:
         """Journal a note of the experimenter."""
         self.journal(events.NOTE, text=text)
 
-    # ----------------------------------------------------------------------------------------------- what comes next
+    # --------------------------------------------------------------------------------------------------- the next trial
 
     @property
     def _waiting(self) -> list[PlannedTrial]:
@@ -224,7 +221,7 @@ class Session:
         due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
         if due and self.person is None and not is_begun:
             return self.next_practice()
-        used = self._used(files.TRIALS) | {row.run for row in self.rows}
+        used = self._runs_used(files.TRIALS) | {row.run for row in self.rows}
         if coming.run not in used:
             return coming
         return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
@@ -236,12 +233,12 @@ class Session:
         configuration = waiting[0].configuration
         number = self._summary.practised[configuration] + 1
         planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
-        run = max(self._used(files.PRACTICE), default=0) + 1
-        return planned._replace(run=run, controller=planned.controller if self.blind else self._number(planned))
+        run = max(self._runs_used(files.PRACTICE), default=0) + 1
+        return planned._replace(run=run, controller=planned.controller if self.blind else self._controller_of(planned))
 
-    def _used(self, folder: str) -> set[int]:
+    def _runs_used(self, folder: str) -> set[int]:
         """Every run number that a file has or had."""
-        return files.runs_used(self.folder, folder) | (self._known.runs[folder] if self._known else set())
+        return files.runs_used(self.folder, folder) | (self._in_memory.runs[folder] if self._in_memory else set())
 
     @property
     def break_due(self) -> bool:
@@ -252,15 +249,16 @@ class Session:
         left, whole = (sum(trial.configuration == configuration for trial in trials) for trials in (waiting, self.plan))
         return break_after(self.protocol, whole - left, left)
 
-    # -------------------------------------------------------------------------------------------------------- a trial
+    # ---------------------------------------------------------------------------------------------------------- a trial
 
-    def _number(self, planned: PlannedTrial) -> int:
+    def _controller_of(self, planned: PlannedTrial) -> int:
+        """The number of a trial's controller, also while the session is blind."""
         controller = planned.controller
         return self._key[controller] if isinstance(controller, str) else controller
 
     def preset(self, planned: PlannedTrial) -> Preset:
         """The controller of a trial, also while the session is blind."""
-        return self.protocol.controllers[self._number(planned)]
+        return self.protocol.controllers[self._controller_of(planned)]
 
     def simulation(self, configuration: str) -> SimulatedDevice:
         """The simulated device of a configuration; it stays as the last trial left it."""
@@ -297,8 +295,8 @@ class Session:
             files.run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
             sync=self._sync, sensors=sensors, decisions=self._decisions(preset),
         )  # fmt: skip
-        if self._known is not None:
-            self._known.runs[folder].add(planned.run)
+        if self._in_memory is not None:
+            self._in_memory.runs[folder].add(planned.run)
         try:
             self.journal(events.PRACTICE_BEGUN if is_practice else events.BEGUN, **planned._asdict())
         except OSError:
@@ -311,13 +309,13 @@ class Session:
         return decision_words(self.protocol.controllers.values()) if self.blind else preset.decisions
 
     def finish(
-        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, raw_will_do: bool = False
+        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, accept_stream: bool = False
     ) -> TrialRow:
         """Close and verify the recording, measure it, and add the row to the table.
 
-        cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. raw_will_do: if
-        the Parquet file cannot be written, the stream is the recording until `recover_interrupted`. OSError if what is
-        needed cannot be written: `recover_interrupted` writes it later.
+        cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. accept_stream: if
+        the Parquet file cannot be written, the stream is the recording until `recover_interrupted`. OSError if the
+        recording or the row cannot be written: `recover_interrupted` writes it later.
         """
         outcome = trial.outcome()
         if cut_short and outcome["status"] == "aborted":
@@ -326,7 +324,7 @@ class Session:
         try:
             recording = convert_to_parquet(writer.path, sync=self._sync)
         except OSError as error:
-            if not raw_will_do:
+            if not accept_stream:
                 raise
             self.journal(events.LEFT_AS_STREAM, file=writer.path.name, reason=error.strerror or str(error))
             recording = read_recording(writer.path)
@@ -336,7 +334,7 @@ class Session:
             self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
             self._summary.practised[row.configuration] += row.status in COUNTED
         else:
-            self._add(row)
+            self._add_row(row)
             self.journal(events.ENDED, **ended)
         return row
 
@@ -349,15 +347,15 @@ class Session:
         self.rows[:] = files.rows_of(self.folder)
         return done.not_rescued
 
-    # ---------------------------------------------------------------------------------------- a folder that is gone
+    # -------------------------------------------------------------------------------------------- a folder that is gone
 
     def missing_files(self) -> str:
         """What is missing from its folder, one sentence without its full stop; "": nothing. Reads the disk."""
-        return self._known.missing_files(self.folder, self.rows) if self._known else ""
+        return self._in_memory.missing_files(self.folder, self.rows) if self._in_memory else ""
 
     def refuse_other_folder(self) -> None:
         """FileNotFoundError if its folder is gone, or is another session's now: we must not write there."""
-        if self._known is not None and not self._known.is_ours(self.folder):
+        if self._in_memory is not None and not self._in_memory.is_ours(self.folder):
             raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
 
     def take_lock_again(self) -> None:
@@ -366,19 +364,19 @@ class Session:
         self._lock = files.hold_lock(self.folder)
 
     def move_to(self, data_dir: Path, unsaved: RecordingWriter | None = None) -> int:
-        """Move to another data folder, with what can be read of this one and what is in memory.
+        """Move to another data folder, with all of this one that can be read or is in memory.
 
         Returns how many recordings could not be copied; their trials keep their rows. unsaved: a recording in memory,
         which moves too. InputError or OSError: nothing has changed, and nothing is left there.
         """
-        assert self._known is not None
+        assert self._in_memory is not None
         folder = refuse_place(data_dir, self.participant)
         with refusing(folder, "cannot be created"):
             (folder / files.TRIALS).mkdir(parents=True)
         lock = None
         try:
             lock = files.hold_lock(folder)
-            behind = self._known.put_into(folder, self.folder, self.rows, self._sync)
+            behind = self._in_memory.write_into(folder, self.folder, self.rows, self._sync)
             if unsaved is not None:
                 unsaved.save(folder / unsaved.path.relative_to(self.folder))
         except BaseException:
@@ -390,7 +388,7 @@ class Session:
         self._lock, self.data_dir, self.folder, self._table = lock, data_dir, folder, b""
         return behind
 
-    # ------------------------------------------------------------------------------------ what the experimenter decides
+    # ------------------------------------------------------------------------------------ decisions of the experimenter
 
     def skip(self, reason: str) -> TrialRow:
         """Do not run the coming trial or practice trial, now or later; its row."""
@@ -402,7 +400,7 @@ class Session:
         if planned.block == PRACTICE_BLOCK:
             self._summary.practised[planned.configuration] += 1
         else:
-            self._add(row)
+            self._add_row(row)
         return row
 
     def redo(self, run: int, reason: str, at_end: bool = False) -> TrialRow:
@@ -445,7 +443,7 @@ class Session:
         if (self.data_dir / files.TABLE).exists():
             files.write_pooled_table(self.data_dir)
 
-    def _add(self, row: TrialRow) -> None:
+    def _add_row(self, row: TrialRow) -> None:
         names = {number: preset.name for number, preset in self.protocol.controllers.items()}
         self._table = append_row(self.folder / files.TABLE, row, self._table, self._sync, names)
         self.rows.append(row)
@@ -457,7 +455,7 @@ class Session:
         if (self.data_dir / files.STUDY).exists() and (self.data_dir / files.TABLE).exists():
             files.write_pooled_table(self.data_dir)  # of other folders the session server keeps it
 
-    # ------------------------------------------------------------------------------- what session and recordings store
+    # ------------------------------------------------------------------------------------------------ contents of files
 
     def _common(self) -> dict[str, Any]:
         """The metadata that session.json and the recordings both store."""
@@ -471,7 +469,7 @@ class Session:
             "plan_sha256": self.plan_sha256,
         }
 
-    def _about(self, key_sha256: str) -> dict[str, Any]:
+    def _session_json(self, key_sha256: str) -> dict[str, Any]:
         """The content of session.json. key_sha256: of the key of a blind session, else empty."""
         return self._common() | {
             "created": events.now(),
@@ -482,8 +480,7 @@ class Session:
             "blind": self.blind,
             "key_sha256": key_sha256,
             "plan": plan_to_json(self.plan),
-            "versions": {"phd": version_of("phd"), "python": platform.python_version()}
-            | {name: version_of(name) for name in LIBRARIES},
+            "versions": versions(),
         }
 
     def _metadata(self, trial: Trial, preset: Preset) -> dict[str, Any]:
@@ -507,34 +504,3 @@ class Session:
             digest = hashlib.sha256(text.encode()).hexdigest()
             about["measure"] = {"name": name.removesuffix(".py"), "sha256": digest, "text": text}
         return about if self.blind else about | {"preset": preset_to_json(preset)}
-
-
-def preset_to_json(preset: Preset) -> dict[str, Any]:
-    """A controller as plain words and numbers."""
-    if preset.own is not None:
-        own = {"sha256": preset.own.digest, "text": preset.own.text}
-        return {"name": preset.name, "kind": preset.kind, "own": own, "parameters": list(preset.named.items())}
-    return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
-
-
-def preset_from_json(about: dict[str, Any]) -> Preset:
-    """A controller as a recording has it. KeyError if something is missing. No file of its own is run for it."""
-    if "own" in about:
-        values = {name: float(value) for name, value in about["parameters"]}
-        own = OwnFile(about["kind"].removesuffix(".py"), about["own"]["text"], tuple(values))
-        return Preset(about["name"], about["kind"], tuple(values.values()), own)
-    names = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
-    return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in names))
-
-
-def operators_from_json(about: dict[str, Any]) -> Operators | None:
-    """The population of the simulated operator as stored; None: a person, or not stored."""
-    stored = about.get("operators")
-    return Operators(str(stored["population"]), tuple(stored["changed_after_findings"])) if stored else None
-
-
-def version_of(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"

@@ -83,9 +83,9 @@ class _SessionCheck:
         self.session = session
         self.live = files.is_in_use(session)  # a process is writing in it
         self.whole = self.recovered = self.in_progress = 0  # recordings
-        self.faults: list[tuple[str, str]] = []  # file (relative to the session), what is wrong
+        self.faults: list[tuple[str, str]] = []  # file (relative to the session), its fault
         self.warnings: list[tuple[str, str]] = []  # file, why its motion may be wrong, though it is whole
-        self.notes: list[tuple[str, str]] = []  # file, what is no fault
+        self.notes: list[tuple[str, str]] = []  # file, a remark that is no fault
         if files.is_half_created(session):
             return
         self.journal = JournalSummary(session)

@@ -17,7 +17,8 @@ from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.own_measures import recorded_metrics
-from experiments.analysis.report import Moved, side_by_side, write_report
+from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import (
     COUNTED,
     StudyData,
@@ -43,7 +44,7 @@ from experiments.session.journal import (
     rows_without_recording,
     write_event,
 )
-from experiments.session.session import operators_from_json, preset_from_json
+from experiments.session.metadata import operators_from_json, preset_from_json
 from experiments.study.unrecorded import errors_in
 
 
@@ -60,7 +61,7 @@ class Found:
     own: dict[str, Metric] = field(default_factory=dict)  # measures of the protocols' own files, by name
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
-    doubts: list[str] = field(default_factory=list)  # what of the journals could not be believed
+    doubts: list[str] = field(default_factory=list)  # faults of the journals, a sentence each
 
     @property
     def data(self) -> StudyData:
@@ -104,18 +105,7 @@ def analyze(
     found, done = Found(), 0
     try:
         for session, paths in sessions.items():
-            journal = journal_summary(session)
-            place = session.relative_to(folder)
-            found.doubts += [
-                f"{place / NAME}: {fault}: what it said is not in this analysis" for fault in journal.faults
-            ]
-            if unblind and journal.key is None:
-                journal = open_key(session, journal, unblind, out, found)
-            if journal.key is not None:  # its recordings cannot name their controllers
-                try:
-                    found.presets.update(read_stored(session).protocol.controllers)
-                except InputError as error:
-                    found.doubts.append(relative_to(folder, str(error)))
+            journal = _journal_of(session, folder, out, unblind, found)
             rows: list[TrialRow] = []
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
@@ -126,11 +116,7 @@ def analyze(
         write_table(out / "trials.csv", found.rows)
         warned = conclude(folder, out, found, timeouts, purpose) if found.rows else []
     except BaseException:  # an interrupt too: an analysis is there whole or not at all
-        for folder_made in (out / "figures", out / "report"):
-            shutil.rmtree(folder_made, ignore_errors=True)
-        (out / TABLE).unlink(missing_ok=True)
-        if not any(out.iterdir()):
-            out.rmdir()
+        _remove_results(out)
         raise
     table = folder / TABLE
     return {
@@ -142,6 +128,29 @@ def analyze(
         "changed": changed_boxes(table, found, timeouts) if found.left_out or table.exists() else [],
         "warnings": [*found.doubts, *warned],
     }
+
+
+def _remove_results(out: Path) -> None:
+    for folder in (out / "figures", out / "report"):
+        shutil.rmtree(folder, ignore_errors=True)
+    (out / TABLE).unlink(missing_ok=True)
+    if not any(out.iterdir()):
+        out.rmdir()
+
+
+def _journal_of(session: Path, folder: Path, out: Path, unblind: str, found: Found) -> JournalSummary:
+    """The journal of a session, whose key is opened if `unblind` says by whom."""
+    journal = journal_summary(session)
+    name = session.relative_to(folder) / NAME
+    found.doubts += [f"{name}: {fault}: what it said is not in this analysis" for fault in journal.faults]
+    if unblind and journal.key is None:
+        journal = open_key(session, journal, unblind, out, found)
+    if journal.key is not None:  # its recordings cannot name their controllers
+        try:
+            found.presets.update(read_stored(session).protocol.controllers)
+        except InputError as error:
+            found.doubts.append(relative_to(folder, str(error)))
+    return journal
 
 
 def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found: Found) -> JournalSummary:

@@ -1,6 +1,6 @@
 """`phd check-controller`: does a controller in a file of its own keep the laws that every controller keeps?
 
-Simulated people move along the paper's paths on shipped devices; every tick is looked at.
+Simulated people move along the paper's paths on shipped devices; every tick is checked.
 """
 
 import time
@@ -43,6 +43,7 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
     began = time.perf_counter()
     laws = laws_of(protocol, preset)
     wall_s = time.perf_counter() - began
+    sdof = next(preset for preset in protocol.controllers.values() if preset.kind == "sdof")
     return {
         "file": f"{own.name}.py",
         "sha256": own.digest,
@@ -53,22 +54,20 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
         "broken": sum(law.broken > 0 for law in laws),
         "wall_s": wall_s,
         "tick_us": tick_us(protocol, preset),
-        "tick_of_sdof_us": tick_us(
-            protocol, next(known for known in protocol.controllers.values() if known.kind == "sdof")
-        ),
+        "tick_of_sdof_us": tick_us(protocol, sdof),
     }
 
 
 def laws_of(protocol: Protocol, preset: Preset) -> list[Law]:
     """How a controller keeps `LAWS` on the devices and paths of a protocol."""
-    trials = [_looked_at(protocol, preset, *which) for which in _trials(protocol)]
+    trials = [_checked_numbers(protocol, preset, *trial) for trial in _trials(protocol)]
     return [
         Law(law, sum(values[i] > most for values in trials), f"{max(values[i] for values in trials):.3g}{unit}")
         for i, (law, most, unit) in enumerate(LAWS)
     ]
 
 
-#: What is looked at of each trial, the most that is allowed of it, its unit.
+#: The laws, each with the largest number that keeps it, and the unit of that number.
 LAWS = (
     ("no brake adds energy in any step", ADDED_J, " J at most"),
     ("currents lie within 0 and the brake's largest", 0.0, " A outside at most"),
@@ -99,8 +98,8 @@ def _rows(protocol: Protocol, preset: Preset, number: int, device: str, path: in
     return np.column_stack((rows, np.tile((trial.outcome()["energy_added_max_J"], written), (len(rows), 1))))
 
 
-def _looked_at(protocol: Protocol, preset: Preset, number: int, device: str, path: int) -> tuple[float, ...]:
-    """The numbers of `LAWS` in one trial."""
+def _checked_numbers(protocol: Protocol, preset: Preset, number: int, device: str, path: int) -> tuple[float, ...]:
+    """The number that each of `LAWS` limits, in one trial."""
     rows, again = (_rows(protocol, preset, number, device, path) for _ in range(2))
     brakes = protocol.device(device).brakes
     current = rows[:, tick_log.CURRENT : tick_log.CURRENT + len(JOINTS)]

@@ -1,11 +1,10 @@
-"""Processes beside that of a study, one for each further core: they run operators, simulate error bars, draw figures.
+"""Processes beside this one, on the other cores. Those of a study run operators, simulate error bars and draw figures.
 
 On Linux they are forked, so that they begin with all that is loaded; elsewhere they load it while the first trials run.
 """
 
 import contextlib
 import ctypes
-import functools
 import multiprocessing
 import os
 import signal
@@ -42,35 +41,45 @@ class Shared(NamedTuple):
 
 
 class Helpers(NamedTuple):
-    """The processes, and what they share with this one."""
+    """The processes of a study, and the counters that they share with this one."""
 
     pool: ProcessPoolExecutor
     processes: int
     shared: Shared
 
 
-@contextlib.contextmanager
-def helpers(most: int) -> Iterator[Helpers]:
-    """At least one such process, at most so many; they begin before this returns, and end with this process.
+_CONTEXT = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
 
-    Before any lock is taken: a forked process would hold it as well. At the end the trials that they run are ended.
-    OSError if one of them is killed.
+
+@contextlib.contextmanager
+def process_pool(processes: int, shared: Shared | None = None) -> Iterator[ProcessPoolExecutor]:
+    """So many processes; they begin before this returns, and end with this process, however that ends.
+
+    To be called before any lock is taken: a forked process would hold it as well. OSError if one of them is killed.
     """
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    shared = Shared(context.Value("i", 0), context.Value("i", 0), context.Event())
-    count = max(1, min(_cores() - 1, most))
-    pool = ProcessPoolExecutor(count, context, _begin, (os.getpid(), shared))
+    pool = ProcessPoolExecutor(processes, _CONTEXT, _begin, (os.getpid(), shared))
     pool.submit(os.getpid)
     try:
-        yield Helpers(pool, count, shared)
+        yield pool
     except BrokenProcessPool:
-        raise OSError("a process of the study was killed; phd study --resume goes on from there") from None
+        raise OSError("a process of this work was killed; a study or a sweep goes on with --resume") from None
     finally:
-        shared.stop.set()
         pool.shutdown(cancel_futures=True)
 
 
-def _cores() -> int:
+@contextlib.contextmanager
+def helpers(most: int) -> Iterator[Helpers]:
+    """A study's processes, at least one and at most so many. At the end the trials that they run are ended."""
+    shared = Shared(_CONTEXT.Value("i", 0), _CONTEXT.Value("i", 0), _CONTEXT.Event())
+    count = max(1, min(cores() - 1, most))
+    with process_pool(count, shared) as pool:
+        try:
+            yield Helpers(pool, count, shared)
+        finally:
+            shared.stop.set()
+
+
+def cores() -> int:
     """The number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -78,20 +87,20 @@ def _cores() -> int:
 _in_helper: list[Shared] = []
 
 
-def _begin(parent: int, shared: Shared) -> None:
-    """Prepare a helper. It ignores interrupts: the study's own process gets them and asks the helpers to stop."""
+def _begin(parent: int, shared: Shared | None) -> None:
+    """Prepare a process. It ignores interrupts: its parent gets them, too, and ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     end_with(parent)
-    _in_helper[:] = [shared]
+    if shared is not None:
+        _in_helper[:] = [shared]
 
 
 def shared_in_helper() -> Shared:
-    """In a helper: what it shares with the others."""
+    """In a process of a study: the counters that it shares with the others."""
     return _in_helper[0]
 
 
-@functools.cache
 def end_with(parent: int) -> None:
     """From now on this process ends when its parent does."""
 

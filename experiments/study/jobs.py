@@ -1,6 +1,6 @@
 """Many jobs into one table, without recordings: on all cores or a cluster, resumed after a kill.
 
-OUT/KIND.json         what the work is, in full
+OUT/KIND.json         the files that decide the work, in full
 OUT/parts/000001.csv  the rows of one job, once it is done: work that was killed goes on with the others
 OUT/KIND.csv          all rows, once all jobs are done; the parts are then gone
 
@@ -11,17 +11,15 @@ import contextlib
 import csv
 import json
 import math
-import os
 import shutil
 import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, NamedTuple, Protocol, TypeVar
-
-import joblib
 
 from core.device import Device
 from core.files import InputError
@@ -29,9 +27,10 @@ from experiments.analysis.trials_table import csv_bytes
 from experiments.progress import Progress
 from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.session.files import LOCK, hold_lock
-from experiments.study.helpers import end_with
+from experiments.study.helpers import cores, process_pool
 
 PARTS = "parts"
+AT_A_TIME = 1000  # jobs that wait for a process: there may be a million
 
 
 class Done(NamedTuple):
@@ -79,8 +78,12 @@ def run_work(work: Work, out: Path, resume: bool, cluster: str | None, progress:
 
     cluster: address of a Dask scheduler, whose workers must have this program; None: the cores of this machine.
     """
+    with _workers(cluster, len(work.jobs)) as workers:  # refused before anything is written
+        return _run_waiting(work, out, resume, workers, progress)
+
+
+def _run_waiting(work: Work, out: Path, resume: bool, workers: Executor, progress: Progress) -> Finished:
     began = time.perf_counter()
-    workers = _connected(cluster)  # before anything is written
     stored, table = out / f"{work.kind}.json", out / f"{work.kind}.csv"
     if not resume:
         make_empty_folder(
@@ -88,7 +91,7 @@ def run_work(work: Work, out: Path, resume: bool, cluster: str | None, progress:
         )
     elif not out.is_dir():
         raise InputError(f"{out}: holds no {work.kind} to resume")
-    with workers, hold_lock(out):
+    with hold_lock(out):
         if resume:
             _compare(stored, work)
         else:
@@ -103,7 +106,7 @@ def run_work(work: Work, out: Path, resume: bool, cluster: str | None, progress:
         if waiting:
             (out / PARTS).mkdir(exist_ok=True)
         with _ending_at_once(out):
-            for number, (rows, more) in _results(waiting, cluster is not None):
+            for number, (rows, more) in _results(waiting, workers):
                 with written_beside(parts[number], rows, sync=False) as partial:
                     rename(partial, parts[number])
                 done, ticks = done + 1, ticks + more
@@ -147,7 +150,7 @@ def table_lines(lines: Iterable[Sequence[object]]) -> bytes:
 
 
 def device_texts(devices: Iterable[Device]) -> dict[str, str]:
-    """The files of devices and their brakes, in full, by what they are."""
+    """The files of devices and of their brakes, in full, by their names in refusals."""
     texts = {}
     for device in devices:
         texts[f"device {device.name}"] = device.text
@@ -165,44 +168,42 @@ def _a(work: Work) -> str:
     return work.kind if work.kind.endswith("s") else f"a {work.kind}"
 
 
-def _results(jobs: Sequence[Job], on_cluster: bool) -> Iterator[tuple[int, Done]]:
-    """The results of the jobs as they come, from all cores or the cluster's workers."""
-    if not on_cluster:
-        if jobs:  # its kernels are compiled here, if they have to be, rather than by every worker at the same time
-            yield _run(jobs[0])
-        calls = (joblib.delayed(_run)(job, os.getpid()) for job in jobs[1:])
-        workers = max(1, min(joblib.cpu_count(), len(jobs) - 1))
-        yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(calls)
-        return
-    with joblib.parallel_config(backend="dask"):
-        yield from joblib.Parallel(return_as="generator_unordered")(joblib.delayed(_run)(job) for job in jobs)
+def _results(jobs: Sequence[Job], workers: Executor) -> Iterator[tuple[int, Done]]:
+    """The results of the jobs as they come. The first runs here: its kernels are compiled once, for all processes."""
+    if jobs:
+        yield _run(jobs[0])
+    for start in range(1, len(jobs), AT_A_TIME):
+        for result in as_completed([workers.submit(_run, job) for job in jobs[start : start + AT_A_TIME]]):
+            yield result.result()
 
 
-def _connected(cluster: str | None) -> contextlib.AbstractContextManager:
-    """The client of the cluster, which joblib finds by itself. InputError: there is none."""
+def _run(job: Job) -> tuple[int, Done]:
+    return job.number, job.run()
+
+
+@contextlib.contextmanager
+def _workers(cluster: str | None, jobs: int) -> Iterator[Executor]:
+    """The cores of this machine, or the workers of a cluster. InputError: no scheduler answers there."""
     if cluster is None:
-        return contextlib.nullcontext()
+        with process_pool(max(1, min(cores(), jobs - 1))) as pool:
+            yield pool
+        return
     try:
         from dask.distributed import Client
     except ImportError:
         raise InputError("--cluster: needs dask.distributed (pip install -c constraints.txt -e '.[cluster]')") from None
     try:
-        return Client(cluster, timeout=10)
+        client = Client(cluster, timeout=10)
     except (OSError, ValueError) as error:
         raise InputError(f"--cluster: no Dask scheduler answers at {cluster} ({error})") from None
+    with client:
+        yield client.get_executor(pure=False)
 
 
 def _cells_of(part: Path) -> int:
     """The number of cells in the rows of a part; an earlier version's has fewer, and its job runs again."""
     with part.open(encoding="utf-8", newline="") as rows:
         return len(next(csv.reader(rows), ()))
-
-
-def _run(job: Job, parent: int | None = None) -> tuple[int, Done]:
-    """A job; in a worker of this machine, which ends when its parent does, however that ends."""
-    if parent is not None and parent != os.getpid():
-        end_with(parent)
-    return job.number, job.run()
 
 
 @contextlib.contextmanager
@@ -212,7 +213,7 @@ def _ending_at_once(out: Path) -> Iterator[None]:
     """
 
     def end(number: int, _: object) -> None:
-        with contextlib.suppress(OSError, ValueError):  # nobody may be there to read it
+        with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"phd: {going_on(out)}", file=sys.stderr, flush=True)
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)

@@ -1,11 +1,9 @@
 """`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import joblib
 import matplotlib
 import numpy as np
 
@@ -21,7 +19,7 @@ from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
 from experiments.session.files import TABLE
-from experiments.study.helpers import end_with
+from experiments.study.helpers import cores, process_pool
 from experiments.study.people_needed import (
     MOST_PEOPLE,
     Needed,
@@ -103,38 +101,36 @@ def simulated_trials(
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
-    calls = (joblib.delayed(_trials_of)(protocol, population, person, measure, os.getpid())
-             for person in range(1, people + 1))  # fmt: skip
     found: list[TrialRow] = []
-    for done, rows in enumerate(joblib.Parallel(n_jobs=-1, return_as="generator")(calls), start=1):
-        found += rows
-        progress(done / people)
+    with process_pool(min(cores(), people)) as pool:
+        calls = [pool.submit(_trials_of, protocol, population, person, measure) for person in range(1, people + 1)]
+        for done, call in enumerate(calls, start=1):
+            found += call.result()
+            progress(done / people)
     return found
 
 
-def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric, parent: int) -> list[TrialRow]:
-    if parent != os.getpid():
-        end_with(parent)
+def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric) -> list[TrialRow]:
     return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 
-def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, asked: Question, pilot: bool) -> list[Answer]:
+def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, question: Question, pilot: bool) -> list[Answer]:
     """The answer for each configuration, and for all pooled where there are several. InputError: too few people."""
     found = []
-    for configuration, table in by_configuration(to_compare(rows), asked.measure.name):
-        people, pair, shift = _people_of(table, protocol, asked, pilot, f"{source}, {configuration}")
+    for configuration, table in by_configuration(to_compare(rows), question.measure.name):
+        people, pair, shift = _people_of(table, protocol, question, pilot, f"{source}, {configuration}")
         curve = tuple(share_found(people, pair, n, CURVE_STUDIES, SEED) for n in CURVE)
-        found.append(Answer(source, configuration, people_needed(people, pair, asked.power, SEED), shift, curve))
+        found.append(Answer(source, configuration, people_needed(people, pair, question.power, SEED), shift, curve))
     return found
 
 
 def _people_of(
-    table: ByController, protocol: Protocol, asked: Question, pilot: bool, where: str
+    table: ByController, protocol: Protocol, question: Question, pilot: bool, where: str
 ) -> tuple[People, tuple[int, int], float]:
     """The people, the places of the two controllers in their scores, and the median of their differences."""
     numbers = {preset: number for number, preset in protocol.controllers.items()}
     controllers = list(table)
-    wanted = [numbers[preset] for preset in (asked.first, asked.second)]
+    wanted = [numbers[preset] for preset in (question.first, question.second)]
     scores = scores_of(table, controllers) if controllers else np.empty((0, 0))
     missing = [number for number in wanted if number not in controllers]
     if missing:
@@ -160,22 +156,22 @@ def pilot_trials(folder: Path, protocol: Protocol) -> list[TrialRow]:
     return rows
 
 
-def write_power(found: Sequence[Answer], asked: Question, protocol: Protocol, out: Path, pilot: bool) -> dict:
+def write_power(found: Sequence[Answer], question: Question, protocol: Protocol, out: Path, pilot: bool) -> dict:
     """Write power.csv and power.png into a folder; the summary."""
-    first, second = (" ".join(preset.name.split()) for preset in (asked.first, asked.second))
-    about = f'"{first}" against "{second}", {asked.measure.short}, protocol {protocol.name}'
+    first, second = (" ".join(preset.name.split()) for preset in (question.first, question.second))
+    about = f'"{first}" against "{second}", {question.measure.short}, protocol {protocol.name}'
     lines: list[Sequence[object]] = [COLUMNS]
     for each in found:
         ends = (_cell(each.needed.people), _cell(each.needed.low), _cell(each.needed.high))
-        what = (first, second, asked.measure.name, asked.measure.unit, asked.power)
+        what = (first, second, question.measure.name, question.measure.unit, question.power)
         lines.append((each.source, each.configuration, *what, *ends, each.shift))
-    measure = asked.measure
+    measure = question.measure
     warning = FROM_PILOT if pilot else SIMULATED
-    picture = power_figure(found, asked, f"{about}. {warning[0].upper()}{warning[1:]}.")
+    picture = power_figure(found, question, f"{about}. {warning[0].upper()}{warning[1:]}.")
     write_new_files({out / "power.csv": csv_bytes(lines), out / "power.png": picture})
     return {
         "out": str(out),
-        "question": f"{about}, found with a power of {percent(asked.power)}",
+        "question": f"{about}, found with a power of {percent(question.power)}",
         "answers": [
             {
                 "from": f"{each.source}, {each.configuration}",
@@ -194,7 +190,7 @@ def _cell(count: int | None) -> str:
     return f">{MOST_PEOPLE}" if count is None else str(count)
 
 
-def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
+def power_figure(found: Sequence[Answer], question: Question, note: str) -> bytes:
     """PNG: the power against the number of people, a panel a configuration, a line a source."""
     configurations = list(dict.fromkeys(answer.configuration for answer in found))
     note += (
@@ -209,9 +205,9 @@ def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
             for place, answer in enumerate(here):
                 (line,) = axes.plot(CURVE, answer.curve, "o-", markersize=2.5, linewidth=1.2, label=answer.source)
                 low, high = (MOST_PEOPLE if end is None else end for end in answer.needed[1:])
-                height = asked.power + 0.02 * (place - 0.5 * (len(here) - 1))
+                height = question.power + 0.02 * (place - 0.5 * (len(here) - 1))
                 axes.plot((low, high), (height, height), color=line.get_color(), linewidth=3.0, alpha=0.5)
-            axes.axhline(asked.power, color="black", linewidth=0.6, linestyle=":")
+            axes.axhline(question.power, color="black", linewidth=0.6, linestyle=":")
             axes.set(xscale="log", xlim=(CURVE[0], MOST_PEOPLE), ylim=(0.0, 1.02), xlabel="people")
             axes.set_xticks((6, 10, 20, 50, 100, 200), ("6", "10", "20", "50", "100", "200"))
             axes.minorticks_off()
@@ -224,7 +220,7 @@ def power_figure(found: Sequence[Answer], asked: Question, note: str) -> bytes:
 
 def power(
     protocol: Protocol,
-    asked: Question,
+    question: Question,
     people_from: Mapping[str, Population] | Path,
     people: int,
     out: Path,
@@ -236,24 +232,28 @@ def power(
     """
     make_empty_folder(out, "results are never overwritten")
     try:
-        found = _answers_of(protocol, asked, people_from, people, progress)
-        return write_power(found, asked, protocol, out, isinstance(people_from, Path))
+        found = _answers_of(protocol, question, people_from, people, progress)
+        return write_power(found, question, protocol, out, isinstance(people_from, Path))
     except BaseException:
         out.rmdir()
         raise
 
 
 def _answers_of(
-    protocol: Protocol, asked: Question, people_from: Mapping[str, Population] | Path, people: int, progress: Progress
+    protocol: Protocol,
+    question: Question,
+    people_from: Mapping[str, Population] | Path,
+    people: int,
+    progress: Progress,
 ) -> list[Answer]:
     if isinstance(people_from, Path):
-        return answers(pilot_trials(people_from, protocol), str(people_from), protocol, asked, True)
+        return answers(pilot_trials(people_from, protocol), str(people_from), protocol, question, True)
     found: list[Answer] = []
     for done, (name, population) in enumerate(people_from.items()):
 
         def share_done(share: float, done: int = done) -> None:
             progress((done + share) / len(people_from))
 
-        rows = simulated_trials(protocol, population, people, asked.measure, share_done)
-        found += answers(rows, name, protocol, asked, False)
+        rows = simulated_trials(protocol, population, people, question.measure, share_done)
+        found += answers(rows, name, protocol, question, False)
     return found

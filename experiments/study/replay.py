@@ -1,6 +1,6 @@
 """`phd replay`: the hand of a recorded trial once more, through its own or another controller or device.
 
-Which controller, device and hand that is, what came of it, metric by metric, and the replayed ticks as a file.
+The summary names controller, device and hand and compares each metric; the replayed ticks can be written to a file.
 """
 
 from dataclasses import replace
@@ -65,7 +65,7 @@ class Checked(NamedTuple):
 
 
 class Replacement(NamedTuple):
-    """What takes the place of what was recorded; None: nothing."""
+    """The controller, device, hand or protocol that replaces the recorded one; None: it stays."""
 
     controller: int | None = None  # its number in the session's protocol, or in `protocol`
     device: str | None = None  # a name or a file
@@ -111,7 +111,7 @@ def replay(
     ways = way_made(recording, trial.path), way_made(replayed, trial.path)
     status = row.status, outcome["status"]
     common = None if status == ("done", "done") else min(ways)
-    metrics, failed = compared(trial, replayed, common)
+    metrics, failed = compare_metrics(trial, replayed, common)
     if out is not None:
         write_ticks(replayed, trial.first, out)
     return {
@@ -121,7 +121,7 @@ def replay(
         "hand": kind,
         "before": {
             "device": row.configuration,
-            "controller": named(recorded_protocol, row.controller),
+            "controller": controller_words(recorded_protocol, row.controller),
             "status": row.status,
             "way_made": ways[0],
             "energy_residual_J": row.energy_residual_J,
@@ -129,7 +129,7 @@ def replay(
         },
         "after": {
             "device": onto.name,
-            "controller": named(chosen, number),
+            "controller": controller_words(chosen, number),
             "way_made": ways[1],
             **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
         },
@@ -211,7 +211,7 @@ def first_difference(recording: Recording, rows: np.ndarray, decisions: tuple[st
 
 
 def warnings(without_start: bool, difference: str | None, checked: Checked | None) -> list[str]:
-    """Why the replay is not the recorded trial though it might be, and what is wrong with the recording."""
+    """Why the replay differs from the recorded trial, and decisions of the recording that are not reproduced."""
     found = [OTHER_VERSION] if without_start else []
     if difference:
         found.append(
@@ -234,7 +234,8 @@ def as_recording(trial: Recorded, rows: np.ndarray, device: Device, preset: Pres
             ticks[:, place] = trial.recording.column(name)[: trial.first]
     ticks = np.concatenate((ticks, rows))
     ticks[:, tick_log.T] = trial.recording.column("t_s")[: len(ticks)]
-    about = {steering.KEY: steering.to_metadata(trial.stored.protocol.assumptions.applied_to(device))}
+    steered = steering.to_metadata(trial.stored.protocol.assumptions.applied_to(device))
+    about = {steering.KEY: steered, "preset": {"kind": preset.kind}}
     return recording_of(ticks, device.braked, trial.recording.path, preset.decisions, about)
 
 
@@ -246,7 +247,7 @@ def short_ways(common: float | None, ways: tuple[float, float], status: str) -> 
     return [f"{short} made {common:.1%} of the way: both are measured from the start to there, and no further"]
 
 
-def compared(
+def compare_metrics(
     trial: Recorded, replayed: Recording, common: float | None
 ) -> tuple[dict[str, dict[str, float | None]], list[str]]:
     """Each metric before and after, and its change; None where there is nothing, or a blind session hides it.
@@ -301,7 +302,7 @@ def tip_difference(trial: Recorded, rows: np.ndarray) -> float:
     return float(np.max(np.hypot(dx, dy)[both], initial=0.0))
 
 
-def named(protocol: Protocol, controller: int | str) -> str:
+def controller_words(protocol: Protocol, controller: int | str) -> str:
     """A controller as a summary names it: number and name, or its code in a blind session."""
     name = protocol.controller_name(controller)
     return name if isinstance(controller, str) else f"{controller} {name}"
@@ -333,7 +334,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
     without = np.full(recording.rows, np.nan)
     wanted = [recording.columns.get(name, without) for name in WANTED]
     given = np.column_stack((*map(recording.column, GIVEN), *wanted))
-    path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.how.assumptions
+    path, assumed = build_path(conditions.path, f"{recording.path}: path"), conditions.trial_rules.assumptions
     middle = middle_of(path)
     if recording.sensors:
         noise, sensing, assumed = velocity_noise(device, middle), new_sensing(device, DEFAULTS), AS_ON_THE_BENCH
@@ -342,7 +343,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
         noise, sensing = decision_noise(device, middle, assumed), new_sensing(device, assumed)
     controller = make_controller(
         conditions.preset, device.force_normalised_N, conditions.rules, velocity_noise=noise,
-        around=make_around(conditions.how.around, device, sensed(device, middle, assumed)),
+        around=make_around(conditions.trial_rules.around, device, sensed(device, middle, assumed)),
     )  # fmt: skip
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     model = Model(pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False), MR, EVENT)

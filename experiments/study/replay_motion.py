@@ -2,8 +2,8 @@
 
 The hand is one of two:
 target   the recorded arm (spring-damper and mass), pulled by the recorded target: it gives way to another motion as an
-         arm does, and wants what it wanted. What the recorded force has besides (noise, tremor, effort) is held over
-         each tick as it was. Recorded of every hand that moved the simulated device.
+         arm does, with the same aim. The other parts of the recorded force (noise, tremor, effort) are held over each
+         tick as they were. Recorded of every hand that moved the simulated device.
 force    the recorded force over time, whatever the handle does. Nothing holds the handle near the recorded motion, and
          it drifts off by millimetres to centimetres.
 It is over at the recording's last tick.
@@ -38,7 +38,7 @@ from core.workspace import arm_pose
 from experiments.analysis.metrics import check_samples
 from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.plan import PlannedTrial
-from experiments.progress import Progress, no_progress
+from experiments.progress import Progress
 from experiments.recording.atomic_files import reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
@@ -52,7 +52,7 @@ PROGRESS_EVERY = 500  # ticks
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded trial, and what its session knows of it."""
+    """A recorded trial, with its row, its session and its path."""
 
     recording: Recording
     row: TrialRow
@@ -82,13 +82,13 @@ def read_recorded(file: Path) -> Recorded:
 
 
 class RecordedHand(NamedTuple):
-    """A hand for the simulator, and what it wants at each tick of the recording."""
+    """A hand for the simulator, and its target and stiffness at each tick of the recording."""
 
     hand: Hand
     wants: dict[str, np.ndarray]  # field of the grip -> its value at each tick; empty: a force alone
 
     def take(self, tick: int) -> None:
-        """Want what the recorded hand wanted at a tick."""
+        """Set target and stiffness to those of the recorded hand at a tick."""
         grip = self.hand.grips.view(np.ndarray)[0]
         for name, values in self.wants.items():
             grip[name] = values[tick]
@@ -157,7 +157,7 @@ class ReplayedDevice(SimulatedDevice):
             state["play"][0], state["edge"][0] = play_after(recording, first, self.device)
             rate = state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
             state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
-            last = max(first - 1, 0)  # what the controller knows of the hand before it decides for the first time
+            last = max(first - 1, 0)  # the last hand force before the controller's first decision
             state["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
         self._before = self.ledger()
 
@@ -168,7 +168,7 @@ def run_replay(
     device: Device,
     conditions: Conditions,
     whole: bool,
-    progress: Progress = no_progress,
+    progress: Progress,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 

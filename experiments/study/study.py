@@ -17,7 +17,8 @@ from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import Moved, warnings, write_report
+from experiments.analysis.report import warnings, write_report
+from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import StudyData, TrialRow, without_value
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress
@@ -72,26 +73,26 @@ def run_study(
     with helpers(operators) as workers, hold_lock(out):
         study = StudyPlan(operators, with_low_gain_found(protocol, population), population)
         write_study(out, study)
-        return carry_out(out, study, workers, purpose, progress)
+        return run_to_the_end(out, study, workers, purpose, progress)
 
 
 def resume_study(
-    out: Path, asked: Mapping[str, object], purpose: str = SCREEN, progress: Progress = no_progress
+    out: Path, options: Mapping[str, object], purpose: str = SCREEN, progress: Progress = no_progress
 ) -> dict:
     """Go on with an interrupted study as it was begun: what a crash left is recovered, then every trial of the plan
     that is still to be run is run. A study that is complete is left as it is. The summary.
 
-    asked: what was asked for by name (see `refuse_other`): it must be what the study was begun with.
+    options: by name (see `refuse_other`); they must be those with which the study was begun.
     An operator whose session was cut runs the rest with devices just switched on, so these trials are not the ones
     of an uninterrupted study, bit by bit; those of operators not begun, or done, are.
-    InputError if there is no study, it differs from what was asked, or a live process has it.
+    InputError if there is no study, an option differs, or a live process has it.
     """
     out = Path(out)
     study = read_study(out)
-    refuse_other(out, study, asked)
+    refuse_other(out, study, options)
     load_kernels()
     with helpers(study.operators) as workers, hold_lock(out):
-        return carry_out(out, study, workers, purpose, progress)
+        return run_to_the_end(out, study, workers, purpose, progress)
 
 
 def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
@@ -107,8 +108,8 @@ def refuse_too_many(out: Path, operators: int, protocol: Protocol) -> None:
         )
 
 
-def carry_out(out: Path, study: StudyPlan, workers: Helpers, purpose: str, progress: Progress) -> dict:
-    """Run what is not done yet; the summary. An interrupt says how the study goes on."""
+def run_to_the_end(out: Path, study: StudyPlan, workers: Helpers, purpose: str, progress: Progress) -> dict:
+    """Run all trials that are not done yet; the summary. An interrupt says how the study goes on."""
     try:
         return StudyRun(out, study, workers.shared, progress, purpose).carry_out(workers)
     except KeyboardInterrupt:
@@ -129,7 +130,7 @@ class StudyRun:
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, workers: Helpers) -> dict:
-        """Run what is not done yet, with the helpers, then the table and the figures."""
+        """Run all trials that are not done yet, with the helpers, then write the table and the figures."""
         began = time.perf_counter()
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
         errors, others = None, []

@@ -6,6 +6,7 @@ How its folder is filled, resumed and spread over workers: `jobs`.
 import csv
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -31,7 +32,7 @@ from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.sweep_effects import SEED, effect_files, effects, moves_most
-from experiments.study.sweep_ranks import rank_files, ranks, said
+from experiments.study.sweep_ranks import rank_files, rank_sentences, ranks
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 
@@ -180,68 +181,90 @@ def load_sweep(name_or_path: str | Path) -> Work[SweepCell]:
     path = shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown sweep")
     text = read_text(path)
     file = parse_toml(text, SweepFile, str(path))
-    inline = inline_devices(file.device, file.brake, path.parent, str(path))
-    devices = (
-        None if file.devices is None else [inline.get(name) or local_or_shipped(path, name) for name in file.devices]
-    )
-    protocol = load_protocol(local_or_shipped(path, file.protocol), devices=devices)
-    populations = [load_population(local_or_shipped(path, name)) for name in file.populations]
-    called = [population.name for population in populations]
-    if len(set(called)) < len(called):
-        raise InputError(f"{path}: populations: two have the same name ({', '.join(called)})")
-    in_protocol = presets_of(protocol)
-    try:
-        given = [preset for controller in file.controller for preset in controller.presets(path.parent)]
-    except ValueError as error:  # of a file of its own: the others were looked at with the sweep's
-        raise InputError(f"{path}: controller: {error}") from None
-    presets = given or in_protocol
-    if len(set(presets)) < len(presets):
-        raise InputError(f"{path}: controller: the same controller is given twice")
-    all_rules = file.rules or (protocol.rules,)
-    lists = populations, protocol.devices, file.seeds, all_rules, presets, *file.varied.values()
-    count = file.operators * math.prod(map(len, lists))
+    protocol = _protocol_of(file, path)
+    populations = _populations_of(file, path)
+    presets = _presets_of(file, path, protocol)
+    rules = file.rules or (protocol.rules,)
+    factors = populations, protocol.devices, file.seeds, rules, presets, *file.varied.values()
+    count = file.operators * math.prod(map(len, factors))
     if count > MOST_JOBS:  # before they are spread out
         raise InputError(f"{path}: {count} people in cells are more than the {MOST_JOBS} that one sweep may have")
-    chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
-    assumed = [replace(protocol.assumptions, **changes) for changes in chosen]
-    if any(assumptions.sensing == ENCODERS for assumptions in assumed):
-        for device in protocol.devices:
-            encoder_counts(device)
-    protocols = [
-        replace(protocol, seed=seed, rules=rules, assumptions=own, trial=replace(protocol.trial, assumptions=own))
-        for seed in file.seeds
-        for rules in all_rules
-        for own in assumed
-    ]
-    cells = populations, protocol.devices, protocols, presets, range(1, file.operators + 1)
+    protocols = _protocols_of(file, protocol, rules)
     varied = tuple(key for key, values in {SEED: file.seeds, **file.varied}.items() if len(values) > 1)
-    names = {entry[1:]: entry.name for entry in in_protocol}
-    parameters, own = tuple(dict.fromkeys([*PARAMETERS, *(n for p in presets for n in p.named)])), own_metrics(protocol)
+    parameters = tuple(dict.fromkeys([*PARAMETERS, *(name for preset in presets for name in preset.named)]))
+    own, names = own_metrics(protocol), _names_of(presets, presets_of(protocol))
     columns = (*FACTORS, *varied, "kind", *parameters, *MEASURED, "controller_name", *(metric.name for metric in own))
     if len(set(columns)) < len(columns):
         twice = next(name for name in columns if columns.count(name) > 1)
         raise InputError(f"{path}: {twice} is a parameter of an own controller, and another column of the table")
+    cells = itertools.product(populations, protocol.devices, protocols, presets, range(1, file.operators + 1))
     jobs = tuple(
         SweepCell(
-            number,
-            population,
-            device,
-            one,
-            one.assumptions.controller(preset),
-            operator,
-            file.repetitions,
-            varied,
-            parameters,
-            own,
-            preset.name if preset in in_protocol else names.get(preset[1:], preset.words),
-        )  # fmt: skip
-        for number, (population, device, one, preset, operator) in enumerate(itertools.product(*cells), start=1)
-    )
+            number, population, device, cell_protocol, cell_protocol.assumptions.controller(preset), operator,
+            file.repetitions, varied, parameters, own, names[preset],
+        )
+        for number, (population, device, cell_protocol, preset, operator) in enumerate(cells, start=1)
+    )  # fmt: skip
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
     texts |= {f"population {population.name}": population.text for population in populations}
     texts |= {f"file {preset.kind}": preset.own.text for preset in presets if preset.own}
     texts |= {f"file {name}": code for name, code in protocol.code.items()}
     return Work("sweep", file.name, texts, columns, jobs)
+
+
+def _protocol_of(file: SweepFile, path: Path) -> Protocol:
+    """The protocol of a sweep, with the sweep's devices."""
+    inline = inline_devices(file.device, file.brake, path.parent, str(path))
+    devices = None
+    if file.devices is not None:
+        devices = [inline.get(name) or local_or_shipped(path, name) for name in file.devices]
+    return load_protocol(local_or_shipped(path, file.protocol), devices=devices)
+
+
+def _populations_of(file: SweepFile, path: Path) -> list[Population]:
+    populations = [load_population(local_or_shipped(path, name)) for name in file.populations]
+    names = [population.name for population in populations]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: populations: two have the same name ({', '.join(names)})")
+    return populations
+
+
+def _presets_of(file: SweepFile, path: Path, protocol: Protocol) -> list[Preset]:
+    """The controllers of a sweep; those of the protocol where it names none."""
+    try:
+        given = [preset for controller in file.controller for preset in controller.presets(path.parent)]
+    except ValueError as error:  # of an own controller: the others were checked with the file
+        raise InputError(f"{path}: controller: {error}") from None
+    presets = given or presets_of(protocol)
+    if len(set(presets)) < len(presets):
+        raise InputError(f"{path}: controller: the same controller is given twice")
+    return presets
+
+
+def _protocols_of(file: SweepFile, protocol: Protocol, all_rules: Sequence[str]) -> list[Protocol]:
+    """The protocol under each seed, each rule set and each combination of assumptions."""
+    chosen = [dict(zip(file.varied, values, strict=True)) for values in itertools.product(*file.varied.values())]
+    assumed = [replace(protocol.assumptions, **changes) for changes in chosen]
+    if any(assumptions.sensing == ENCODERS for assumptions in assumed):
+        for device in protocol.devices:
+            encoder_counts(device)
+    return [
+        replace(
+            protocol, seed=seed, rules=rules, assumptions=assumptions,
+            trial=replace(protocol.trial, assumptions=assumptions),
+        )
+        for seed in file.seeds for rules in all_rules for assumptions in assumed
+    ]  # fmt: skip
+
+
+def _names_of(presets: Sequence[Preset], in_protocol: Sequence[Preset]) -> dict[Preset, str]:
+    """What each controller is called: as the protocol calls it, else its algorithm and parameters in words."""
+    names = {(preset.kind, preset.values, preset.own): preset.name for preset in in_protocol}
+    return {
+        preset: preset.name if preset in in_protocol
+        else names.get((preset.kind, preset.values, preset.own), preset.words)
+        for preset in presets
+    }  # fmt: skip
 
 
 def run_sweep(
@@ -278,5 +301,5 @@ def run_sweep(
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
         "moves_most": moves_most(found),
-        "ranks": said(ranked),
+        "ranks": rank_sentences(ranked),
     }

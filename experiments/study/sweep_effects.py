@@ -10,7 +10,6 @@ import matplotlib
 import numpy as np
 from scipy import stats
 
-from core.control.controllers import PARAMETERS
 from experiments.analysis.metrics import FIGURES, Metric
 from experiments.analysis.sheet import BLUE, PAGE_IN, STYLE, figure_bytes, sheet, title
 from experiments.numbers import significant
@@ -52,9 +51,8 @@ def person_in(row: Row) -> Person:
 
 
 def effects(
-    rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str] = (*PARAMETERS,),
-    measures: Sequence[Metric] = FIGURES,
-) -> list[Effect]:  # fmt: skip
+    rows: Sequence[Row], varied: Sequence[str], parameters: Sequence[str], measures: Sequence[Metric]
+) -> list[Effect]:
     """Every key with more than one value against every measure that has a value at each of them.
 
     varied: the seed and assumptions that are not the same in all rows; parameters: of all controllers. Trials that did
@@ -90,18 +88,18 @@ def _effect(name: str, column: str, rows: Sequence[Row], measure: Metric) -> Eff
 
 def moves_most(found: Sequence[Effect]) -> list[str]:
     """For each measure the key that moves it most, a sentence each."""
-    said = []
+    sentences = []
     for measure in _measures_of(found):
         here = [effect for effect in found if effect.measure is measure]
-        said.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
-    return said
+        sentences.append(f"{measure.short}: {max(here, key=lambda effect: effect.moved).words}")
+    return sentences
 
 
 def _measures_of(found: Sequence[Effect]) -> list[Metric]:
     """The measures that have an effect: those of the figures in their order, then those of one's own."""
-    there = {effect.measure.name: effect.measure for effect in found}
-    own = [measure for measure in there.values() if measure not in FIGURES]
-    return [*(measure for measure in FIGURES if measure.name in there), *own]
+    by_name = {effect.measure.name: effect.measure for effect in found}
+    own = [measure for measure in by_name.values() if measure not in FIGURES]
+    return [*(measure for measure in FIGURES if measure.name in by_name), *own]
 
 
 def effect_files(found: Sequence[Effect], name: str) -> dict[str, bytes]:

@@ -98,7 +98,7 @@ def _ranked(where: str, rows: Sequence[Row], measure: Metric, controllers: Seque
         np.nanmedian(score[[p[1] == seed for p in people]], axis=0) for seed in dict.fromkeys(p[1] for p in people)
     ]
     drawn = _drawn(score, people)
-    better = np.all([sign * one[:, None] < sign * one for one in (value, *seeds)], axis=0)
+    better = np.all([sign * median[:, None] < sign * median for median in (value, *seeds)], axis=0)
     better &= np.mean(sign * drawn[:, :, None] < sign * drawn[:, None, :], axis=0) >= SURE
     low, high = np.nanquantile(drawn, (1.0 - SURE, SURE), axis=0)
     rank_low, rank_high = np.quantile(_order(sign * drawn), (1.0 - SURE, SURE), axis=0, method="nearest")
@@ -144,7 +144,7 @@ def front(found: Sequence[Rank], where: str = ALL) -> list[str]:
     ]
 
 
-def said(found: Sequence[Rank]) -> list[str]:
+def rank_sentences(found: Sequence[Rank]) -> list[str]:
     """The ranks over all trials, a sentence for each measure, and the front."""
     sentences = []
     for measure in RANKED:
@@ -186,10 +186,10 @@ def _draw_front(found: Sequence[Rank], name: str) -> bytes:
         for line, where in zip(grid, rows, strict=True):
             best = front(found, where)
             for panel, measure in zip(line, FRONT[1:], strict=True):
-                _draw_panel(panel, found, (where, measure), {one: BLUE if one in best else GREY for one in names})
-        for place, one in enumerate(names):
+                _draw_panel(panel, found, (where, measure), {name: BLUE if name in best else GREY for name in names})
+        for place, controller in enumerate(names):
             at = 1.0 - 1.7 / size[0], 1.0 - (0.45 + 0.19 * place) / size[1]
-            figure.text(*at, f"{place + 1}  {one}", parse_math=False)
+            figure.text(*at, f"{place + 1}  {controller}", parse_math=False)
         return figure_bytes(figure, "png")
 
 
@@ -206,9 +206,9 @@ def _draw_panel(axes: Axes, found: Sequence[Rank], what: tuple[str, Metric], col
         axes.text(x.value, y.value, str(number), ha="center", va="center", color=colour, fontsize=SMALL, zorder=4)
     axes.set(xscale="log", yscale="log", xlabel=f"{FRONT[0].short} ({FRONT[0].shown_unit})")
     axes.set_ylabel(f"{across.short} ({across.shown_unit})")
-    for one in (axes.xaxis, axes.yaxis):
-        one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        one.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        one.set_minor_formatter(NullFormatter())
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     plain(axes)
     title(axes, where)

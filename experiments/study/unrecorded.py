@@ -22,7 +22,7 @@ from core.tick_log import TICK_S
 from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import HAND, STEP, Moved
+from experiments.analysis.simulation_errors import HAND, STEP, Moved
 from experiments.analysis.trials_table import TrialRow, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
@@ -102,7 +102,7 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     rows = run_trial(trial)
     outcome = trial.outcome()
     values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
-    about = {steering.KEY: steering.to_metadata(trial.device)}
+    about = {steering.KEY: steering.to_metadata(trial.device), "preset": {"kind": trial.preset.kind}}
     recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions, metadata=about)
     values |= measure(recording, trial.path, metrics)
     return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
@@ -137,7 +137,7 @@ def errors_in(folder: Path) -> list[Moved]:
 
 
 def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Moved]:
-    """How far the measures move when a study's trials are simulated otherwise (the changes: `report.READ_ERRORS`).
+    """How far the measures move when a study's trials are simulated otherwise (`STEP`, `HAND`, `BRAKES`).
 
     Each trial of one operator's first block is run again from the same start, with the same operator and noise. The
     controller decides at 1 kHz as before: that is the device's, and no error of the simulation. Every controller,

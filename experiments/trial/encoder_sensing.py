@@ -2,7 +2,7 @@
 
 Each joint angle is a whole number of counts, and the tip follows from them. Its velocity is the slope of the parabola
 by least squares through the last samples (`MotionFilter` of hardware/sensing/samples): half the window old. The whole
-sample, with the force, reaches the controller some ticks later. The force itself is what the hand does: the noise of
+sample, with the force, reaches the controller some ticks later. The force itself is the hand's: the noise of
 the bench's sensor (0.02 N) is far below the thresholds of the rules.
 
 All of it follows from the tip's motion since the first tick, so a recording, whose columns are the true motion, gives
@@ -67,7 +67,7 @@ def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assump
 
 
 def sensed(device: Device, tip: tuple[float, float], assumptions: Assumptions) -> Sensed:
-    """How far what the controller of a simulated device sees may be from its motion.
+    """How far the motion that the controller of a simulated device sees may be from the true one.
 
     The steps of the encoders: twice what they are at `tip` (m).
     """

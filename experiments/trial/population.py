@@ -81,7 +81,7 @@ class PopulationFile(_Spreads, Table, frozen=True, kw_only=True):
     """A population file as it stands: a Spread for each field of Person, and its name."""
 
     name: Annotated[str, msgspec.Meta(min_length=1)]
-    changed_after_findings: tuple[str, ...] = ()  # what was set after findings were looked at, one sentence each
+    changed_after_findings: tuple[str, ...] = ()  # numbers that were set after findings were seen, a sentence each
 
     def __post_init__(self) -> None:
         for key, limits in LIMITS.items():

@@ -25,7 +25,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol, middle_of
 from experiments.trial import tick
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, new_sensing
-from experiments.trial.trial import Conditions, Known, Trial, path_of
+from experiments.trial.trial import Conditions, Trial, TrialDevice, path_of
 
 #: s. Without a sample for so long the currents are zero and the trial ends; the board's watchdog has the same number.
 SILENT_S = 0.05
@@ -43,42 +43,47 @@ class RealTrial(Trial):
     """A trial of the plan on the device of a file, to which it is brought later (`connect`)."""
 
     real = True
-    _sent = ("_reason", "filled", "_report")
 
     def __init__(self, device: Device, planned: PlannedTrial, conditions: Conditions) -> None:
         path = path_of(planned, conditions)
         middle = middle_of(path)
         model, noise = Simulation(without_backlash(device), middle, fidelity="mr"), velocity_noise(device, middle)
-        known = Known(device, model, new_sensing(device, DEFAULTS), noise, AS_ON_THE_BENCH)
-        super().__init__(known, path, planned, conditions)
+        on = TrialDevice(device, model, new_sensing(device, DEFAULTS), noise, AS_ON_THE_BENCH)
+        super().__init__(on, path, planned, conditions)
         self._connected: RealDevice | None = None
         self._last: tuple[int, np.ndarray] | None = None  # sequence and row of the last sample
-        self._heard_s = self._ended_s = math.nan
-        self._not_closed = self.filled = 0
-        self._report: dict[str, Any] = {}  # the device's report, once the trial has left it
+        self._last_sample_s = self._ended_s = math.nan
+        self._not_closed = 0
 
     def _device_report(self) -> dict[str, Any]:
-        report = self._connected.end_record() if self._connected else self._report
+        report = self._connected.end_record() if self._connected else self._end.device_report
         return {"ledger": LEDGER, "filled": self.filled} | report
+
+    @property
+    def filled(self) -> int:
+        """How many samples were lost and interpolated."""
+        return self._end.filled
 
     def __getstate__(self) -> dict[str, Any]:
         """To another process: the device stays where it is."""
         return {**self.__dict__, "_connected": None}
 
     def connect(self, device: RealDevice) -> None:
-        """Give the trial its device."""
+        """Run on this device from now on."""
         self._connected = device
 
     def leave(self) -> None:
         """Leave the device; its report goes with the trial."""
-        self._report, self._connected = self._there().end_record(), None
+        self._end.device_report, self._connected = self._bench.end_record(), None
 
-    def _there(self) -> RealDevice:
+    @property
+    def _bench(self) -> RealDevice:
+        """The device, which is connected."""
         assert self._connected is not None
         return self._connected
 
     def give_up(self, reason: str) -> None:
-        """There is no device to run it on: it ends as aborted, without a tick."""
+        """End as aborted, without a tick: no device can run it."""
         self.abort(reason)
         self._run["finished"][0] = 1
 
@@ -86,16 +91,17 @@ class RealTrial(Trial):
     def currents(self) -> tuple[float, float, float, float]:
         """The currents (A) for the brakes of a real device now; zero in doubt, and once the trial is over."""
         device = self._connected
-        if device is None or self.finished or self._run["stop"][0] or not device.clock() - self._heard_s < SILENT_S:
+        is_silent = device is None or not device.clock() - self._last_sample_s < SILENT_S  # before the first: NaN
+        if is_silent or self.finished or self._run["stop"][0]:
             return (0.0, 0.0, 0.0, 0.0)
         a, e, b, c = self._run["current"][0].tolist()
         return a, e, b, c
 
     def exchange(self) -> list[np.ndarray]:
         """One exchange with a real device; the rows (BENCH_WIDTH,) of the ticks that it brought, oldest first."""
-        device = self._there()
-        if math.isnan(self._heard_s):
-            self._heard_s = device.clock()
+        device = self._bench
+        if math.isnan(self._last_sample_s):
+            self._last_sample_s = device.clock()
             device.begin()
         newest = device.exchange(self.currents)
         samples, now = device.samples(), device.clock()
@@ -103,35 +109,35 @@ class RealTrial(Trial):
         if newest is None:
             self._without_sample(now)
             return rows
-        self._heard_s = now
+        self._last_sample_s = now
         for sample in samples if self._last else samples[-1:]:
             rows += self._ticks_of(sample, sample is samples[-1], now)
-        if self._over(now):
+        if self._is_over(now):
             self._finish()
         return rows
 
     def _without_sample(self, now: float) -> None:
-        """Nothing came: after `SILENT_S` the trial is over, whether or not its end can still be recorded."""
-        if problem := self._there().problem:
+        """End the trial where the device has a problem or was silent for `SILENT_S`."""
+        if problem := self._bench.problem:
             self.abort(problem)
             self._finish()
-        elif now - self._heard_s >= SILENT_S:
+        elif now - self._last_sample_s >= SILENT_S:
             self.abort(cause("silent-in-trial", ms=1e3 * SILENT_S))
-            self._end(now)
-            if self._over(now):
+            self._enter_end(now)
+            if self._is_over(now):
                 self._finish()
 
-    def _over(self, now: float) -> bool:
-        """Whether the last tick has been run, or is not worth waiting for."""
-        return self.finished or now - self._ended_s > self.how.end_s + LONGEST_END_S
+    def _is_over(self, now: float) -> bool:
+        """Whether the last tick has been run, or has not come in time."""
+        return self.finished or now - self._ended_s > self.trial_rules.end_s + LONGEST_END_S
 
     def _finish(self) -> None:
-        """No more ticks: what was recorded is all there is."""
-        self._end(self._there().clock())
+        """End the recording here: no further tick is run."""
+        self._enter_end(self._bench.clock())
         self._run["finished"][0] = 1
 
-    def _end(self, now: float) -> None:
-        """The trial is over, without a further sample."""
+    def _enter_end(self, now: float) -> None:
+        """Enter the phase `end` with zero currents, without waiting for a further sample."""
         run = self._run[0]
         run.current[:] = 0.0
         if run.phase != tick_log.END:
@@ -141,14 +147,14 @@ class RealTrial(Trial):
 
     def _ticks_of(self, sample: DeviceSample, newest: bool, now: float) -> list[np.ndarray]:
         """The row of a sample, behind those of samples that were lost before it; none after the last tick."""
-        self._look_at(sample)
+        self._check_sample(sample)
         if self._last is None:
             self.simulation.state["distal_side"][0] = math.copysign(
                 1.0, distal_sine(self.simulation.mechanism[0], *sample.tip)
             )
-        sensed = sensed_row(sample, self._there().encoders, 1e6 * (now - sample.t_s))
+        sensed = sensed_row(sample, self._bench.encoders, 1e6 * (now - sample.t_s))
         rows = []
-        for row in [*self._lost_before(sample.sequence, sensed), sensed]:
+        for row in [*self._filled_before(sample.sequence, sensed), sensed]:
             if self.finished:
                 break
             self._run["newest"][0] = newest and row is sensed
@@ -159,7 +165,7 @@ class RealTrial(Trial):
             self._ended_s = now
         return rows
 
-    def _look_at(self, sample: DeviceSample) -> None:
+    def _check_sample(self, sample: DeviceSample) -> None:
         """End the trial where this sample shows a fault of the board, of its encoders or of the wire."""
         self._not_closed = 0 if sample.closed else self._not_closed + 1
         if sample.fault:
@@ -177,7 +183,7 @@ class RealTrial(Trial):
         elif lost > MOST_FILLED:
             self._finish()
 
-    def _lost_before(self, sequence: int, sensed: np.ndarray) -> list[np.ndarray]:
+    def _filled_before(self, sequence: int, sensed: np.ndarray) -> list[np.ndarray]:
         """Rows for the samples that were lost since the last one."""
         if self._last is None or self.finished:
             return []
@@ -188,7 +194,7 @@ class RealTrial(Trial):
             lost[_SENSED] = before[_SENSED] + (sensed[_SENSED] - before[_SENSED]) * (n / steps)
             lost[tick_log.FILLED], lost[tick_log.LATENESS_US] = 1.0, sensed[tick_log.LATENESS_US] + 1e3 * (steps - n)
             rows.append(lost)
-        self.filled += len(rows)
+        self._end.filled += len(rows)
         return rows
 
 
@@ -219,4 +225,4 @@ def load_kernels() -> None:
     row[tick_log.TIP_X : tick_log.TIP_Y + 1] = x, y
     distal_sine(trial.simulation.mechanism[0], x, y)
     trial.run(row[np.newaxis])
-    trial._end(0.0)
+    trial._enter_end(0.0)

@@ -102,7 +102,7 @@ RUN = np.dtype(
         ("end_ticks", "i8"),  # recorded after the end, brakes off
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("substeps", "i8"),  # steps of the simulated device in a tick; the controller decides once a tick all the same
-        ("real", "i8"),  # 1: a real device; its rows hold what was sensed
+        ("real", "i8"),  # 1: a real device; its rows come with its samples in them
         ("speed_max", "f8"),  # m/s, of a real device
         ("release_force", "f8"),  # N; infinite: a trapped hand is not released
         ("release_ticks", "i8"),
@@ -125,7 +125,7 @@ RUN = np.dtype(
         ("newest", "i8"),  # 0: another sample has come already, so that this tick is recorded and decides nothing
         ("trapped_ticks", "i8"),  # pushed for, against a full lock; falls as fast as it rose
         ("power", "f8"),  # W, of the hand at the last tick
-        ("excess", "f8", (4,)),  # A, mean of what is measured beyond what was asked for
+        ("excess", "f8", (4,)),  # A, mean of the measured current less the one that was asked for
         ("disobeyed_ticks", "i8"),
         ("theta", "f8", (4,)),  # work space
         ("gap", "f8", (PLACES,)),
@@ -134,30 +134,30 @@ RUN = np.dtype(
 )
 
 
-def new_run(how: TrialRules, simulated_hand: bool, real: bool = False) -> np.ndarray:
+def new_run(rules: TrialRules, simulated_hand: bool, real: bool = False) -> np.ndarray:
     """A trial before its first tick, by the trial rules of a protocol."""
-    approach_s = how.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
+    approach_s = rules.approach_time_out_s if simulated_hand else PERSON_APPROACH_S
     run = new_record(
         RUN,
-        start_radius=how.start_radius_m,
-        end_radius=how.end_radius_m,
-        hold_ticks=round(how.hold_s / TICK_S),
+        start_radius=rules.start_radius_m,
+        end_radius=rules.end_radius_m,
+        hold_ticks=round(rules.hold_s / TICK_S),
         approach_ticks=round(approach_s / TICK_S),
-        move_ticks=round(how.time_out_s / TICK_S),
-        end_ticks=round(how.end_s / TICK_S),
+        move_ticks=round(rules.time_out_s / TICK_S),
+        end_ticks=round(rules.end_s / TICK_S),
         simulated_hand=int(simulated_hand),
         substeps=1,
         real=int(real),
         speed_max=SPEED_MAX_M_S,
-        release_force=how.release.force_N if how.release else math.inf,
-        release_ticks=round(how.release.time_s / TICK_S) if how.release else 0,
+        release_force=rules.release.force_N if rules.release else math.inf,
+        release_ticks=round(rules.release.time_s / TICK_S) if rules.release else 0,
         phase=APPROACH,
         held=1,
         newest=1,
         decision=OFF,
     )
-    if how.slave:
-        set_slave(run["slave"][0], how.slave)
+    if rules.slave:
+        set_slave(run["slave"][0], rules.slave)
     return run
 
 
@@ -180,7 +180,7 @@ class RunningTrial(NamedTuple):
 def run_ticks(trial, rows):
     """Run ticks of a `RunningTrial` until rows are full or it is finished; returns how many were run.
 
-    rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, with what was sensed in them.
+    rows: (n, WIDTH), or (n, BENCH_WIDTH) of a real device, one for each sample, which stands in it already.
     """
     model, data = trial.model, trial.data
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
@@ -435,7 +435,7 @@ def log_field(field, memory, row):
 
 @kernel
 def log_row(trial, t, row):
-    """Stage: one row of the log, after what happens at t; what was sensed stands in it already."""
+    """Stage: one row of the log, after the events at t; a real device's sample stands in it already."""
     run, state, grip = trial.run, trial.data.state, trial.data.hand.grips[0]
     row[log.T], row[log.PHASE], row[log.DECISION] = t, run.phase, run.decision
     row[log.TIP_AX], row[log.TIP_AY] = state.acceleration[0], state.acceleration[1]
@@ -459,7 +459,7 @@ def log_row(trial, t, row):
 
 @kernel
 def log_shown(trial, row):
-    """Stage: into the row, the force to be shown, the nearest one that can be had, and what the brakes do, Eq. (7)."""
+    """Stage: into the row, the force to be shown, the nearest that brakes can exert, and theirs, Eq. (7)."""
     state, slave, memory = trial.data.state, trial.run.slave, trial.memory
     row[log.SLAVE_X] = slave.place[0] if slave.on != 0 else math.nan
     row[log.SLAVE_Y] = slave.place[1] if slave.on != 0 else math.nan
@@ -494,7 +494,7 @@ def resting_bits(brakes, state):
 
 
 class Decisions(NamedTuple):
-    """What the controller was given in the ticks of a trial, and what it decides by that."""
+    """The inputs of a controller in the ticks of a trial, and its decisions."""
 
     given: np.ndarray  # (n, 8): tip (m), its velocity (m/s), the hand force and the force to be shown (N)
     taken: np.ndarray  # (n,): the ticks whose decision was taken

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,27 +32,46 @@ from experiments.trial.operator import OPERATOR, Person, new_operator, on_path, 
 #: Draws of noise per axis for one trial; a longer trial goes round.
 NOISE_DRAWS = 1 << 16
 
-#: what running a trial changes: arrays, and what is known of its end
-Changed = tuple[tuple[np.ndarray, ...], dict[str, Any]]
-
 
 class Conditions(NamedTuple):
-    """Under which a trial is run."""
+    """The path, the controller and the rules of a trial."""
 
     path: PathFile
     preset: Preset  # its controller, whatever the plan calls it
-    rules: str
-    how: TrialRules = TrialRules()  # durations, radii and release of the protocol
+    rules: str  # "settled" or "literal"
+    trial_rules: TrialRules = TrialRules()  # durations, radii, release, obstacles and assumptions of the protocol
 
 
-class Known(NamedTuple):
-    """What a trial knows of its device."""
+class TrialDevice(NamedTuple):
+    """The device of a trial, and how its motion is sensed."""
 
     device: Device
-    simulation: Simulation  # of the device; for a real one, its linkage and the model of its brakes
-    sensing: EncoderSensing  # of its motion
-    noise: float  # of the sensed velocity, m/s
-    assumed: Assumptions  # of its age
+    simulation: Simulation  # of the device; of a real one, its linkage and the model of its brakes
+    sensing: EncoderSensing
+    noise: float  # of the sensed velocity, m/s rms
+    assumed: Assumptions
+
+
+@dataclass
+class TrialEnd:
+    """How a trial ended, as far as its records do not say."""
+
+    abort_reason: str = ""  # of an abort from outside
+    filled: int = 0  # samples of a real device that were lost and interpolated
+    device_report: dict[str, Any] = field(default_factory=dict)  # of a real device, once the trial has left it
+
+
+class TrialState(NamedTuple):
+    """All that running a trial changes: records, each an array of one, and the end."""
+
+    grips: np.ndarray  # core.simulator.hand.GRIP
+    device: np.ndarray  # core.simulator.state.STATE
+    scratch: np.ndarray  # of the integrator
+    run: np.ndarray  # tick.RUN
+    operator: np.ndarray  # OPERATOR
+    memory: np.ndarray  # of the controller
+    sensors: np.ndarray  # encoder_sensing.SENSING
+    end: TrialEnd
 
 
 def path_of(planned: PlannedTrial, conditions: Conditions) -> Path:
@@ -60,30 +80,48 @@ def path_of(planned: PlannedTrial, conditions: Conditions) -> Path:
 
 
 class Trial(ABC):
-    """One trial of the plan. It can be sent to the process of the control loop and its outcome taken back."""
+    """One trial of the plan.
+
+    A live trial is run by the process of the control loop. The session server sends it the trial, which pickle copies;
+    the loop runs the copy and sends back its `state`; `take_back` puts that into the server's trial.
+    """
 
     real = False  # it is for a real device
-    _sent: tuple[str, ...] = ("_reason",)  # beside arrays, what running it changes
 
-    def __init__(self, known: Known, path: Path, planned: PlannedTrial, conditions: Conditions) -> None:
-        self.device, self.simulation, self.sensing, noise, assumed = known
-        self.path, self.planned, self.how, self.preset = path, planned, conditions.how, conditions.preset
+    def __init__(self, on: TrialDevice, path: Path, planned: PlannedTrial, conditions: Conditions) -> None:
+        self.device, self.simulation, self.sensing = on.device, on.simulation, on.sensing
+        self.path, self.planned = path, planned
+        self.preset, self.trial_rules = conditions.preset, conditions.trial_rules
+        obstacles = make_around(self.trial_rules.around, on.device, sensed(on.device, middle_of(path), on.assumed))
         self.controller: Controller = make_controller(
-            conditions.preset, self.device.force_normalised_N, conditions.rules, velocity_noise=noise,
-            around=make_around(self.how.around, self.device, sensed(self.device, middle_of(path), assumed)),
-        )  # fmt: skip
-        self._way = self.path  # of a simulated operator
-        self._memory = new_memory()
-        self._run = tick.new_run(self.how, simulated_hand=False, real=self.real)
-        self._operator, self._noise = new_record(OPERATOR), np.zeros((1, 2))
-        self._reason = ""  # of an abort from outside
+            conditions.preset, on.device.force_normalised_N, conditions.rules, velocity_noise=on.noise, around=obstacles
+        )
+        self._memory = new_memory()  # of the controller
+        self._run = tick.new_run(self.trial_rules, simulated_hand=False, real=self.real)
+        self._operator, self._operator_noise = new_record(OPERATOR), np.zeros((1, 2))
+        self._operator_path = path
+        self._end = TrialEnd()
         self.timing: dict[str, Any] | None = None  # of a live trial, for the end record: how late its ticks were
-        self.let_go = 0  # how often the pointer left its workspace during the movement, and the hand let go
-        self.start: dict[str, Any] | None = None  # what the trial depends on beside its ticks, where that is known
+        self.hand_left = 0  # how often the pointer left its workspace during the movement and let the handle go
+        self.start: dict[str, Any] | None = None  # device and arm at the first tick, of a simulated device; for replays
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """In another process the file of a controller of its own stands at another address."""
-        self.__dict__.update(state)
+    @property
+    def state(self) -> TrialState:
+        """What running the trial changes, as it is now: the records themselves, no copies."""
+        hand, device, scratch = self.simulation.data
+        return TrialState(
+            hand.grips, device, scratch, self._run, self._operator, self._memory, self.sensing.sensors, self._end
+        )
+
+    def take_back(self, returned: TrialState) -> None:
+        """Take over the state of a copy that another process has run; the device is then as that trial left it."""
+        *records, self._end = returned
+        for ours, theirs in zip(self.state[:-1], records, strict=True):
+            ours[...] = theirs
+
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        """Unpickle a trial: in this process the code of a controller of its own stands at another address."""
+        self.__dict__.update(attributes)
         self.controller = with_address(self.controller, self.preset)
 
     @abstractmethod
@@ -95,38 +133,26 @@ class Trial(ABC):
         self.simulation.hand.grips["target"][0] = (x, y, 0.0, 0.0)
 
     def run(self, rows: np.ndarray) -> int:
-        """Run ticks into rows (n, tick_log.WIDTH) until they are full or the trial is finished; how many were run."""
+        """Run ticks into rows (n, tick_log.WIDTH) until they are full or the trial is finished; return their number."""
         return int(tick.run_ticks(self.arguments(), rows))
 
     def arguments(self) -> tick.RunningTrial:
-        """The trial as the kernels see it; what they change is changed here."""
+        """The trial as the kernels see it: views of its own arrays."""
         return tick.RunningTrial(
-            self.path, self._way, self.controller, self.simulation.model, self.simulation.data,
-            self._run.view(np.ndarray), self._operator.view(np.ndarray), self._noise, self._memory, self.sensing,
+            self.path, self._operator_path, self.controller, self.simulation.model, self.simulation.data,
+            self._run.view(np.ndarray), self._operator.view(np.ndarray), self._operator_noise, self._memory,
+            self.sensing,
         )  # fmt: skip
-
-    def changed(self) -> Changed:
-        """The arrays and the end that running the trial has changed, for the process that has device and session."""
-        hand, state, scratch = self.simulation.data
-        arrays = hand.grips, state, scratch, self._run, self._operator, self._memory, self.sensing.sensors
-        return arrays, {name: getattr(self, name) for name in self._sent}
-
-    def take_back(self, changed: Changed) -> None:
-        """Take over what another process changed by running the trial."""
-        arrays, end = changed
-        for ours, theirs in zip(self.changed()[0], arrays, strict=True):
-            ours[...] = theirs
-        self.__dict__.update(end)
 
     def abort(self, reason: str) -> None:
         """Stop at the next tick, brakes off; the trial ends as aborted with this reason (the first one)."""
-        self._reason = self._reason or reason
+        self._end.abort_reason = self._end.abort_reason or reason
         self._run["stop"][0] = 1
 
     def refuse_failed_controller(self) -> None:
         """InputError if the file of its controller failed: of simulated trials each would."""
         if int(self._run["reason"][0]) == tick.CONTROLLER_FAILED:
-            after_s = (self.ticks - 1) * tick_log.TICK_S - self.how.end_s
+            after_s = (self.ticks - 1) * tick_log.TICK_S - self.trial_rules.end_s
             raise InputError(
                 f"{self.preset.kind}: {self._words(tick.CONTROLLER_FAILED)} ({after_s:.3f} s into a trial)"
             )
@@ -154,7 +180,7 @@ class Trial(ABC):
 
     def outcome(self) -> dict[str, Any]:
         """How the trial ended, for the end record: status, reason, and the device's report."""
-        status, code, reason = int(self._run["status"][0]), int(self._run["reason"][0]), self._reason
+        status, code, reason = int(self._run["status"][0]), int(self._run["reason"][0]), self._end.abort_reason
         if status in (tick.RUNNING, tick.ABORTED):
             status = tick.ABORTED
             if code not in (tick.NO_REASON, tick.BY_EXPERIMENTER) or not reason:
@@ -163,11 +189,11 @@ class Trial(ABC):
             reason = after("after its end: ", reason)
         about: dict[str, Any] = {"status": tick.STATUSES[status], "reason": reason}
         about |= self._device_report()
-        about |= {"hand_left": self.let_go} if self.let_go else {}
+        about |= {"hand_left": self.hand_left} if self.hand_left else {}
         return about | ({"timing": self.timing} if self.timing else {})
 
     def _words(self, code: int) -> str:
-        release = self.how.release
+        release = self.trial_rules.release
         force, time_s = (release.force_N, release.time_s) if release else (math.inf, math.inf)
         if not tick.REASONS[code]:
             return "stopped by the experimenter"
@@ -189,18 +215,20 @@ class SimulatedTrial(Trial):
     ) -> None:
         """person and generator: a simulated operator; None: the hand is a person's."""
         device.begin()
-        path, assumed = path_of(planned, conditions), conditions.how.assumptions
+        path, assumed = path_of(planned, conditions), conditions.trial_rules.assumptions
         noise = decision_noise(device.device, middle_of(path), assumed)
-        known = Known(device.device, device, new_sensing(device.device, assumed), noise, assumed)
-        super().__init__(known, path, planned, conditions)
+        on = TrialDevice(device.device, device, new_sensing(device.device, assumed), noise, assumed)
+        super().__init__(on, path, planned, conditions)
         hand, state, _ = device.data
         if person is not None and generator is not None:
             person = on_path(person, path)
-            self._run = tick.new_run(self.how, simulated_hand=True)
+            self._run = tick.new_run(self.trial_rules, simulated_hand=True)
             self._operator = new_operator(person, generator)
-            self._noise = generator.standard_normal((NOISE_DRAWS, 2))
-            self._way = way_round(conditions.path, self.how.around.obstacles, f"path {planned.segment}")
-            take_handle(person, self._way, hand.grips)
+            self._operator_noise = generator.standard_normal((NOISE_DRAWS, 2))
+            self._operator_path = way_round(
+                conditions.path, self.trial_rules.around.obstacles, f"path {planned.segment}"
+            )
+            take_handle(person, self._operator_path, hand.grips)
         if self.device.castor:
             set_castor(self._run["cobot"][0], self.device, state["tip"][0], hand.grips["mass"][0])
         self.start = device.recorded_start()

@@ -17,7 +17,7 @@ from app.session_server.storage import Storage
 from app.verbs.common import label_of_key, summary_text
 from app.window.run.energy_panel import small_energy
 from app.window.widgets import words
-from experiments.analysis.report import sentences
+from experiments.analysis.report_sentences import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
 

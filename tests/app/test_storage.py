@@ -61,7 +61,7 @@ class Ended:
             self.writer.abandon()
 
     def finish(self, session: Session):
-        return session.finish(self.trial, self.writer, self.cut_short, raw_will_do=True)
+        return session.finish(self.trial, self.writer, self.cut_short, accept_stream=True)
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 
-import joblib
 import numpy as np
 
 from experiments.analysis.metrics import Metrics
 from experiments.plan import make_plan
 from experiments.protocol import Protocol, load_protocol
+from experiments.study.helpers import cores, process_pool
 from experiments.trial.population import load_population
 from tests.benchmarks.board_trials import ALL, CASES, Setting, on_the_board, on_the_simulated_device
 
@@ -29,12 +29,11 @@ SHOWN = {
 def run_board(trials: int | None, progress: Callable[[float], None]) -> list[dict]:
     """The first `trials` of a participant's plan (None: all); one entry for each."""
     all_settings = settings(load_protocol())[:trials]
-    jobs = (joblib.delayed(compared)(setting) for setting in all_settings)
-    workers = max(1, min(joblib.cpu_count(), len(all_settings)))
     done = []
-    for one in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
-        done.append(one)
-        progress(len(done) / len(all_settings))
+    with process_pool(min(cores(), len(all_settings))) as pool:
+        for one in pool.map(compared, all_settings):
+            done.append(one)
+            progress(len(done) / len(all_settings))
     return done
 
 

@@ -8,7 +8,7 @@ The controller decides once a millisecond as before.
 import sys
 
 from experiments.analysis.metrics import BY_NAME, DRAWN
-from experiments.analysis.report import STEP
+from experiments.analysis.simulation_errors import STEP
 from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, simulation_errors
 from experiments.trial.population import load_population

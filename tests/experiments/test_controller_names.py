@@ -12,7 +12,7 @@ from exports import errors, rows
 from protocols import PAPER, protocol_of, short
 from sessions import crash_in_trial, files, new_session, of, run_trials
 
-from experiments.analysis.trials_table import named, read_table, table_bytes, write_table
+from experiments.analysis.trials_table import read_table, table_bytes, with_name, write_table
 from experiments.export.export import export
 from experiments.session.files import pooled_rows, rows_of, write_pooled_table
 from experiments.session.recover import recover
@@ -230,4 +230,4 @@ def test_a_session_whose_record_cannot_be_read_keeps_the_names_that_its_recordin
     recover(data)
     found = {row.status: row.controller_name for row in read_table(of(data) / "trials.csv")}
     assert found["done"] in NAMES.values() and found["skipped"] == ""
-    assert named(replace(read_table(of(data) / "trials.csv")[0], controller_name=None), {}).controller_name is None
+    assert with_name(replace(read_table(of(data) / "trials.csv")[0], controller_name=None), {}).controller_name is None

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import joblib
 import numpy as np
 import pytest
 from exports import rows as csv_rows
@@ -22,7 +21,8 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_writer import Variant, save_variant
 from experiments.recording.reader import read_recording
-from experiments.session.session import Participant, Session, preset_from_json, preset_to_json
+from experiments.session.metadata import preset_from_json, preset_to_json
+from experiments.session.session import Participant, Session
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
@@ -167,8 +167,7 @@ def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str)
     assert "\n" not in str(refused.value)
 
 
-def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path, monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path):
     file.write_text(f'measure = "my_measure.py"\n{PROTOCOL}{FREE}')
     (sweep := file.with_name("sweep.toml")).write_text("""
         name = "own"
@@ -194,7 +193,7 @@ def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Pa
 @pytest.mark.parametrize("change, wanted", [
     (("my_damper.py", "../my_damper.py"), "name of a Python file"),
     (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
-    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'my_damper.py'"),
+    (("damping_N_s_m", "dampng_N_s_m"), "dampng_N_s_m is not for 'my_damper.py', did you mean damping_N_s_m?"),
     (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
 ])  # fmt: skip
 def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):

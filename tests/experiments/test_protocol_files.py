@@ -5,7 +5,6 @@ import shutil
 import tomllib
 from pathlib import Path
 
-import joblib
 import msgspec
 import numpy as np
 import pytest
@@ -104,6 +103,10 @@ WRONG = {
     "brake that cannot be": ({"brake": [BRAKE | {"name": "weak", "knee_A": -1.0}]}, "brake 1: knee_A must be"),
     "brake missing": ({"brake": []}, "device 1: brakes: unknown brake 'weak'"),
     "two of one name": ({"device": MINE["device"] * 2}, "device: two have the same name (mine)"),
+    "second of a list": (
+        {"controller": [{"name": "a", "kind": "none"}, {"name": "b", "kind": "sdof", "gap_m": -1.0}]},
+        "mine.toml: controller 2: gap_m must be at least 0, not -1.0",
+    ),
     "device missing": ({"devices": ["yours"]}, "unknown device 'yours'"),
     "no encoders": (
         {"device": [{k: v for k, v in one.items() if k != "sensing"} for one in MINE["device"]],
@@ -136,8 +139,7 @@ def sweep_file(folder: Path, **changes) -> Path:
     return path
 
 
-def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)  # two workers would take longer to start
+def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path):
     run_sweep(load_sweep(sweep_file(tmp_path)), tmp_path / "out")
     rows = csv_rows(tmp_path / "out" / "sweep.csv")
     names = list(rows[0])
@@ -157,7 +159,7 @@ def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path, monkeypatc
 WRONG_SWEEPS = {
     "no value": ({"lag_factor": []}, "assumptions.lag_factor"),
     "no list": ({"lag_factor": 2.0}, "assumptions.lag_factor must be a list, not a number"),
-    "a wrong value": ({"fidelity": ["mr", "best"]}, "assumptions.fidelity[1] must be one of ideal, static, mr"),
+    "a wrong value": ({"fidelity": ["mr", "best"]}, "value 2 of assumptions.fidelity must be one of ideal, static, mr"),
     "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same value is given twice"),
     "a gain": ({"low_gain": [5.0]}, "unknown key assumptions.low_gain"),
 }

@@ -180,5 +180,5 @@ def test_a_trial_goes_to_another_process_and_comes_back_as_it_was(bench: RealBen
     trial.connect(bench.link)
     bench.run(trial, lambda trial: trial.phase == "hold")
     back = bench.trial(2)
-    back.take_back(pickle.loads(pickle.dumps(trial.changed())))
+    back.take_back(pickle.loads(pickle.dumps(trial.state)))
     assert (back.ticks, back.phase, back.tip) == (trial.ticks, trial.phase, trial.tip)

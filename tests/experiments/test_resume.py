@@ -46,7 +46,7 @@ def killed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("killed") / "study"
     with pytest.MonkeyPatch.context() as patch, pytest.raises(Killed):
         kill_in_run(patch, 4)
-        patch.setattr("experiments.study.helpers._cores", lambda: 2)
+        patch.setattr("experiments.study.helpers.cores", lambda: 2)
         run_study(folder, 3, high(), PEOPLE)
     return folder
 

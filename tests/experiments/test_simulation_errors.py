@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from core import tick_log
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.report import HAND, STEP, Moved, error_sentence, error_table
+from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.study import unrecorded

@@ -18,7 +18,7 @@ from app.cli import main
 from experiments.analysis.charts import boxes
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN, METRICS
-from experiments.analysis.report import error_sentence, error_table
+from experiments.analysis.simulation_errors import error_sentence, error_table
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.reader import read_recording

@@ -1,6 +1,6 @@
 """Sweeps: one table, resumed after a kill, refused in one sentence; no worker outlives one.
 
-Here one core runs most of them: that the table is the same whatever ran where is shown by `test_worlds`.
+That the table is the same whatever ran where is shown by `test_worlds`.
 """
 
 import itertools
@@ -11,7 +11,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import joblib
 import killed_work
 import pandas as pd
 import pytest
@@ -58,9 +57,7 @@ def whole(tmp_path_factory) -> tuple[dict, Path]:
     """A whole sweep's summary and folder."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "sweep.toml").write_text(SMALL)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(joblib, "cpu_count", lambda: 1)
-        return run_sweep(load_sweep(folder / "sweep.toml"), folder / "out"), folder / "out"
+    return run_sweep(load_sweep(folder / "sweep.toml"), folder / "out"), folder / "out"
 
 
 def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
@@ -78,10 +75,7 @@ def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
     assert left - {".lock"} == {"sweep.csv", "sweep.json", "figures"}  # Windows removes the lock's file with the lock
 
 
-def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(
-    file, whole, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+def test_a_resumed_sweep_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(file, whole, tmp_path):
     sweep, out, cut = load_sweep(file), whole[1], tmp_path / "cut"
     (cut / "parts").mkdir(parents=True)
     (cut / "sweep.json").write_bytes((out / "sweep.json").read_bytes())
@@ -129,8 +123,7 @@ def test_every_row_names_its_controller_as_the_protocol_does_or_by_its_numbers(w
     }  # fmt: skip
 
 
-def test_a_sweep_that_an_earlier_version_began_goes_on_to_the_same_table(file, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+def test_a_sweep_that_an_earlier_version_began_goes_on_to_the_same_table(file, whole, tmp_path):
     sweep, out, old = load_sweep(file), whole[1], tmp_path / "old"
     (old / "parts").mkdir(parents=True)
     (old / "sweep.json").write_bytes((out / "sweep.json").read_bytes())
@@ -219,11 +212,14 @@ def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path)
     arguments = ["study", "--sweep", str(file), "--out", str(out)]
     with (tmp_path / "workers").open("w") as printed:
         command = [sys.executable, killed_work.__file__, str(int(signal.SIGTERM)), "one", *arguments]
-        ended = subprocess.run(command, stdout=printed).returncode
-    assert abs(ended) == signal.SIGTERM  # Windows has no sign before it
+        ended = subprocess.run(command, stdout=printed, stderr=subprocess.PIPE, text=True)
+    assert abs(ended.returncode) == signal.SIGTERM  # Windows has no sign before it
     workers = [int(pid) for pid in (tmp_path / "workers").read_text().split()]
     assert workers
     wait_until(lambda: all(map(gone, workers)))
+    said = ended.stderr.replace("\r", "\n").splitlines()
+    assert f"phd: {out}: interrupted; go on with the same command and --resume" in said
+    assert not [line for line in said if "arning" in line or "Traceback" in line]
     kept = {path.name for path in out.glob("parts/0*.csv")}
     assert len(kept) == killed_work.DONE and not (out / "sweep.csv").exists()
     first = load_sweep(file).jobs[0]

@@ -8,7 +8,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import joblib
 import killed_work
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from experiments.analysis.findings import CANNOT_TELL, HOLDS, LEAST_FINISHED, ST
 from experiments.analysis.metrics import JUDGED
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
+from experiments.study import jobs
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
 from experiments.worlds.indices import counted, indices
@@ -232,7 +232,7 @@ def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_an
 
 
 def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
+    monkeypatch.setattr(jobs, "cores", lambda: 1)
     ranges = load_ranges(small)
     backwards = [world.run().rows for world in reversed(worlds_of(ranges, 2, 1, 2))]
     assert (whole / "worlds.csv").read_bytes().split(b"\n", 1)[1] == b"".join(reversed(backwards))

@@ -256,7 +256,7 @@ class Case:
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
             self.words = lost(self.run.name)
             return
-        self.run.returned(TrialReturned(self.running.changed()), "")
+        self.run.returned(TrialReturned(self.running.state), "")
         self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
         self.row = self.run.finish(session)
 

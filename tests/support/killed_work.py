@@ -8,7 +8,6 @@ import os
 import sys
 from pathlib import Path
 
-import joblib
 from processes import children
 
 DONE = 3  # jobs
@@ -38,7 +37,7 @@ def main(number: int, group: bool, arguments: list[str]) -> int:
             (os.killpg if group else os.kill)(0 if group else os.getpid(), number)
 
     jobs.rename = rename_and_die
-    joblib.cpu_count = lambda: 2
+    jobs.cores = lambda: 2
     sys.argv[1:] = arguments
     return phd()
 

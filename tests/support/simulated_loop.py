@@ -69,7 +69,7 @@ class SimulatedLoop:
         else:
             return
         grip.force_max = self._force_max
-        self._answers.append(TrialReturned(self._trial.changed()))
+        self._answers.append(TrialReturned(self._trial.state))
         self._trial = None
 
     def kill(self) -> None:
