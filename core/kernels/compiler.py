@@ -30,15 +30,19 @@ from core.kernels.cache import cache_folder, keep, read_kept, watchers
 
 
 class _Count:
-    """The progress of compiling an entry."""
+    """How many of the kernels of an entry are compiled."""
 
     done = of = 0
 
     @classmethod
-    def tell(cls, name: str) -> None:
-        cls.done = cls.done + 1 if name else cls.of
+    def compiling(cls, name: str) -> None:
+        cls.done += 1
+        cls.tell(min(cls.done, cls.of), name)
+
+    @classmethod
+    def tell(cls, number: int, name: str) -> None:
         for watcher in watchers:
-            watcher(min(cls.done, cls.of), cls.of, name)
+            watcher(number, cls.of, name)
 
 
 def name_records_by_their_fields() -> None:
@@ -117,7 +121,7 @@ class PartCompiler(compiler.Compiler):
 
     def define_pipelines(self) -> list:
         state = self.state
-        _Count.tell(state.func_id.func_name)
+        _Count.compiling(state.func_id.func_name)
         state.func_id.unique_id = identity(state.func_id.func)  # numba's own numbers are those of one process
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
@@ -296,8 +300,9 @@ class EntryCompiler:
     def compile_extra(self, function: Callable) -> Any:
         _Count.done, _Count.of = 0, len(self.part.to_compile())
         self.part.compile(self.args)
+        _Count.tell(_Count.of, f"linking {function.__name__}")  # as long as all the rest where most parts were there
         result = self.link(self.part.overloads[self.args])
-        _Count.tell("")
+        _Count.tell(_Count.of, "")
         return result
 
     def link(self, part: Any) -> Any:

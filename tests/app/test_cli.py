@@ -96,7 +96,7 @@ WRONG_ARGUMENTS = {
     "rules": (["study", "--rules", "none", "--out", "s"], "--rules: invalid choice"),
     "low gain": (["study", "--low-gain", "much", "--out", "s"], "--low-gain: must be a number greater than 0"),
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
-    "study device twice": (["study", "--device", "four-brake", "four-brake", "--out", "s"], "have the same name"),
+    "study device twice": (["study", "--device", "pter", "pter", "--out", "s"], "--device: two devices have the same"),
     "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),
     "run device": (["run", "--device", "six-brake"], "unknown device 'six-brake'"),
     "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
