@@ -22,10 +22,13 @@ from experiments.paper_figures.brake import (
     draw_torque_gain,
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
-from experiments.paper_figures.directions import UNACHIEVABLE, draw_displays, draw_sketch
+from experiments.paper_figures.directions import UNACHIEVABLE, draw_sketch
+from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.maps import MAPS, draw_map
-from experiments.paper_figures.motion import draw_passive_master, draw_releases, draw_stopping
+from experiments.paper_figures.passive_master import draw_passive_master
 from experiments.paper_figures.scooter import draw_scooter
+from experiments.paper_figures.spring_release import draw_releases
+from experiments.paper_figures.stopping import draw_stopping
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
