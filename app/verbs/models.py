@@ -155,7 +155,7 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
 
 def identify_verb(args: argparse.Namespace) -> None:
-    from experiments.identify.fit import ByHand
+    from experiments.identify.identification import ByHand
     from experiments.identify.identify import identify, summary, with_zero
     from experiments.identify.two_currents import NOT_SEEN, TwoCurrents, summary_of
 

@@ -16,7 +16,7 @@ from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, wri
 from app.cli import main
 from core.device_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.files import InputError
-from experiments.identify.fit import ByHand, identify_steps
+from experiments.identify.identification import ByHand, identify_steps
 from experiments.identify.identify import brake_text, summary
 from experiments.identify.linear import fit_linear, undetermined
 from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
