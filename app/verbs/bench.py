@@ -34,7 +34,8 @@ def bench(args: argparse.Namespace) -> None:
         raise InputError(f"--out: {out}: exists already and is never overwritten")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out: {out}: there is no folder {out.parent}")
-    from experiments.benchmark.bench import run_bench, table, work_precision
+    from experiments.benchmark.bench import run_bench
+    from experiments.benchmark.bench_tables import table, work_precision
 
     result = with_progress("measuring", run_bench, args.quick, compiles=True)
     print_result(args, result, table(result))

@@ -14,8 +14,9 @@ from scipy import stats
 
 from core.files import InputError
 from experiments.numbers import significant
-from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, fit_unrest, half_width
+from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, half_width
 from experiments.operator_fit.motions import LEAST_TRIALS, Motion, read_motions
+from experiments.operator_fit.unrest import fit_unrest
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.trial.operator import Person
