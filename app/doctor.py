@@ -183,10 +183,10 @@ def board_check(board: BoardFound) -> Check:
         )
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
     advice = "Allow the brakes again in the window (Ctrl+B) when it is safe." if board.fault else ""
-    return check("board", f"{board.port}: {about(board)}", advice)
+    return check("board", f"{board.port}: {describe_board(board)}", advice)
 
 
-def about(board: BoardFound) -> str:
+def describe_board(board: BoardFound) -> str:
     """Describe a board that answers in one line."""
     encoders = ", ".join(f"{joint} {counts}" for joint, counts in board.encoders.items())
     brakes = ", ".join(f"{joint} {current:g} A" for joint, current in board.brakes.items())

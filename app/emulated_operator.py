@@ -56,7 +56,7 @@ class EmulatedOperator:
     def tick(self, x: float, y: float) -> None:
         """Act on the handle for one tick, with the tip where it is seen (m)."""
         self._tip = (x, y)
-        self.go_on(x, y)
+        self.update_phase(x, y)
         moment = Moment(self.phase, self._tick, self._phase_tick)
         act(self._records, self._grips, self._path, moment, self._tip, self._noise)
         self._tick += 1
@@ -89,20 +89,21 @@ class EmulatedOperator:
         self.enter(APPROACH)
 
     def enter(self, phase: int) -> None:
-        self.phase, self._phase_tick, self._there = phase, 0, 0
+        self.phase, self._phase_tick, self._ticks_arrived = phase, 0, 0
 
-    def go_on(self, x: float, y: float) -> None:
+    def update_phase(self, x: float, y: float) -> None:
         """Enter the next phase once the handle has been at the start, or at the end, for long enough."""
         path = self._path
         if self.phase == APPROACH:
-            self._there = self._there + 1 if math.hypot(x - path.x0, y - path.y0) <= START_RADIUS_M else 0
-            if self._there * TICK_S >= HOLD_S and (self._go or not self._waits):
+            at_start = math.hypot(x - path.x0, y - path.y0) <= START_RADIUS_M
+            self._ticks_arrived = self._ticks_arrived + 1 if at_start else 0
+            if self._ticks_arrived * TICK_S >= HOLD_S and (self._go or not self._waits):
                 self._go = False
                 self.enter(MOVE)
         elif self.phase == MOVE:
-            there = arrived(path, int(self._records["piece"][0]), END_RADIUS_M, x, y)
-            self._there = self._there + 1 if there else 0
-            if self._there * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
+            at_end = arrived(path, int(self._records["piece"][0]), END_RADIUS_M, x, y)
+            self._ticks_arrived = self._ticks_arrived + 1 if at_end else 0
+            if self._ticks_arrived * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
                 self.enter(END)
         elif self._phase_tick * TICK_S >= REST_S:
             self._set_out()

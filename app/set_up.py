@@ -224,7 +224,7 @@ def is_locked(lock: int) -> bool:
 
 def install_qt_libraries() -> None:
     """Install what a window needs of the system."""
-    if missing := [package for library, package in QT_LIBRARIES.items() if not is_there(library)]:
+    if missing := [package for library, package in QT_LIBRARIES.items() if not is_installed(library)]:
         install("system libraries for the window", missing)
 
 
@@ -247,7 +247,7 @@ def opens_window(arguments: Sequence[str]) -> bool:
     return verb in ("", "run", "test") or verb.startswith("-")
 
 
-def is_there(library: str) -> bool:
+def is_installed(library: str) -> bool:
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -260,13 +260,13 @@ def install(purpose: str, packages: Sequence[str]) -> None:
     names = " ".join(packages)
     if shutil.which("apt-get") is None:
         stop(f"{purpose}: missing here, and there is no apt-get. The Debian packages are: {names}", TO_INSTALL)
-    become_root: list[str] = []
+    sudo: list[str] = []
     if os.geteuid() != 0:
-        become_root = ["sudo", "-n"]
+        sudo = ["sudo", "-n"]
         if shutil.which("sudo") is None or subprocess.call(["sudo", "-n", "true"], stderr=subprocess.DEVNULL) != 0:
             stop(f"{purpose}: missing on this system. Type: sudo apt-get update && sudo {APT_GET} {names}", TO_INSTALL)
     say(f"{purpose}: installing {names}")
-    apt_get = [*become_root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
+    apt_get = [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
     apt_get += ["-o", "DPkg::Lock::Timeout=300", "-o", "Dpkg::Use-Pty=0"]
     for step in (["update"], ["install", "-y", "--no-install-recommends", *packages]):
         done = subprocess.run(

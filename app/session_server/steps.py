@@ -27,14 +27,14 @@ class SessionStep(NamedTuple):
 
 
 def _questions(progress: SessionProgress, _: DeviceSetup) -> StepCard | None:
-    if progress.asked is None:
+    if progress.questions_due is None:
         return None
     return StepCard("Questions", "The participant answers them on the other screen.", "")
 
 
 def _answer(progress: SessionProgress, _: DeviceSetup, write: Write, command: m.Answers) -> None:
-    assert progress.asked is not None
-    configuration, block, controller = progress.asked
+    assert progress.questions_due is not None
+    configuration, block, controller = progress.questions_due
     values = dict(command.values)
     if controller:
         write(CONTROLLER_ANSWERS, configuration=configuration, controller=controller, values=values)
