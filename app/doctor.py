@@ -58,10 +58,10 @@ def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
 def wanted_libraries() -> list[Requirement]:
     """What the program asks for: its pyproject.toml, or what pip has kept of that where it installed the program."""
     if PYPROJECT.exists():
-        asked = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
+        lines = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
     else:
-        asked = importlib.metadata.requires("phd") or []
-    needs = map(Requirement, asked)
+        lines = importlib.metadata.requires("phd") or []
+    needs = map(Requirement, lines)
     return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
 
 

@@ -230,11 +230,11 @@ def with_advice(name: str, reason: str) -> str:
 
 def ignored_features(setup: Setup, protocol: Protocol) -> str:
     """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
-    asked = {
+    features = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
         "no questionnaire": protocol.questionnaire.on,
     }  # fmt: skip
-    missing = [name for name, is_asked in asked.items() if is_asked]
+    missing = [name for name, is_used in features.items() if is_used]
     if setup.hand != OPERATOR or not missing:
         return ""
     return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."

@@ -126,7 +126,7 @@ def say(text: str) -> None:
 
 def bring_up(args: argparse.Namespace) -> int:
     from experiments.bring_up.bring_up import BringUp
-    from experiments.bring_up.record import brake_steps, content, to_amend, write_record
+    from experiments.bring_up.record import brake_steps, make_record, record_to_amend, write_record
     from experiments.bring_up.steps import steps_for, with_needs
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
@@ -152,7 +152,7 @@ def bring_up(args: argparse.Namespace) -> int:
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
         before = None
         if args.step is not None:
-            steps, before = with_needs(steps, args.step), to_amend(args.data_dir, device, real.report())
+            steps, before = with_needs(steps, args.step), record_to_amend(args.data_dir, device, real.report())
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
         runner = BringUp(real, builder)
         for _ in runner.run(steps):
@@ -166,7 +166,7 @@ def bring_up(args: argparse.Namespace) -> int:
             say(f"{own_failure(real)}: the device is not closed; make sure that no brake has current")
     if broken:
         raise InputError(f"{broken}; no record is written")
-    record = content(results, device, about, args.by, now(), before)
+    record = make_record(results, device, about, args.by, now(), before)
     try:
         files = write_record(args.data_dir, record, brake_steps(results))
     except (InputError, OSError):

@@ -160,14 +160,13 @@ def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.two_currents import NOT_SEEN, TwoCurrents, summary_of
 
     given = ByHand(args.omega_0, args.backlash_deg, args.knee)
-    asked = args.steps, args.out, args.name, args.figures, given
-    done = with_progress("identifying", identify, *asked)
+    done = with_progress("identifying", identify, args.steps, args.out, args.name, args.figures, given)
     if isinstance(done, TwoCurrents):
         about = summary_of(done)
         lines = [f"{args.steps}: {done.steps} steps between two currents; no brake file comes of them"]
         lines += table_of(about["numbers"], 24)
         lines += ["intervals are of the scatter of the steps; an error that all share is not in them"]
-        lines += [f"not seen: {what} ({why})" for what, why in NOT_SEEN.items()]
+        lines += [f"not seen: {names} ({why})" for names, why in NOT_SEEN.items()]
         return print_result(args, about, "\n".join(lines))
     found, brake, figures = done
     fit = summary(found)

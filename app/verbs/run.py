@@ -110,9 +110,7 @@ def data_dir_of(args: argparse.Namespace) -> Path:
 
 
 def port_of(args: argparse.Namespace) -> str:
-    """The port of --link, which need not exist; "": none. InputError: it is none, or does not go with --input or
-    --force.
-    """
+    """The port of --link, which need not exist; "": simulated. InputError: wrong, or not with --input or --force."""
     if args.link == "sim":
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
@@ -132,15 +130,15 @@ def port_of(args: argparse.Namespace) -> str:
             f"--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}"
         )
     if "://" in port and (kind or not is_address(port)):
-        what = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
-        raise InputError(f"--link: {what}, not {port!r}")
+        wanted = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
+        raise InputError(f"--link: {wanted}, not {port!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
     return kind + port
 
 
 def reached(port: str, force: str) -> str:
-    """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
+    """The port and force sensor as in `Setup.link`. InputError: there is no such port, or the sensor is silent."""
     if not port:
         return ""
     from hardware.serial_port import find_port, is_missing
@@ -162,8 +160,9 @@ def reached(port: str, force: str) -> str:
 
 def protocol_of(args: argparse.Namespace) -> Protocol:
     """The protocol with the options of the command line."""
-    asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
-    protocol = load_protocol(args.protocol, devices=args.device, **asked)
+    protocol = load_protocol(
+        args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
+    )
     protocol.refuse_unknown_low_gain()
     return protocol
 

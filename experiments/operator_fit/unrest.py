@@ -21,7 +21,7 @@ LEAST_PIECES = 10
 
 
 def pieces_at_rest(trials: list[Motion], arm: dict[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of pieces at rest before the movement: the hand's own force (s, PIECE, 2) and its level (s,), N; trial (s,)."""
+    """The pieces at rest before the movement: hand's own force (s, PIECE, 2), N, its level (s,), N, and trial (s,)."""
     pieces, levels, owners = [], [], []
     stiffness = np.array([arm["stiffness_along_N_m"], arm["stiffness_across_N_m"]])
     for number, trial in enumerate(trials):
@@ -36,7 +36,7 @@ def pieces_at_rest(trials: list[Motion], arm: dict[str, float]) -> tuple[np.ndar
 
 
 def covariance(lags: np.ndarray) -> np.ndarray:
-    """Covariance (PIECE, PIECE) of smoothed samples of what has the autocovariance `lags` from tick to tick."""
+    """Covariance (PIECE, PIECE) of the smoothed samples of a signal with the autocovariance `lags` (n,) of ticks."""
     weights = np.correlate(kernel(), kernel(), "full")
     reach = len(weights) // 2
     apart = STRIDE * np.arange(PIECE)[:, None] + np.arange(-reach, reach + 1)[None, :]
@@ -52,9 +52,10 @@ def resonance(frequency: float, width: float, n: int) -> np.ndarray:
 
 
 def fit_unrest(trials: list[Motion], arm: dict[str, float], corner_Hz: float) -> dict[str, tuple[float, float]]:
-    """Name -> number and the standard error of its logarithm, by likelihood; the errors by its curvature and the
-    scatter from trial to trial ("sandwich"). Empty where the hand hardly rested. corner_Hz: of the noise, which these
-    pieces do not show.
+    """Name -> number and standard error of its logarithm, by likelihood; empty where the hand hardly rested.
+
+    The errors are by the likelihood's curvature and the scatter from trial to trial ("sandwich"). corner_Hz: of the
+    noise, which these pieces do not show.
     """
     force, levels, owners = pieces_at_rest(trials, arm)
     if len(force) < LEAST_PIECES:

@@ -142,8 +142,8 @@ class Scene:
         )  # fmt: skip
 
     @property
-    def doubt(self) -> tuple[str, str]:
-        """Where the check comes apart from the run: what `finer` was, and what to do."""
+    def check_words(self) -> tuple[str, str]:
+        """For the warning where the check differs from the run: what the check was, and what to do."""
         if self.integrator == "event":
             return "half the step", "choose a smaller step_s"
         return "event at half the step", "choose integrator event or a smaller step_s"
@@ -175,10 +175,10 @@ def read_scene(path: str | Path, text: str | None = None) -> Scene:
     if file.brake_model == "signed":
         device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
-    parts = 1 if file.guard is None else _parts(file.step_s, path)
+    parts = 1 if file.guard is None else _parts_of_step(file.step_s, path)
     output_every = parts * whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     intervals = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals")
-    refuse_endless(intervals * output_every, intervals + 1, path)
+    refuse_too_long(intervals * output_every, intervals + 1, path)
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
         raise InputError(
@@ -205,8 +205,8 @@ def whole_number(total: float, part: float, where: str, of: str) -> int:
     return count
 
 
-def refuse_endless(steps: int, rows: int, path: Path) -> None:
-    """Refuse a scene whose run nobody would wait for, or whose output fills a disk."""
+def refuse_too_long(steps: int, rows: int, path: Path) -> None:
+    """Refuse a scene that would take hours, or whose output would fill a disk."""
     if steps > MOST_STEPS:
         raise InputError(f"{path}: step_s: {steps:g} steps are too many, at most {MOST_STEPS:,}: choose longer ones")
     if rows > MOST_ROWS:
@@ -215,7 +215,7 @@ def refuse_endless(steps: int, rows: int, path: Path) -> None:
         )
 
 
-def _parts(step_s: float, path: Path) -> int:
+def _parts_of_step(step_s: float, path: Path) -> int:
     """Into how many parts a guarded step is divided, so that each look of the guard is at the edge of a step.
 
     Half the step, beside which the scene is run, then has half the parts' length: it checks them.
