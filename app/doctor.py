@@ -146,6 +146,7 @@ def host(stolen: float | None) -> Check:
 
 
 def load() -> Check:
+    """Whether other programs keep the processor cores busy."""
     if not hasattr(os, "getloadavg"):
         return check("load", "not known: this system does not count the programs that want to run")
     running, count = os.getloadavg()[0], os.cpu_count() or 1
@@ -177,6 +178,7 @@ def kernels() -> Check:
 
 
 def board_check(board: BoardFound) -> Check:
+    """Whether the board at a port answers."""
     if board.problem:
         advice = (
             "Check that this is the board's port, that the board has power, and that no other program uses the port."
@@ -198,6 +200,7 @@ def describe_board(board: BoardFound) -> str:
 
 
 def port_checks(ports: list[SerialPort]) -> list[Check]:
+    """The serial ports, and whether this user may open them."""
     if not ports:
         return [check("serial", "nothing attached (the simulated device needs nothing)")]
     dialout = "Close any other program that uses it, or ask this machine's administrator for the right to it."
@@ -214,6 +217,7 @@ def port_checks(ports: list[SerialPort]) -> list[Check]:
 
 
 def hid_checks() -> list[Check]:
+    """The six-axis devices, and whether this user may open them."""
     try:
         devices = hid_devices()
     except InputError as error:

@@ -46,7 +46,7 @@ class EmulatedOperator:
         """tip: of the handle, m. generator: of reaction, noise and tremor, drawn in the order of a trial's."""
         self._person, self._path, self._tip, self._random = person, path, tip, generator
         self.hand = new_hand()
-        self._grips = self.hand.grips.view(np.ndarray)  # a plain array: calls from Python take longer with the other
+        self._grips = self.hand.grips.view(np.ndarray)  # calls from Python take longer with a record array
         self._waits = self._go = False
         self._tick = 0
         self._set_out()
@@ -89,6 +89,7 @@ class EmulatedOperator:
         self.enter(APPROACH)
 
     def enter(self, phase: int) -> None:
+        """Begin a phase, of `core.tick_log`."""
         self.phase, self._phase_tick, self._ticks_arrived = phase, 0, 0
 
     def update_phase(self, x: float, y: float) -> None:

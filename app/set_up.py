@@ -239,6 +239,7 @@ def install_test_programs() -> None:
 
 
 def opens_window(arguments: Sequence[str]) -> bool:
+    """Whether the command opens a window, so that Qt's system libraries are needed."""
     if {"-h", "--help", "--version", "--print-plan"} & set(arguments):
         return False
     verb = arguments[0] if arguments else ""
@@ -248,6 +249,7 @@ def opens_window(arguments: Sequence[str]) -> bool:
 
 
 def is_installed(library: str) -> bool:
+    """Whether the system finds a shared library."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -282,6 +284,7 @@ def say(sentence: str) -> None:
 
 
 def stop(sentence: str, code: int = FAILED) -> NoReturn:
+    """End with a sentence on stderr and an exit code."""
     say(sentence)
     sys.exit(code)
 

@@ -67,7 +67,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
 
 
 def check_hand(hand: str, reading: HidReading | None) -> Check:
-    """hand: of `INPUTS`. reading: of a six-axis device; None: another hand."""
+    """Whether the hand can move the handle. hand: of `INPUTS`; reading: of a six-axis device, None: another hand."""
     if reading is None:
         return Check("Hand", GOOD, INPUTS[hand].title.lower())
     if reading.connected:
@@ -76,7 +76,7 @@ def check_hand(hand: str, reading: HidReading | None) -> Check:
 
 
 def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None) -> Check:
-    """tried: lateness without work, before the first trial; None: not measured yet. last: of the last trial."""
+    """Whether ticks come in time. tried: lateness before all trials, None: not measured; last: of the last trial."""
     if dead:
         return Check("Loop", WAITING, "starting again")
     if tried is None or scheduling is None:
@@ -206,7 +206,9 @@ class DiskWatch:
 
 
 def check_recording(broken: str, not_written: str, last: str, streams: int) -> Check:
-    """broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
+    """Whether all recordings are on the disk.
+
+    broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
 
     not_written: what could not be written yet, or ""; streams: recordings that are not yet Parquet files.
     """

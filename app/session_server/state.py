@@ -52,6 +52,7 @@ class ServerState:
 
     @property
     def stage(self) -> str:
+        """The stage of the session server, of `messages`: `PREPARING` and others."""
         if self.broken:
             return m.FAILED
         if self.runner.run is not None:
@@ -115,6 +116,7 @@ class ServerState:
         )
 
     def pulse(self) -> m.Pulse:
+        """The proof of recording and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         rows = self.storage.progress.session.rows if self.storage.progress else []
         verified = sum(bool(row.recording) for row in rows)

@@ -19,10 +19,12 @@ DeviceSetup = SimulatedSetup | RealSetup
 
 
 class SessionStep(NamedTuple):
+    """One kind of step between two trials."""
+
     name: str  # the stage of the session while it is due
-    due: Callable[[SessionProgress, DeviceSetup], StepCard | None]  # what is to be done; None: it is not due
+    due: Callable[[SessionProgress, DeviceSetup], StepCard | None]  # its card; None: it is not due
     ended_by: type  # the command that ends it
-    #: what that command does; InputError: it is not over yet
+    #: does that command; InputError: the step is not over yet
     end: Callable[[SessionProgress, DeviceSetup, Write, Any], None]
 
 

@@ -177,6 +177,7 @@ def bring_up(args: argparse.Namespace) -> int:
 
 
 def verdict_on(steps: list[dict[str, Any]]) -> str:
+    """The steps that failed or were not done, in a line; else "all passed"."""
     names = {state: [step["name"] for step in steps if step["state"] == state] for state in ("failed", "not done")}
     return "; ".join(f"{state}: {', '.join(which)}" for state, which in names.items() if which) or "all passed"
 
