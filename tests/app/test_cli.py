@@ -219,6 +219,8 @@ def hear_ctrl_c() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM there, and Ctrl-C goes to all processes of a console")
 @pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
+    """A row takes minutes: its kernel hears nothing, the program does."""
+    change(folder / "scene.toml", "step_s = 1e-3", "step_s = 1e-5\noutput_interval_s = 9e3")
     change(folder / "scene.toml", "duration_s = 0.05", "duration_s = 9e3")
     change(folder / "scene.toml", 'file = "force.csv"', "constant_N = [0, 0]")
     process = phd("simulate", "scene.toml", "--out", "out.csv", preexec_fn=hear_ctrl_c)
@@ -228,6 +230,7 @@ def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
             (folder / "out.csv").exists() and (folder / "out.csv").stat().st_size
         ):
             time.sleep(0.05)
+        time.sleep(2.0)  # its kernels are loaded
         process.send_signal(number)
         _, said = process.communicate(timeout=200)
     finally:
