@@ -147,7 +147,8 @@ def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: Ow
     values = {key: parameter.default for key, parameter in known.items()}
     for key, value in given.items():
         if value is not None and key not in known:
-            raise ValueError(f"{key} is not for {kind!r}" + ("" if known else ", which never controls"))
+            has = f"whose parameters are {', '.join(known)}" if known else "which never controls"
+            raise ValueError(f"{key} is not for {kind!r}, {has}")
         values |= {key: value} if value is not None else {}
     for key, value in values.items():
         if value is None:

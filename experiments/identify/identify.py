@@ -147,7 +147,7 @@ def with_zero(found: Identification) -> str:
     return ", with the sensor's zero, which steps one way alone do not show" if found.zero is None else ""
 
 
-def summary(found: Identification) -> dict[str, Any]:
+def summary_of_fit(found: Identification) -> dict[str, Any]:
     """The identification as JSON holds it: numbers with intervals, omega_0, what is assumed, residuals by step."""
     residual = {
         measured.step.key: float(r)

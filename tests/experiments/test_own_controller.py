@@ -197,7 +197,7 @@ def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Pa
 @pytest.mark.parametrize("change, wanted", [
     (("my_damper.py", "../my_damper.py"), "name of a Python file"),
     (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
-    (("damping_N_s_m", "damping"), "controller Damper: damping is not for 'my_damper.py'"),
+    (("damping_N_s_m", "damping"), "damping is not for 'my_damper.py', whose parameters are gap_m, damping_N_s_m"),
     (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
 ])  # fmt: skip
 def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):
