@@ -29,23 +29,23 @@ RETRY_S = 5.0  # between two attempts to write, and between two checks of the fo
 
 
 class Storage:
-    """One open session at a time."""
+    """The open session as far as it concerns the disk; one session at a time."""
 
     def __init__(self, data_dir: Path, runner: TrialRunner, notify: Callable[..., None]) -> None:
         """notify: shows the experimenter a sentence."""
         self._data_dir, self._runner, self._notify = data_dir, runner, notify
-        self.moved: tuple[str, str] | None = None  # of a session that was moved: its new data folder, its participant
+        self.moved: tuple[str, str] | None = None  # a session that was moved: its new data folder, its participant
         self.set_session(None)
 
     def set_session(self, progress: SessionProgress | None) -> None:
-        """Begin with another session; None: none is open."""
+        """Set the open session; None: none is open."""
         self.progress = progress
         self.moved = None if progress is not None else self.moved
-        self.verified = ""  # the run that was recorded last
-        self._failed = ""  # what could not be written ..
-        self.not_written = ""  # .. and why, one sentence without its full stop
-        self._unsaved_lines: list[tuple[Event, str, dict]] = []  # of the journal
-        self._unsaved_trial: TrialRun | None = None  # it has ended, its recording is in memory
+        self.verified = ""  # name of the run whose recording was verified last
+        self._failed = ""  # what could not be written
+        self.not_written = ""  # the same with its reason, a sentence without its full stop; "": everything is written
+        self._unsaved_lines: list[tuple[Event, str, dict]] = []  # lines of the journal that are in memory
+        self._unsaved_trial: TrialRun | None = None  # a trial that has ended and whose recording is in memory
         self._was_gone = False  # the folder was gone since everything was last written: its lock went with it
         self._reported: TrialRun | None = None  # the running trial whose failure the experimenter has read about
         self._tried_s = time.perf_counter()
@@ -75,9 +75,9 @@ class Storage:
         return " and ".join(parts)
 
     def leave(self) -> None:
-        """Close the session. OSError or InputError, and it stays open: what is in memory cannot be written.
+        """Close the session if everything in memory can be written; else OSError or InputError, and it stays open.
 
-        What else is missing is made good when it is opened again, or by `phd recover`.
+        Streams that are no Parquet files yet are converted when it is opened again, or by `phd recover`.
         """
         self._write_unsaved_lines()
         if self._unsaved_trial is not None:
@@ -85,8 +85,9 @@ class Storage:
         self.close_session()
 
     def close_session(self) -> str:
-        """Close the session in any case. Returns what is lost, "" for nothing; lines of the journal that cannot be
-        written go to the log.
+        """Close the session in any case. Returns what is lost, "" for nothing.
+
+        Lines of the journal that cannot be written go to the log.
         """
         if self.progress is None:
             return ""
@@ -104,7 +105,7 @@ class Storage:
         return lost
 
     def write(self, event: Event, **about: Any) -> None:
-        """Write a line into the journal of the open session, if one is open; the control loop never waits for it."""
+        """Write a line into the journal, if a session is open; during a trial the recorder's thread does it."""
         if self.progress is None:
             return
         session, at = self.open.session, now()
@@ -135,7 +136,7 @@ class Storage:
             self._unsaved_lines.pop(0)
 
     def fail(self, trouble: str, error: Exception) -> None:
-        """Something could not be written: show what is in memory, what is lost, and what to do."""
+        """Show the experimenter that something could not be written: what is in memory, what is lost, what to do."""
         gone = self.open.session.missing_files()
         self._failed, self._tried_s, self._was_gone = trouble, time.perf_counter(), self._was_gone or bool(gone)
         reason = gone or getattr(error, "strerror", None) or cause_of(error)
@@ -167,7 +168,7 @@ class Storage:
         return sentences
 
     def check_folder(self) -> bool:
-        """Whether the folder of the session is as it was left; if not, no trial starts. Waits for the disk."""
+        """Whether the session's folder and files are there; if not, no trial starts. It waits for the disk."""
         if self.progress is None:
             return True
         gone = self.open.session.missing_files()
@@ -192,7 +193,7 @@ class Storage:
             self._keep_in_memory(run, f"{run.name} is not complete", error)
 
     def _keep_in_memory(self, run: TrialRun, trouble: str, error: Exception) -> None:
-        """Keep a recording in memory if the disk does not have it, and report that."""
+        """Keep the recording of a trial in memory if it is not on the disk, and report that."""
         self._unsaved_trial = run if run.unsaved is not None else None
         writer, sentence = run.recorder.writer, trouble
         if self._unsaved_trial is None and writer is not None and writer.lost:
@@ -200,7 +201,7 @@ class Storage:
         self.fail(sentence, error)
 
     def _finish_trial(self, run: TrialRun) -> None:
-        """Add its row and tell the experimenter. InputError or OSError: what is needed cannot be written."""
+        """Add the row of a trial and tell the experimenter. InputError or OSError: recording or row is not written."""
         reason = run.trial.outcome()["reason"]
         notice = with_advice(run.name, reason)
         row = run.finish(self.open.session)
@@ -246,7 +247,7 @@ class Storage:
             self._store()
 
     def _store(self) -> None:
-        """Write what could not be written."""
+        """Write everything that could not be written before."""
         session, streams = self.open.session, self.streams
         runs_before = {row.run for row in session.rows}
         try:
