@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from app.ipc.scheduling import take_scheduling
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
-from app.verbs.run import port_of, reached
+from app.verbs.run import checked_link, port_of
 from core.device import load_device
 from core.files import InputError
 from experiments.inputs import MOUSE
@@ -135,7 +135,7 @@ def bring_up(args: argparse.Namespace) -> int:
     if not args.by.strip():
         raise InputError("--by: must be the name of who signs the record")
     device = load_device(args.device)
-    link = reached(link_port(args), args.force)
+    link = checked_link(link_port(args), args.force)
     if device.castor:
         raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
     make_folder(args.data_dir)
