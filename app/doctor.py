@@ -59,10 +59,10 @@ def check(name: str, found: str, advice: str = "", bad: bool = False) -> Check:
 def wanted_libraries() -> list[Requirement]:
     """What the program asks for: its pyproject.toml, or what pip has kept of that where it installed the program."""
     if PYPROJECT.exists():
-        asked = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
+        lines = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
     else:
-        asked = importlib.metadata.requires("phd") or []
-    needs = map(Requirement, asked)
+        lines = importlib.metadata.requires("phd") or []
+    needs = map(Requirement, lines)
     return [need for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
 
 
@@ -147,6 +147,7 @@ def host(stolen: float | None) -> Check:
 
 
 def load() -> Check:
+    """Whether other programs keep the processor cores busy."""
     if not hasattr(os, "getloadavg"):
         return check("load", "not known: this system does not count the programs that want to run")
     running, count = os.getloadavg()[0], os.cpu_count() or 1
@@ -187,16 +188,17 @@ def of_other_versions(folder: Path) -> str:
 
 
 def board_check(board: BoardFound) -> Check:
+    """Whether the board at a port answers."""
     if board.problem:
         advice = (
             "Check that this is the board's port, that the board has power, and that no other program uses the port."
         )
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
     advice = "Allow the brakes again in the window (Ctrl+B) when it is safe." if board.fault else ""
-    return check("board", f"{board.port}: {about(board)}", advice)
+    return check("board", f"{board.port}: {describe_board(board)}", advice)
 
 
-def about(board: BoardFound) -> str:
+def describe_board(board: BoardFound) -> str:
     """Describe a board that answers in one line."""
     encoders = ", ".join(f"{joint} {counts}" for joint, counts in board.encoders.items())
     brakes = ", ".join(f"{joint} {current:g} A" for joint, current in board.brakes.items())
@@ -208,6 +210,7 @@ def about(board: BoardFound) -> str:
 
 
 def port_checks(ports: list[SerialPort]) -> list[Check]:
+    """The serial ports, and whether this user may open them."""
     if not ports:
         return [check("serial", "nothing attached (the simulated device needs nothing)")]
     dialout = "Close any other program that uses it, or ask this machine's administrator for the right to it."
@@ -224,6 +227,7 @@ def port_checks(ports: list[SerialPort]) -> list[Check]:
 
 
 def hid_checks() -> list[Check]:
+    """The six-axis devices, and whether this user may open them."""
     try:
         devices = hid_devices()
     except InputError as error:

@@ -45,7 +45,7 @@ class EmulatedOperator:
         """tip: of the handle, m. generator: of reaction, noise and tremor, drawn in the order of a trial's."""
         self._person, self._path, self._tip, self._random = person, path, tip, generator
         self.hand = new_hand()
-        self._grips = self.hand.grips.view(np.ndarray)  # a plain array: calls from Python take longer with the other
+        self._grips = self.hand.grips.view(np.ndarray)  # calls from Python take longer with a record array
         self._waits = self._go = False
         self._tick = 0
         self._set_out()
@@ -55,7 +55,7 @@ class EmulatedOperator:
     def tick(self, x: float, y: float) -> None:
         """Act on the handle for one tick, with the tip where it is seen (m)."""
         self._tip = (x, y)
-        self.go_on(x, y)
+        self.update_phase(x, y)
         moment = Moment(self.phase, self._tick, self._phase_tick)
         act(self._records, self._grips, self._path, moment, self._tip, self._noise)
         self._tick += 1
@@ -88,20 +88,22 @@ class EmulatedOperator:
         self.enter(APPROACH)
 
     def enter(self, phase: int) -> None:
-        self.phase, self._phase_tick, self._there = phase, 0, 0
+        """Begin a phase, of `core.tick_log`."""
+        self.phase, self._phase_tick, self._ticks_arrived = phase, 0, 0
 
-    def go_on(self, x: float, y: float) -> None:
+    def update_phase(self, x: float, y: float) -> None:
         """Enter the next phase once the handle has been at the start, or at the end, for long enough."""
         path = self._path
         if self.phase == APPROACH:
-            self._there = self._there + 1 if math.hypot(x - path.x0, y - path.y0) <= START_RADIUS_M else 0
-            if self._there * TICK_S >= HOLD_S and (self._go or not self._waits):
+            at_start = math.hypot(x - path.x0, y - path.y0) <= START_RADIUS_M
+            self._ticks_arrived = self._ticks_arrived + 1 if at_start else 0
+            if self._ticks_arrived * TICK_S >= HOLD_S and (self._go or not self._waits):
                 self._go = False
                 self.enter(MOVE)
         elif self.phase == MOVE:
-            there = arrived(path, int(self._records["piece"][0]), END_RADIUS_M, x, y)
-            self._there = self._there + 1 if there else 0
-            if self._there * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
+            at_end = arrived(path, int(self._records["piece"][0]), END_RADIUS_M, x, y)
+            self._ticks_arrived = self._ticks_arrived + 1 if at_end else 0
+            if self._ticks_arrived * TICK_S >= REST_S or self._phase_tick * TICK_S >= LONGEST_S:
                 self.enter(END)
         elif self._phase_tick * TICK_S >= REST_S:
             self._set_out()

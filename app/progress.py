@@ -91,18 +91,18 @@ class ProgressBar:
 
 
 class CompileProgress:
-    """Shows which kernel of how many is being compiled, and adds up the time (s)."""
+    """Shows which kernel of how many is being compiled or linked, and adds up the time (s)."""
 
     def __init__(self) -> None:
         self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
-        """As `watchers` of the cache are called: before each kernel of an entry, and after the last with no name."""
+        """As `watchers` of the cache are called."""
         if self._began is None:
             self._began = time.perf_counter()
         if name:
-            self._bar(number / max(of, 1), f"{number} of {of}")
+            self._bar(number / max(of, 1), f"{number} of {of}, {name}")
             return
         self._bar.close()
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None

@@ -224,7 +224,7 @@ def is_locked(lock: int) -> bool:
 
 def install_qt_libraries() -> None:
     """Install what a window needs of the system."""
-    if missing := [package for library, package in QT_LIBRARIES.items() if not is_there(library)]:
+    if missing := [package for library, package in QT_LIBRARIES.items() if not is_installed(library)]:
         install("system libraries for the window", missing)
 
 
@@ -239,6 +239,7 @@ def install_test_programs() -> None:
 
 
 def opens_window(arguments: Sequence[str]) -> bool:
+    """Whether the command opens a window, so that Qt's system libraries are needed."""
     if {"-h", "--help", "--version", "--print-plan"} & set(arguments):
         return False
     verb = arguments[0] if arguments else ""
@@ -247,7 +248,8 @@ def opens_window(arguments: Sequence[str]) -> bool:
     return verb in ("", "run", "test") or verb.startswith("-")
 
 
-def is_there(library: str) -> bool:
+def is_installed(library: str) -> bool:
+    """Whether the system finds a shared library."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -260,13 +262,13 @@ def install(purpose: str, packages: Sequence[str]) -> None:
     names = " ".join(packages)
     if shutil.which("apt-get") is None:
         stop(f"{purpose}: missing here, and there is no apt-get. The Debian packages are: {names}", TO_INSTALL)
-    become_root: list[str] = []
+    sudo: list[str] = []
     if os.geteuid() != 0:
-        become_root = ["sudo", "-n"]
+        sudo = ["sudo", "-n"]
         if shutil.which("sudo") is None or subprocess.call(["sudo", "-n", "true"], stderr=subprocess.DEVNULL) != 0:
             stop(f"{purpose}: missing on this system. Type: sudo apt-get update && sudo {APT_GET} {names}", TO_INSTALL)
     say(f"{purpose}: installing {names}")
-    apt_get = [*become_root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
+    apt_get = [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
     apt_get += ["-o", "DPkg::Lock::Timeout=300", "-o", "Dpkg::Use-Pty=0"]
     for step in (["update"], ["install", "-y", "--no-install-recommends", *packages]):
         done = subprocess.run(
@@ -282,6 +284,7 @@ def say(sentence: str) -> None:
 
 
 def stop(sentence: str, code: int = FAILED) -> NoReturn:
+    """End with a sentence on stderr and an exit code."""
     say(sentence)
     sys.exit(code)
 

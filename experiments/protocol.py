@@ -260,7 +260,8 @@ def _checked(
 ) -> Protocol:  # fmt: skip
     """The protocol of a file with these devices (each with the name for refusals). InputError as above."""
     asked = from_plain(dict(overrides), Overrides, f"{where}: options")
-    _refuse_duplicates([device.name for _, device in devices], f"{where}: devices: two devices")
+    where_named = "--device" if "devices" in overrides else f"{where}: devices"
+    _refuse_duplicates([device.name for _, device in devices], f"{where_named}: two devices")
     presets = [_preset(controller, contents.code, where) for controller in file.controller]
     _refuse_duplicates([preset.name for preset in presets], f"{where}: controller: two controllers")
     numbers = [controller.number for controller in file.controller]

@@ -23,14 +23,14 @@ LOOK_S = 0.02
 
 
 class Client:
-    """The session server of this window."""
+    """The connection of a window to its session server."""
 
     def __init__(self, setup: Setup) -> None:
         """Start it; returns at once. InputError if there is no memory for what the processes share."""
         setup = setup._replace(data_dir=setup.data_dir.absolute())
         self.setup = setup
         self._data_dir, self._refused, self._left_core = setup.data_dir, "", False
-        self.wants_other_folder = False  # it has refused to serve because of its data folder
+        self.wants_other_folder = False  # the server has refused to serve because of the data folder
         self._received: list = []  # by `refused`, for `receive`
         self._answered = False
         try:
@@ -52,7 +52,7 @@ class Client:
         return not (self._refused or self._server.closed)
 
     def refused(self, meanwhile: Callable[[], object] = lambda: None) -> str:
-        """Wait until the session server is ready; why it is not, "": it is. meanwhile: called repeatedly."""
+        """Wait until the session server is ready; why it cannot serve, "": it can. meanwhile: called repeatedly."""
         deadline = time.perf_counter() + START_S
         while not self._answered and self.alive and time.perf_counter() < deadline:
             self._received += self._take(LOOK_S)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
 
 Point = tuple[float, float]  # m
 
-# ------------------------------------------------------------------------- what a window starts its session server with
+# ------------------------------------------------------------------------------- from the window to its session server
 
 
 class Setup(NamedTuple):
@@ -74,7 +74,7 @@ class Abort(NamedTuple):
     """End the running trial at once, brakes off, for this reason; its recording is kept."""
 
     reason: str
-    again: str = "never"  # its trial comes again: "now" (next), at the "end" of its configuration, "never"
+    again: str = "never"  # when the trial is repeated: "now" (next), at the "end" of its configuration, "never"
 
 
 class Redo(NamedTuple):
@@ -184,8 +184,9 @@ class SaveAsProtocol(NamedTuple):
 
 
 class MoveTo(NamedTuple):
-    """Move the open session to another data folder: what can be read or is in memory is copied, then it is closed;
-    `Snapshot.moved` says so.
+    """Move the open session to another data folder and close it here; `Snapshot.moved` then names it.
+
+    What can be read, or is in memory, is copied.
     """
 
     folder: str
@@ -197,14 +198,14 @@ class Quit(NamedTuple):
     reason: str
 
 
-# ------------------------------------------------------------------------------------ what is: session server -> window
+# -------------------------------------------------------------------------------------- state: session server -> window
 
-#: where the session server is
+#: stages of the session server
 PREPARING, NO_SESSION, READY, RUNNING, RERIG, BREAK, QUESTIONS, FINISHED, FAILED = (
     "preparing", "no session", "ready", "running", "re-rig", "break", "questions", "finished", "failed"
 )  # fmt: skip
 
-#: stage -> why what does not fit it is refused; of a further step between two trials its card says so
+#: stage -> why a command that does not fit it is refused; for other steps between two trials the card says why
 NOT_NOW = {
     PREPARING: "Everything is still being prepared.",
     NO_SESSION: "No session is open.",
@@ -223,9 +224,9 @@ BRING_UP, GO_ON, BREAK_OFF = "bring up", "go on", "break off"
 #: step -> what is shown while it is being done, on the button that asked for it
 WAITS = {CONNECT: "Connecting …", HOME: "Homing …", ZERO: "Zeroing …", BRING_UP: "Bringing up …"}
 
-DISK_WAIT = "Waiting for the disk"  # how the notice begins while a command still waits for it
-BRAKES_OFF = "brakes off"  # what the check of the device finds while it is there and no current may flow
-#: of a check; DUE: a step of the session that is still to come puts it right
+DISK_WAIT = "Waiting for the disk"  # beginning of the notice while a command waits for it
+BRAKES_OFF = "brakes off"  # text of the check "Device" while a device is connected and no current may flow
+#: states of a check; DUE: a later step of the session will put it right
 GOOD, CAUTION, DUE, BAD, WAITING = "good", "caution", "due", "bad", "waiting"
 
 
@@ -253,7 +254,7 @@ class CannotServe(NamedTuple):
     """The session server cannot start, and has written nothing."""
 
     why: str  # one sentence
-    folder: bool = False  # with another data folder it could
+    folder: bool = False  # another data folder would help
 
 
 class Opened(NamedTuple):
@@ -285,8 +286,8 @@ class SandboxState(NamedTuple):
     settings: SandboxSettings
     initial: SandboxSettings  # as protocol and device have them
     fixed: tuple[str, ...]  # settings that cannot be changed: of a real device, of a hand without a spring
-    by_start: bool  # a pass waits for Start, and a change for the next pass: currents flow in real brakes
-    least_gain_N_s_m: float  # a guide of less gain does less than the brakes' own drag
+    by_start: bool  # real brakes: a pass waits for Start, and a change for the next pass
+    least_gain_N_s_m: float  # a controller of less gain does less than the brakes' own drag
     passes: tuple[Pass, ...] = ()  # the newest last
     saved: str = ""  # the protocol file that was written last; "": none yet
 
@@ -300,7 +301,7 @@ class Snapshot(NamedTuple):
     running: "PlannedTrial | None" = None
     practice: bool = False  # the running or coming trial is practice
     tip: Point = (0.0, 0.0)  # m, where the handle stands in the coming configuration
-    paused: bool = False  # or will be, after the running trial
+    paused: bool = False  # now, or after the running trial
     blind: bool = False  # hide currents, decisions, brake colours, controller names
     checks: tuple[Check, ...] = ()
     brakes_off: str = ""  # its cause; "": brakes may act
@@ -312,9 +313,9 @@ class Snapshot(NamedTuple):
     sandbox: SandboxState | None = None  # None: Try is not open
     seconds_left: float | None = None  # of the whole session, estimated from the trials so far
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
-    not_written: str = ""  # why the disk does not have all of the session, and what to do; "": it has
-    moved: tuple[str, str] | None = None  # a session that is to be gone on with elsewhere: data folder, participant
-    in_memory: str = ""  # what the disk has not taken, and no file has: "run 5, 5,481 ticks"; "": nothing
+    not_written: str = ""  # why not all of the session is on the disk, and what to do; "": all is
+    moved: tuple[str, str] | None = None  # of a session that goes on elsewhere: data folder, participant
+    in_memory: str = ""  # data that are in no file yet: "run 5, 5,481 ticks"; "": none
 
     @property
     def stage_refusal(self) -> str:
@@ -374,11 +375,11 @@ class Timing(NamedTuple):
     max_us: float
     missed: int  # ticks a millisecond or more late
     scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
-    stolen_ms: float | None = None  # that the host of a virtual machine kept the loop's core from it
-    waited_ms: float | None = None  # that the loop was ready to run and another program ran
-    switches: int | None = None  # how often the scheduler took the loop's core from it
-    tick_us: float | None = None  # that a tick took, on average ..
-    tick_max_us: float | None = None  # .. and at most
+    stolen_ms: float | None = None  # time for which the host of a virtual machine kept the loop's core
+    waited_ms: float | None = None  # time for which the loop was ready and another program ran
+    switches: int | None = None  # how often the scheduler took the core from the loop
+    tick_us: float | None = None  # mean time that a tick took
+    tick_max_us: float | None = None  # longest time that a tick took
 
 
 class Pulse(NamedTuple):
@@ -402,6 +403,8 @@ class CheckTiming(NamedTuple):
 
 
 class RunTrial(NamedTuple):
+    """Run a trial to its end, or until it is to be handed back."""
+
     trial: "Trial"
 
 
@@ -429,7 +432,7 @@ class BringUp(NamedTuple):
 
 
 class BringUpAnswer(NamedTuple):
-    """What a step of it asked for is done; or break it off."""
+    """The person at the bench has done what a step asked for, or breaks the bring-up off."""
 
     goes_on: bool
 
@@ -437,7 +440,7 @@ class BringUpAnswer(NamedTuple):
 class Reset(NamedTuple):
     """Reset the faults of the board and the brakes-off, unless it was pressed again since."""
 
-    presses: int  # of the brakes-off, that were seen (`Ring.presses`)
+    presses: int  # of the brakes-off, so far (`Ring.presses`)
 
 
 LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset | BringUp | BringUpAnswer
@@ -490,7 +493,7 @@ class DeviceStatus(NamedTuple):
     port: str = ""
     counts: tuple[int, ...] = ()  # of the encoders, in the order of their letters
     theta: tuple[float, ...] = ()  # rad, joints A, E, B, C
-    homed_at: float = 0.0  # s since 1970, when it was last done here; 0: not here
+    homed_at: float = 0.0  # s since 1970, when it was last homed by this loop; 0: never
     zeroed_at: float = 0.0
     reported_s: float = 0.0  # monotonic clock
     bring_up: BringUpShown | None = None  # None: none is going on

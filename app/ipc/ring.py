@@ -25,11 +25,11 @@ TEXT, CODE = 240, 24  # bytes of a cause, of the code of a fault
 #: why the loop ended a trial before its end
 NO_CAUSE, STOPPED, BRAKES_OFF, SERVER_SILENT, RING_FULL = range(5)
 
-#: what the session server wants of a running trial: that it ends; that the loop gives it back as it is, between two
-#: ticks, to be changed and run on (a simulated device's alone: a real one's goes on)
+#: requests of the session server for a running trial: end it; hand it back between two ticks, so that it can be changed
+#: and run on (on a simulated device alone)
 END_TRIAL, HAND_BACK = 1, 2
 
-#: how the pointer has the handle: not yet, in hold, or no more
+#: how the pointer holds the handle: not yet, now, no more
 UNTOUCHED, TAKEN, LET_GO = range(3)
 
 #: Our choice: the pointer takes the handle when it comes this near (m), and keeps it until the trial ends. So the
@@ -43,7 +43,7 @@ MOST_BEHIND_NS = 100_000_000
 CONTROL = np.dtype(
     [
         # by the window
-        ("aim_count", "i8"),  # how often the pointer was pointed; the newest place is aims[(aim_count - 1) % AIMS]
+        ("aim_count", "i8"),  # how many places of the pointer were reported; the newest is aims[(aim_count - 1) % AIMS]
         ("aims", "f8", (AIMS, 3)),  # m, m, grip: 0 to 1; not a number: the pointer has left its workspace
         ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8 ..

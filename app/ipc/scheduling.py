@@ -177,7 +177,7 @@ class LostTime(NamedTuple):
 
 
 def lost_time(pid: int, core: int, read: Callable[[str], str] = read_proc) -> LostTime:
-    """Time lost by the loop's process (0: not known) and its core (-1: it has none of its own)."""
+    """Time lost by the loop. pid: of its process (0: not known); core: its own (-1: none). read: of /proc."""
     waited = switches = None
     if pid:
         with contextlib.suppress(OSError, ValueError, IndexError):  # not Linux, or the process has ended

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from app.ipc.messages import BringUp, BringUpShown, BroughtUp
 from core.device_interface import RealDevice
 from experiments.bring_up import bring_up
-from experiments.bring_up.record import brake_steps, content, state_of
+from experiments.bring_up.record import brake_steps, make_record, state_of
 from experiments.bring_up.step import Step
 from experiments.bring_up.steps import steps_for
 from experiments.session.journal import now
@@ -26,7 +26,7 @@ class GuidedBringUp:
         for _ in self._ticks:
             return None
         results = self._runner.results
-        return BroughtUp(content(results, self._device.device, self._device.report(), self._by, now()),
+        return BroughtUp(make_record(results, self._device.device, self._device.report(), self._by, now()),
                          brake_steps(results))  # fmt: skip
 
     def end(self) -> None:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 REPORT_S = 0.1  # between two reports of how a real device is
-AGAIN_S = 1.0  # between attempts to reach a board that was never reached
+RETRY_S = 1.0  # between attempts to reach a board that was never reached
 
 
 class Loop:
@@ -76,7 +76,7 @@ class Loop:
         self._homed_at = self._zeroed_at = 0.0
         self._reported_s = self._tried_s = 0.0
         self._bring_up: GuidedBringUp | None = None
-        self._looking = False  # boards are to be looked for, and what was found is not reported yet
+        self._searching = False  # for a board, and what was found is not reported yet
         ring.rows.max()  # every page is in memory before the first tick
 
     def prepare(self, real_time: bool) -> None:
@@ -144,20 +144,20 @@ class Loop:
                     if trial.finished:  # else it comes back at once
                         gc.collect()
                 case m.Connect(devices):
-                    self._devices, self._tried_s, self._looking = devices, 0.0, True
-                    self._leave()
+                    self._devices, self._tried_s, self._searching = devices, 0.0, True
+                    self._disconnect()
                 case m.HomeAt(tip):
-                    self._there().home(tip)
+                    self._reached().home(tip)
                     self._homed_at = time.time()
                     self._answer(m.HomeSet(tip))
                 case m.TakeZero():
-                    record = self._there().zero()
+                    record = self._reached().zero()
                     self._zeroed_at = time.time()
                     self._answer(m.Zeroed(record))
                 case m.BringUp():
                     from app.loop.guided_bring_up import GuidedBringUp
 
-                    self._bring_up = GuidedBringUp(self._there(), job, self._sleep)
+                    self._bring_up = GuidedBringUp(self._reached(), job, self._sleep)
                 case m.BringUpAnswer(goes_on):
                     self._answer_bring_up(goes_on)
                 case m.Reset(presses):
@@ -169,7 +169,7 @@ class Loop:
     # ------------------------------------------------------------------------------------------------ a trial
 
     def run(self, trial: Trial) -> None:
-        """To its last tick, or until it is to be handed back; every tick goes into the ring."""
+        """Run a trial to its last tick, or until it is to be handed back; every tick goes into the ring."""
         if not isinstance(trial, RealTrial):
             run_trial(self.ring.controls, self.ring.rows, self._row, self._timer, trial.arguments())
         elif self.device is None:
@@ -238,20 +238,20 @@ class Loop:
         """Send the state of the device to the server."""
         self._reported_s = self._clock()
         self._answer(self._status())
-        if self._looking:
-            self._looking = False
+        if self._searching:
+            self._searching = False
             self._answer(m.ConnectEnded())
 
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
-        """Brakes-off here is brakes-off on the board, and the other way round."""
+        """Pass a brakes-off on to the board, and a fault of the board on as a brakes-off."""
         if sample.fault:
             self.ring.switch_off(after("the board: ", sample.fault))
         elif self.ring.control.brakes_off:
             device.stop()
 
     def _connect(self) -> None:
-        """Try the devices there are; a board that is not there yet is looked for again."""
-        if not self._devices or self._clock() - self._tried_s < AGAIN_S:
+        """Try to reach one of the devices, at most once a second."""
+        if not self._devices or self._clock() - self._tried_s < RETRY_S:
             self._sleep(0.01)
             return
         problem = ""
@@ -268,20 +268,21 @@ class Loop:
             break
         self._problem, self._tried_s = problem, self._clock()
 
-    def _leave(self) -> None:
+    def _disconnect(self) -> None:
         if self.device is not None:
             self.device.close()
         self.device, self.sample, self._problem = None, None, "not connected yet"
 
-    def _there(self) -> RealDevice:
+    def _reached(self) -> RealDevice:
+        """The real device. DeviceError: none was reached."""
         if self.device is None:
             raise DeviceError(after("the board cannot be reached: ", self._problem))
         return self.device
 
     def _reset(self, presses: int) -> None:
-        """A board that is not there has no faults to forget; the brakes-off is past all the same.
+        """Reset the brakes-off, and the fault of a board that is connected, unless it was pressed again since.
 
-        Allowed first: a brakes-off that comes while the board answers stands, as does one that came since the asking.
+        The brakes are allowed first, so that a brakes-off that comes while the board answers stands.
         """
         if self.ring.presses != presses:
             return
@@ -289,7 +290,7 @@ class Loop:
         self.ring.allow()
         if self.sample is not None and self.sample.fault:
             try:
-                self._there().reset()
+                self._reached().reset()
             except (DeviceError, InputError):
                 self.ring.switch_off(cause)
                 raise

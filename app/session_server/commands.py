@@ -24,14 +24,14 @@ from experiments.trial.population import load_population
 
 def do(state: ServerState, command: object) -> None:
     """Do a command, or show the experimenter why not; a refused command changes nothing."""
-    declared = COMMANDS[type(command)]
+    rule = COMMANDS[type(command)]
     try:
-        if why := refused(state, declared):
+        if why := refusal(state, rule):
             raise InputError(why)
         state.clear_refusal()
-        if declared.waits:
-            state.announce_wait(declared.waits)
-        declared.action(state, command)
+        if rule.waits:
+            state.announce_wait(rule.waits)
+        rule.action(state, command)
     except InputError as error:
         state.notify(str(error), bad=True)
     except OSError as error:
@@ -41,15 +41,15 @@ def do(state: ServerState, command: object) -> None:
             state.notify(f"{error.filename or state.setup.data_dir}: {error.strerror or error}", bad=True)
 
 
-def refused(state: ServerState, command: "CommandRule") -> str:
+def refusal(state: ServerState, rule: "CommandRule") -> str:
     """Why the table does not allow a command now; "": it does."""
-    if command.session and state.storage.progress is None:
+    if rule.session and state.storage.progress is None:
         return state.broken or m.NOT_NOW[m.NO_SESSION]
-    if command.stages and state.stage not in command.stages:
+    if rule.stages and state.stage not in rule.stages:
         return state.broken or state.snapshot().stage_refusal
-    if command.stored:
+    if rule.stored:
         state.storage.check_folder()
-    return f"{state.storage.not_written}." if command.stored and state.storage.not_written else ""
+    return f"{state.storage.not_written}." if rule.stored and state.storage.not_written else ""
 
 
 def _open(state: ServerState, command: m.Open) -> None:
@@ -119,7 +119,7 @@ def _start(state: ServerState, _: m.Start) -> None:
         _run(state, state.storage.open.session, coming)
 
 
-def _try(state: ServerState, command: m.SetSandbox) -> None:
+def _set_sandbox(state: ServerState, command: m.SetSandbox) -> None:
     if state.storage.progress is not None:
         raise InputError("A session is open. Leave it before you use Try.")
     state.sandbox.apply(command.settings)
@@ -169,7 +169,7 @@ def _move(state: ServerState, command: m.MoveTo) -> None:
     try:
         state.storage.move_to(folder)
     except OSError as error:
-        raise InputError(f"{folder}: the session cannot be brought there ({reason_of(error)}).") from None
+        raise InputError(f"{folder}: the session cannot be moved there ({reason_of(error)}).") from None
 
 
 def _note(state: ServerState, command: m.Note) -> None:
@@ -182,7 +182,7 @@ def _allow(state: ServerState, _: m.AllowBrakes) -> None:
         raise InputError("The trial is still ending. Allow the brakes again after it.")
     if state.why_off:
         state.device.allow(state.presses)
-        state.look_at_brakes()
+        state.journal_brakes()
 
 
 def _end_step(state: ServerState, command: m.Confirm | m.Answers) -> None:
@@ -192,7 +192,7 @@ def _end_step(state: ServerState, command: m.Confirm | m.Answers) -> None:
         progress.last_end_s = None
 
 
-def _rig(state: ServerState, command: m.PrepareDevice) -> None:
+def _prepare_device(state: ServerState, command: m.PrepareDevice) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
     if state.storage.open.coming is None:
@@ -211,31 +211,31 @@ class CommandRule(NamedTuple):
     action: Callable[[ServerState, Any], None]  # InputError: it cannot be done
     stages: tuple[str, ...] = ()  # at which it can be done; none: at any
     session: bool = True  # a session must be open
-    stored: bool = False  # and the disk must have all of it
-    waits: str = ""  # what the experimenter reads while a slow disk is waited for
+    stored: bool = False  # everything must be on the disk
+    waits: str = ""  # what the experimenter reads while a slow disk keeps the command waiting
 
 
-#: no trial runs, and one could
+#: Stages of an open session in which no trial runs.
 IDLE = (m.PREPARING, m.READY, *(step.name for step in STEPS), m.FINISHED)
 
 COMMANDS = {
     m.Open: CommandRule(_open, (m.NO_SESSION,), session=False, waits="the session is opened"),
     m.Leave: CommandRule(_leave, IDLE, waits="the session is closed"),
-    m.SetSandbox: CommandRule(_try, session=False),
+    m.SetSandbox: CommandRule(_set_sandbox, session=False),
     m.BringBack: CommandRule(lambda state, _: state.sandbox.bring_back(), session=False),
     m.EndSandbox: CommandRule(lambda state, _: state.sandbox.leave(), session=False),
     m.SaveAsProtocol: CommandRule(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
     m.Start: CommandRule(_start, (m.READY, m.NO_SESSION), session=False, stored=True, waits="the trial is opened"),
     m.Abort: CommandRule(_abort, session=False),
-    m.Redo: CommandRule(_redo, IDLE, stored=True, waits="it is written"),
-    m.Exclude: CommandRule(_exclude, IDLE, stored=True, waits="it is written"),
-    m.Skip: CommandRule(_skip, IDLE, stored=True, waits="it is written"),
-    m.MoveTo: CommandRule(_move, IDLE, waits="the session is brought to the other folder"),
-    m.Pause: CommandRule(_pause, waits="it is written"),
-    m.Note: CommandRule(_note, waits="it is written"),
+    m.Redo: CommandRule(_redo, IDLE, stored=True, waits="the journal is written"),
+    m.Exclude: CommandRule(_exclude, IDLE, stored=True, waits="the journal is written"),
+    m.Skip: CommandRule(_skip, IDLE, stored=True, waits="the journal is written"),
+    m.MoveTo: CommandRule(_move, IDLE, waits="the session is moved to the other folder"),
+    m.Pause: CommandRule(_pause, waits="the journal is written"),
+    m.Note: CommandRule(_note, waits="the journal is written"),
     m.AllowBrakes: CommandRule(_allow, session=False),
-    m.Confirm: CommandRule(_end_step, ended_by(m.Confirm), waits="it is written"),
+    m.Confirm: CommandRule(_end_step, ended_by(m.Confirm), waits="the journal is written"),
     m.Answers: CommandRule(_end_step, ended_by(m.Answers), waits="the answers are written"),
-    m.PrepareDevice: CommandRule(_rig, IDLE),
-    m.Unblind: CommandRule(_unblind, IDLE, stored=True, waits="it is written"),
+    m.PrepareDevice: CommandRule(_prepare_device, IDLE),
+    m.Unblind: CommandRule(_unblind, IDLE, stored=True, waits="the journal is written"),
 }

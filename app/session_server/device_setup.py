@@ -33,7 +33,7 @@ from hardware.hid import HidHand
 
 Write = Callable[..., None]  # an event and its fields, into the journal
 
-#: hand, of `INPUTS`, whose force moves the handle -> what reads it, and pushes from its start until it is closed
+#: hand (of `INPUTS`) that moves the handle by its force -> the class that reads it, until it is closed
 FORCE_HANDS = {HID: HidHand}
 
 
@@ -42,10 +42,10 @@ class SimulatedSetup:
 
     real, status, doing = False, None, DONE
 
-    def __init__(self, ring: Ring, hand: str, pushing: Mapping[str, Callable[..., HidHand]] = FORCE_HANDS) -> None:
-        """hand: what moves it, of `INPUTS`. InputError: it is a six-axis device, and none is attached."""
+    def __init__(self, ring: Ring, hand: str, force_hands: Mapping[str, Callable[..., HidHand]] = FORCE_HANDS) -> None:
+        """hand: what moves the device, of `INPUTS`. InputError: a six-axis device is chosen, and none is attached."""
         self.hand, self._ring = hand, ring
-        self._pushes = pushing[hand](ring.push) if hand in pushing else None  # until it is closed
+        self._force_hand = force_hands[hand](ring.push) if hand in force_hands else None  # until it is closed
 
     def card(self, progress: SessionProgress) -> StepCard | None:
         """The card of the step before the coming trial; None: no step."""
@@ -58,24 +58,24 @@ class SimulatedSetup:
         return StepCard(f"Change to {device.name}", text, "It is done")
 
     def confirm(self, progress: SessionProgress, write: Write) -> None:
-        """The experimenter has done it."""
+        """The experimenter has confirmed the step."""
         assert progress.coming is not None
         write(RERIGGED, configuration=progress.coming.configuration)
         progress.rigged = progress.coming.configuration
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
         """Device and hand for the pre-flight row."""
-        return check_device(True, why_off), check_hand(self.hand, self._pushes.read() if self._pushes else None)
+        return check_device(True, why_off), check_hand(self.hand, self._force_hand.read() if self._force_hand else None)
 
     def allow(self, presses: int) -> None:
         """Allow currents again, unless the brakes-off was pressed more often than `presses`."""
         if self._ring.presses == presses:
             self._ring.allow()
 
-    def tip(self, progress: SessionProgress | None, tried: SimulatedDevice | None) -> m.Point:
-        """Where the handle is in the coming configuration, m. tried: the device of Try, once it is built."""
+    def tip(self, progress: SessionProgress | None, try_device: SimulatedDevice | None) -> m.Point:
+        """Where the handle is in the coming configuration, m. try_device: the device of Try, once it is built."""
         if progress is None:
-            return tried.tip if tried is not None else (0.0, 0.0)
+            return try_device.tip if try_device is not None else (0.0, 0.0)
         configuration = progress.coming.configuration if progress.coming else progress.rigged
         return progress.session.simulation(configuration or progress.session.protocol.devices[0].name).tip
 
@@ -84,23 +84,23 @@ class SimulatedSetup:
         self.take_handle(session.simulation(planned.configuration))
         return session.begin(planned)
 
-    def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> SimulatedDevice:
+    def sandbox_device(self, protocol: Protocol, try_device: SimulatedDevice | None) -> SimulatedDevice:
         """The device of a pass of Try, ready for the hand."""
-        assert tried is not None, "the session server is still preparing"
-        self.take_handle(tried)
-        return tried
+        assert try_device is not None, "the session server is still preparing"
+        self.take_handle(try_device)
+        return try_device
 
     def take_handle(self, device: SimulatedDevice) -> None:
-        """Before a trial: where a force is the hand, it alone moves the handle, without the pointer's spring."""
-        if self._pushes is not None:
+        """Before a trial: where a measured force is the hand, switch the pointer's spring off."""
+        if self._force_hand is not None:
             grip = device.hand.grips
             grip["spring"][0] = 1
             grip["stiffness"][0] = grip["damping"][0] = 0.0
 
     def close(self) -> None:
-        """End what pushes."""
-        if self._pushes is not None:
-            self._pushes.close()
+        """Close the six-axis device, if there is one."""
+        if self._force_hand is not None:
+            self._force_hand.close()
 
 
 class RealSetup:
@@ -114,7 +114,7 @@ class RealSetup:
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
         self._data_dir = Path()  # of the session in which the device is brought up
-        self._named: tuple[Path, str] | None = None  # the session and board whose bring-up its journal has
+        self._journalled: tuple[Path, str] | None = None  # the session and board whose bring-up its journal has
         self.reconnect()
 
     def reconnect(self) -> None:
@@ -153,7 +153,7 @@ class RealSetup:
         return StepCard(title, text[step], device_page=True)
 
     def confirm(self, progress: SessionProgress, write: Write) -> None:
-        """The experimenter has done it: now the loop does its part."""
+        """The experimenter has confirmed the step: the loop does its part."""
         self.do(progress, self.step(self._device(progress)))
 
     def do(self, progress: SessionProgress, step: str, by: str = "") -> None:
@@ -193,7 +193,7 @@ class RealSetup:
                 case m.Zeroed(record):
                     write(ZEROED, **record._asdict())
                 case m.BroughtUp(record, steps):
-                    notify(*kept(self._data_dir, record, steps))
+                    notify(*store_record(self._data_dir, record, steps))
                 case m.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
@@ -202,14 +202,14 @@ class RealSetup:
         return check_real(self.status, why_off, self.doing == CONNECT), check_sensor(self.status)
 
     def allow(self, presses: int) -> None:
-        """Currents may flow again, if the brakes-off was not pressed again after those presses: the loop does it.
+        """Let the loop allow currents again, unless the brakes-off was pressed more often than `presses`.
 
         The board has latched the brakes-off, too, and a fault that the board latches is a brakes-off.
         """
         self._send(m.Reset(presses))
 
-    def tip(self, progress: SessionProgress | None, tried: SimulatedDevice | None) -> m.Point:
-        """Where the handle is, rounded, m: a hand that rests changes no snapshot. Before homing: where the jig is."""
+    def tip(self, progress: SessionProgress | None, try_device: SimulatedDevice | None) -> m.Point:
+        """Where the handle is, m, rounded so that a resting hand changes no snapshot; before homing the jig's place."""
         x, y = self.status.tip if self.status and self.status.homed else self._home
         return round(x, 3), round(y, 3)
 
@@ -217,12 +217,12 @@ class RealSetup:
         """Open a trial of the session. InputError: the device is busy with a step."""
         self._refuse_while_busy()
         assert self.status is not None
-        if self._named != (named := (session.folder, self.status.board)):
-            session.journal(BROUGHT_UP, **named_record(session.data_dir, self.status))
-            self._named = named
+        if self._journalled != (session_and_board := (session.folder, self.status.board)):
+            session.journal(BROUGHT_UP, **record_fields(session.data_dir, self.status))
+            self._journalled = session_and_board
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
-    def sandbox_device(self, protocol: Protocol, tried: SimulatedDevice | None) -> Device:
+    def sandbox_device(self, protocol: Protocol, try_device: SimulatedDevice | None) -> Device:
         """The device of a pass of Try. InputError: it is not ready, or busy with a step."""
         self._refuse_while_busy()
         device = next(
@@ -240,11 +240,11 @@ class RealSetup:
             raise InputError("The device is busy with a step. Try again in a moment.")
 
     def close(self) -> None:
-        """The loop lets the board go."""
+        """Nothing to do: the loop releases the board."""
 
 
-def kept(data_dir: Path, record: dict, steps: dict[str, str]) -> tuple[str, bool]:
-    """Write the record of a bring-up; what the experimenter reads, and whether it is bad."""
+def store_record(data_dir: Path, record: dict, steps: dict[str, str]) -> tuple[str, bool]:
+    """Write the record of a bring-up. Returns the notice to the experimenter, and whether it is bad news."""
     try:
         write_record(data_dir, record, steps)
     except (InputError, OSError) as error:
@@ -253,8 +253,8 @@ def kept(data_dir: Path, record: dict, steps: dict[str, str]) -> tuple[str, bool
     return f"{'Every' if passed else 'Not every'} step has passed: the record is written.", not passed
 
 
-def named_record(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
-    """How a session names the record of `phd bring-up` of its board: the fields of `BROUGHT_UP`."""
+def record_fields(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
+    """The fields of the journal event `BROUGHT_UP`: the newest record of this board, and what is wrong with it."""
     found, problem = None, ""
     try:
         found = newest_record(data_dir, status.board)

@@ -25,7 +25,7 @@ from experiments.session.journal import Event
 
 TICKS, MARKERS = "PHD ticks", "PHD markers"
 HZ = 1000.0
-LOOKS = 5  # at both clocks, for each chunk
+READINGS = 5  # at both clocks, for each chunk
 #: where liblsl looks for settings of its own (and where the variable LSLAPICFG says)
 SETTINGS = (Path("lsl_api.cfg"), Path.home() / "lsl_api/lsl_api.cfg", Path("/etc/lsl_api/lsl_api.cfg"))
 ONLY_ERRORS = "[log]\nlevel = -2\n"
@@ -51,22 +51,22 @@ class Outlets:
         self._ring, self._real, self._clock = ring, real, pylsl.local_clock
         whose = tick_log.BENCH if real else tick_log.SIMULATED
         columns = [column for kind in tick_log.COLUMNS if kind.of in (tick_log.BOTH, whose) for column in kind.spread()]
-        self._places = [column.place for column in columns]
+        self._columns = [column.place for column in columns]
         where = f"{socket.gethostname()}-{zlib.crc32(str(data_dir).encode()):08x}"
-        about = pylsl.StreamInfo(TICKS, "Misc", len(columns), HZ, "double64", f"phd-ticks-{where}")
-        channels = about.desc().append_child("channels")
+        info = pylsl.StreamInfo(TICKS, "Misc", len(columns), HZ, "double64", f"phd-ticks-{where}")
+        channels = info.desc().append_child("channels")
         for column in columns:
             channel = channels.append_child("channel")
             channel.append_child_value("label", column.name)
             channel.append_child_value("unit", column.unit)
             channel.append_child_value("meaning", column.meaning + CODES.get(column.name, ""))
-        clock = about.desc().append_child("clock")
+        clock = info.desc().append_child("clock")
         clock.append_child_value("stamps", "when each tick was due by the loop's steady clock, plus offset_s")
         clock.append_child_value("offset_s", f"{self._offset_s():.9f}")
         clock.append_child_value("offset_meaning", "LSL's clock less the steady clock; measured anew for each chunk")
-        self._ticks = pylsl.StreamOutlet(about)
-        about = pylsl.StreamInfo(MARKERS, "Markers", 1, pylsl.IRREGULAR_RATE, "string", f"phd-markers-{where}")
-        self._markers = pylsl.StreamOutlet(about)
+        self._ticks = pylsl.StreamOutlet(info)
+        info = pylsl.StreamInfo(MARKERS, "Markers", 1, pylsl.IRREGULAR_RATE, "string", f"phd-markers-{where}")
+        self._markers = pylsl.StreamOutlet(info)
         self._marking = threading.Lock()  # both the recorder's thread and the server's own set markers
         self._run, self._phase = 0, np.nan
         self._zero_s: float | None = None  # the loop's clock at `t_s` = 0; None: no tick of the trial was seen yet
@@ -75,7 +75,7 @@ class Outlets:
     def begin(self, run: int) -> Callable[[np.ndarray], None]:
         """Begin a trial; returns what takes its ticks."""
         self._run, self._phase, self._zero_s = run, np.nan, None
-        return self._take
+        return self._send_ticks
 
     def mark(self, event: Event, about: dict[str, Any]) -> None:
         """Send a line of the journal as a marker."""
@@ -89,10 +89,10 @@ class Outlets:
         with self._marking:
             self._send(self._markers.push_sample, [json.dumps(about)], stamp_s)
 
-    def _take(self, rows: np.ndarray) -> None:
+    def _send_ticks(self, rows: np.ndarray) -> None:
         """Send the next ticks (n, width) of the trial, n > 0."""
         stamps_s = self._due_s(rows) + self._offset_s()
-        self._send(self._ticks.push_chunk, rows[:, self._places], stamps_s)
+        self._send(self._ticks.push_chunk, rows[:, self._columns], stamps_s)
         phases = rows[:, tick_log.PHASE]
         for at in np.flatnonzero(np.diff(phases, prepend=self._phase)):
             self._mark(stamps_s[at], event="phase", run=self._run, phase=tick_log.PHASES[int(phases[at])])
@@ -119,11 +119,11 @@ class Outlets:
 
     def _offset_s(self) -> float:
         """LSL's clock less the loop's, by the quickest of some readings: a delayed reading is wrong by its delay."""
-        looks = []
-        for _ in range(LOOKS):
+        readings = []
+        for _ in range(READINGS):
             before_s, lsl_s, after_s = time.perf_counter(), self._clock(), time.perf_counter()
-            looks.append((after_s - before_s, lsl_s - 0.5 * (before_s + after_s)))
-        return min(looks)[1]
+            readings.append((after_s - before_s, lsl_s - 0.5 * (before_s + after_s)))
+        return min(readings)[1]
 
     def _send(self, push: Callable[..., None], data: Any, stamps_s: Any) -> None:
         """Send; a failure ends the streams and never the recording."""

@@ -20,7 +20,7 @@ from hardware.hid import HidReading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
 LOW, TOO_LOW = 2_000_000_000, 200_000_000
-LOOKS = 3  # writes that are timed; the median counts
+WRITES = 3  # writes that are timed; the median counts
 #: s for a write to reach the disk: worth a caution; too slow for a session. Assumed: with the second, 60 trials wait
 #: for half an hour and more
 SLOW_SYNC_S, TOO_SLOW_SYNC_S = 0.1, 2.0
@@ -67,7 +67,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
 
 
 def check_hand(hand: str, reading: HidReading | None) -> Check:
-    """hand: of `INPUTS`. reading: of a six-axis device; None: another hand."""
+    """Whether the hand can move the handle. hand: of `INPUTS`; reading: of a six-axis device, None: another hand."""
     if reading is None:
         return Check("Hand", GOOD, INPUTS[hand].title.lower())
     if reading.connected:
@@ -76,15 +76,15 @@ def check_hand(hand: str, reading: HidReading | None) -> Check:
 
 
 def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None) -> Check:
-    """tried: lateness without work, before the first trial; None: not measured yet. last: of the last trial."""
+    """Whether ticks come in time. tried: lateness before all trials, None: not measured; last: of the last trial."""
     if dead:
         return Check("Loop", WAITING, "starting again")
     if tried is None or scheduling is None:
         return Check("Loop", WAITING, "preparing")
-    kept = last or tried
+    timing = last or tried
     # Ticks that were missed are the finding, however small a share: the 99th percentile may be 0 µs all the same.
-    text = f"{counted(kept.missed, 'tick')} missed" if kept.missed else f"1 kHz, p99 {kept.p99_us:.0f} µs"
-    if kept.p99_us <= LATE_US and kept.missed == 0:
+    text = f"{counted(timing.missed, 'tick')} missed" if timing.missed else f"1 kHz, p99 {timing.p99_us:.0f} µs"
+    if timing.p99_us <= LATE_US and timing.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
     return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
@@ -93,7 +93,7 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
 def check_disk(folder: Path) -> Check:
     """Whether the data folder, which need not exist yet, can be written to, has room, and is fast enough.
 
-    Times `LOOKS` writes as a session makes them. One rule for sessions and `phd doctor`.
+    Times `WRITES` writes as a session makes them. One rule for sessions and `phd doctor`.
     """
     return measure_disk(folder)[0]
 
@@ -106,7 +106,7 @@ def measure_disk(folder: Path) -> tuple[Check, float]:
     try:
         free = shutil.disk_usage(existing).free
         with tempfile.TemporaryFile(dir=existing) as file:
-            sync_s = statistics.median(_time_to_write(file) for _ in range(LOOKS))
+            sync_s = statistics.median(_time_to_write(file) for _ in range(WRITES))
     except OSError as error:
         reason = reason_of(error)
         advice = f"{folder} cannot be written to: {reason}. Choose another data folder."
@@ -178,7 +178,7 @@ class DiskWatch:
 
     @property
     def known(self) -> bool:
-        """Whether it was measured, or has kept us waiting long enough to say so."""
+        """Whether it was measured, or takes so long that the experimenter is told."""
         return self._check is not None or self._overdue
 
     @property
@@ -189,7 +189,7 @@ class DiskWatch:
     @property
     def _overdue(self) -> bool:
         """Whether the running measurement takes unusually long."""
-        return self._waited_s > max(PATIENCE_S, 2 * LOOKS * self.sync_s)
+        return self._waited_s > max(PATIENCE_S, 2 * WRITES * self.sync_s)
 
     @property
     def _waited_s(self) -> float:
@@ -200,13 +200,15 @@ class DiskWatch:
     def check(self) -> Check:
         if self._overdue:
             waited_s = self._waited_s
-            advice = f"Waiting for the disk of {self._folder}: {LOOKS} short writes have taken {waited_s:.0f} s so far."
+            advice = f"Waiting for the disk of {self._folder}: {waited_s:.0f} s so far for {WRITES} short writes."
             return Check("Disk", BAD if waited_s > TOO_LONG_S else WAITING, f"waiting, {waited_s:.0f} s", advice)
         return self._check or Check("Disk", WAITING, "being measured")
 
 
 def check_recording(broken: str, not_written: str, last: str, streams: int) -> Check:
-    """broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
+    """Whether all recordings are on the disk.
+
+    broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
 
     not_written: what could not be written yet, or ""; streams: recordings that are not yet Parquet files.
     """
@@ -230,11 +232,11 @@ def with_advice(name: str, reason: str) -> str:
 
 def ignored_features(setup: Setup, protocol: Protocol) -> str:
     """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
-    asked = {
+    features = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
         "no questionnaire": protocol.questionnaire.on,
     }  # fmt: skip
-    missing = [name for name, is_asked in asked.items() if is_asked]
+    missing = [name for name, is_used in features.items() if is_used]
     if setup.hand != OPERATOR or not missing:
         return ""
     return f"A simulated operator moves the handle: {' and '.join(missing)}, whatever the protocol says."

@@ -30,8 +30,8 @@ class Recorder:
     def __init__(self, ring: Ring, writer: RecordingWriter | None, on_ticks: OnTicks | None = None) -> None:
         """writer: None for a trial that is not kept. on_ticks: gets the ticks (n, width), too."""
         self.writer, self._on_ticks = writer, on_ticks
-        self.error = ""  # why no more ticks can be recorded: the trial must be ended
-        self.trouble: OSError | None = None  # why they, or a line of the journal, could not be written
+        self.error = ""  # why no more ticks can be recorded, so that the trial must end
+        self.trouble: OSError | None = None  # why ticks, or a line of the journal, could not be written
         self._ring = ring
         self._lateness: list[np.ndarray] = []
         self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0

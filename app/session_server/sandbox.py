@@ -71,25 +71,27 @@ class Sandbox:
         self, setup: m.Setup, protocol: Protocol, runner: TrialRunner,
         device: SimulatedSetup | RealSetup, notify: Callable[[str, bool], None],
     ) -> None:  # fmt: skip
-        self._setup, self._protocol, self._runner, self._device, self._notify = setup, protocol, runner, device, notify
+        self._setup, self._protocol, self._runner, self._notify = setup, protocol, runner, notify
+        self._device_setup = device
         self.real = isinstance(device, RealSetup)
         self.on = False
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
         self.simulation: SimulatedDevice | None = None  # None: not built yet, or the device is real
         self._run: TrialRun | None = None
-        self._pieces: list[np.ndarray] = []  # of the pass: its ticks
-        self._now = self.settings  # those that the running pass has
-        self._changed = self._start_requested = False  # asked: a Start
+        self._pieces: list[np.ndarray] = []  # ticks of the running pass
+        self._running_settings = self.settings  # of the running pass
+        self._changed = self._start_requested = False
         self._grasp = UNTOUCHED  # how the pointer has the handle between two passes
         self._given_up = False  # the running pass ends without a result and the handle returns to the start
-        self._begun, self._number, self._least_gain = 0, 0, 0.0  # passes that were begun, and that have ended
+        self._passes_begun = self._passes_ended = 0
+        self._least_gain = 0.0  # N s/m; a controller with less does less than the brakes' own drag
         self._passes: list[Pass] = []
-        self._saved = ""
+        self._saved_as = ""
         self.failure: BaseException | None = None  # of the preparation
         self.prepared, self.loop_ready = self.real, threading.Event()  # the loop needs the processors more
         threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
-        self._measuring = ThreadPoolExecutor(1, "measures")
-        self._measured: list[tuple[Pass, Future[Metrics]]] = []
+        self._measurer = ThreadPoolExecutor(1, "measures")
+        self._being_measured: list[tuple[Pass, Future[Metrics]]] = []
 
     def _prepare(self) -> None:
         """Build the simulated device, compiling its kernels if necessary; then load what the measures need."""
@@ -109,19 +111,35 @@ class Sandbox:
 
         InputError for settings that cannot be; nothing has then changed.
         """
-        p, before = self._protocol, self.settings
-        settings = settings or self._initial(before.device, before.path)
-        for name, value, among in (
+        settings = settings or self._initial(self.settings.device, self.settings.path)
+        self._refuse_unknown(settings)
+        if settings.path != self.settings.path:
+            settings = settings._replace(blend_width_m=self._own_blend_width(settings.path))
+        self._refuse_impossible(settings)
+        device = self._device_file(settings.device)
+        self._controller(settings, device)
+        new_sensing(device, self._assumed(settings))
+        self.settings, self.on = settings, True
+        self._notify("", False)
+        places = np.asarray(outline(self._protocol.paths[settings.path], SPACING_M))
+        self._least_gain = settings.brake_strength * least_gain_felt(device, places)
+        self._update_running_pass()
+
+    def _refuse_unknown(self, settings: SandboxSettings) -> None:
+        """InputError for a choice that protocol or program does not have."""
+        p = self._protocol
+        for name, value, allowed in (
             ("device", settings.device, [device.name for device in p.devices]), ("path", settings.path, p.paths),
             ("controller", settings.controller, p.controllers), ("rules", settings.rules, RULE_SETS),
             ("sensing", settings.sensing, SENSINGS),
         ):  # fmt: skip
-            if value not in among:
-                raise InputError(f"Try: {name} {value!r} is none of {', '.join(map(str, among))}.")
-        if settings.path != before.path:
-            settings = settings._replace(blend_width_m=self._own_blend_width(settings.path))
-        if wrong := settings.values.keys() ^ before.values.keys():
+            if value not in allowed:
+                raise InputError(f"Try: {name} {value!r} is none of {', '.join(map(str, allowed))}.")
+        if wrong := settings.values.keys() ^ self.settings.values.keys():
             raise InputError(f"Try: {min(wrong)} is no parameter of this protocol's controllers, or is missing.")
+
+    def _refuse_impossible(self, settings: SandboxSettings) -> None:
+        """InputError for numbers that cannot be, and for changes that device and hand do not allow."""
         numbers = {name: getattr(settings, name) for name in ("spring_N_m", "brake_strength", "backlash_deg")}
         for name, number in (numbers | settings.values).items():
             if not 0.0 <= number < math.inf:
@@ -129,20 +147,12 @@ class Sandbox:
         if not 0.0 < settings.blend_width_m < math.inf:
             raise InputError(f"Try: blend width {settings.blend_width_m!r} must be positive and finite, in m.")
         for name in self.fixed:
-            if getattr(settings, name) != getattr(before, name):
+            if getattr(settings, name) != getattr(self.settings, name):
                 raise InputError(f"Try: {name} cannot be changed with this device and hand.")
-        device = self._file(settings.device)
-        self._controller(settings, device)
-        new_sensing(device, self._assumed(settings))
-        self.settings, self.on = settings, True
-        self._notify("", False)
-        places = np.asarray(outline(p.paths[settings.path], SPACING_M))
-        self._least_gain = settings.brake_strength * least_gain_felt(device, places)
-        self._change()
 
     def start_pass(self, blocker: str) -> None:
         """Start the next pass on a real device. InputError: it is not ready, or `blocker` says why not."""
-        self._device.sandbox_device(self._protocol, self.simulation)
+        self._device_setup.sandbox_device(self._protocol, self.simulation)
         if blocker:
             raise InputError(blocker)
         self._start_requested = True
@@ -172,7 +182,7 @@ class Sandbox:
             device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing, blend_width,
         )  # fmt: skip
         save_variant(path, p, variant)
-        self._saved = str(path)
+        self._saved_as = str(path)
         self._notify(f"Saved as {path}.", False)
 
     def leave(self) -> None:
@@ -200,7 +210,7 @@ class Sandbox:
             return None
         initial = self._initial(self.settings.device, self.settings.path)
         passes = tuple(self._passes)
-        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes, self._saved)
+        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes, self._saved_as)
 
     @property
     def wants_pass(self) -> bool:
@@ -214,7 +224,7 @@ class Sandbox:
         values: dict[str, float] = {}  # each as the chosen controller has it, else the largest
         for preset in p.controllers.values():
             values |= {name: max(value, values.get(name, value)) for name, value in preset.named.items()}
-        play = float(np.degrees(self._file(device).brakes.play.max()))
+        play = float(np.degrees(self._device_file(device).brakes.play.max()))
         return SandboxSettings(
             device, path, number, {**values, **p.controllers[number].named}, p.rules, self._own_blend_width(path),
             p.mouse.stiffness_N_m, 1.0, round(play, 6), p.assumptions.sensing,
@@ -224,36 +234,38 @@ class Sandbox:
 
     def watch(self, blocker: str) -> None:
         """Begin, change or end the pass, and add finished measures to the table. blocker: why no pass may begin."""
-        while self._measured and self._measured[0][1].done():
-            self._add_pass(*self._measured.pop(0))
+        while self._being_measured and self._being_measured[0][1].done():
+            self._add_pass(*self._being_measured.pop(0))
         if self._run is None:
             if self.on and not blocker and (self._start_requested or not self.real):
                 self._begin()
-            self._lose_hold()
+            self._release_handle()
         else:
-            self._change()
+            self._update_running_pass()
 
-    def _change(self) -> None:
-        """Ask the loop for the running pass if its settings are out of date."""
-        as_wanted = self.on and self.settings == self._now and not self._given_up
-        if self._run is not None and not self.real and not as_wanted:
+    def _update_running_pass(self) -> None:
+        """Let the loop hand the running pass back if it is to end, or to get other settings."""
+        up_to_date = self.on and self.settings == self._running_settings and not self._given_up
+        if self._run is not None and not self.real and not up_to_date:
             self._run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:
+        """Whether this trial is the running pass."""
         return run is self._run
 
     def lost(self) -> None:
-        """Forget the pass with which the loop died; the device is as before it."""
+        """Forget the running pass: the loop died with it. The device is as it was before the pass."""
         if self._run is not None:
             self._run.abandon_recording()
         self._run, self._given_up = None, False
 
     def returned(self, run: TrialRun, grasp: int) -> None:
         """Take the pass back from the loop, at its end or to change it. grasp: how the pointer holds the handle."""
-        same = not self._given_up and (self.settings.device, self.settings.path) == (self._now.device, self._now.path)
+        wanted, running = self.settings, self._running_settings
+        same = not self._given_up and (wanted.device, wanted.path) == (running.device, running.path)
         self._changed |= run.trial.phase == "move" and not run.trial.finished and self.on and same
         if not run.trial.finished and self.on and same:
-            self._tune(run.trial)
+            self._apply_settings(run.trial)
             self._runner.go_on(run)
             return
         self._run, self._grasp = None, LET_GO if self._given_up else grasp
@@ -265,21 +277,21 @@ class Sandbox:
         if status == "aborted":
             self._notify(with_advice("This pass", reason), True)
             return
-        self._number += 1
-        ended = Pass(self._number, self._now, self._changed, status, {})
-        self._measured.append((ended, self._measuring.submit(measures_of_pass, self._pieces, run.trial)))
+        self._passes_ended += 1
+        finished_pass = Pass(self._passes_ended, self._running_settings, self._changed, status, {})
+        self._being_measured.append((finished_pass, self._measurer.submit(measures_of_pass, self._pieces, run.trial)))
 
-    def _add_pass(self, ended: Pass, measured: "Future[Metrics]") -> None:
+    def _add_pass(self, finished_pass: Pass, measured: "Future[Metrics]") -> None:
         try:
             found = measured.result()
         except InputError as error:
-            self._notify(f"Pass {ended.number} cannot be measured: {error}.", True)
+            self._notify(f"Pass {finished_pass.number} cannot be measured: {error}.", True)
             return
-        self._passes.append(ended._replace(measures=found))
+        self._passes.append(finished_pass._replace(measures=found))
         del self._passes[:-MOST_PASSES]
         self._notify("", False)
 
-    def _lose_hold(self) -> None:
+    def _release_handle(self) -> None:
         """The pointer no longer holds the handle, which returns to the start of the next pass."""
         self._grasp = LET_GO if self._grasp == TAKEN else self._grasp
 
@@ -288,19 +300,19 @@ class Sandbox:
         p, s = self._protocol, self.settings
         if not self.real:
             self.simulation = self._ready_simulation()
-        device = self._device.sandbox_device(p, self.simulation)
+        device = self._device_setup.sandbox_device(p, self.simulation)
         name = device.name if isinstance(device, Device) else device.device.name
         self.settings = s = s._replace(device=name)  # of a real one: the board's
-        self._begun += 1
-        planned = PlannedTrial(0, 0, name, s.controller, s.path, self._begun)
+        self._passes_begun += 1
+        planned = PlannedTrial(0, 0, name, s.controller, s.path, self._passes_begun)
         conditions = Conditions(p.paths[s.path], self._preset(s), s.rules, p.trial)
         trial: Trial
         if isinstance(device, Device):
             trial = RealTrial(device, planned, conditions)
         else:
-            generator = np.random.default_rng(self._number)
+            generator = np.random.default_rng(self._passes_ended)
             trial = SimulatedTrial(device, planned, conditions, person_at(self._setup, p, "0"), generator)
-        self._tune(trial)
+        self._apply_settings(trial)
         self._pieces, self._changed, self._start_requested = [], False, False
         self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
 
@@ -309,15 +321,15 @@ class Sandbox:
         p, s, old = self._protocol, self.settings, self.simulation
         if old is not None and old.device.name == s.device:
             return old
-        device, path = self._file(s.device), build_path(p.paths[s.path], "path")
+        device, path = self._device_file(s.device), build_path(p.paths[s.path], "path")
         tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
         if not tip_is_free(device.mechanism, *tip):
             tip = path.x1, path.y1
-            self._lose_hold()
+            self._release_handle()
         hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
         return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
 
-    def _file(self, name: str) -> Device:
+    def _device_file(self, name: str) -> Device:
         """A device of the protocol; a simulated one under the assumptions."""
         device = self._protocol.device(name)
         return device if self.real else self._protocol.assumptions.applied_to(device)
@@ -327,11 +339,11 @@ class Sandbox:
         force = device.force_normalised_N * s.brake_strength
         path = build_path(self._protocol.paths[s.path], "path")
         seen = sensed(device, middle_of(path), self._assumed(s))
-        around = make_around(self._protocol.trial.around, self._tuned(device, s), seen)
+        around = make_around(self._protocol.trial.around, self._with_settings(device, s), seen)
         return make_controller(self._preset(s), force, s.rules, noise, around)
 
-    def _tuned(self, device: Device, s: SandboxSettings) -> Device:
-        """The device with the brakes of the sliders, for the guard."""
+    def _with_settings(self, device: Device, s: SandboxSettings) -> Device:
+        """The device with brake strength and backlash of the settings, for the guard."""
         play = device.brakes.play if self._own_backlash() else np.full(4, math.radians(s.backlash_deg))
         return dataclasses.replace(device, brakes=device.brakes.stronger(s.brake_strength)._replace(play=play))
 
@@ -342,10 +354,10 @@ class Sandbox:
     def _preset(self, s: SandboxSettings) -> Preset:
         return self._protocol.controllers[s.controller].replaced(**s.values)
 
-    def _tune(self, trial: Trial) -> None:
-        """Give a trial the controller, brakes and spring of the settings; its motion goes on."""
-        before, self._now = self._now, self.settings
-        s, assumed = self._now, self._assumed(self._now)
+    def _apply_settings(self, trial: Trial) -> None:
+        """Give a trial the controller, brakes and spring of the settings; it moves on as it was."""
+        before, self._running_settings = self._running_settings, self.settings
+        s, assumed = self._running_settings, self._assumed(self._running_settings)
         trial.path = trial.path._replace(blend_width=s.blend_width_m)
         if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
             return

@@ -124,12 +124,14 @@ class SessionServer:
             self._pulse_s = now
 
 
-def run(setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early: BinaryIO, left: contextlib.ExitStack) -> None:
-    """Serve a window to its end. early: has the errors from before the data folder is ours; left: undone at the end."""
+def run(
+    setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early_errors: BinaryIO, cleanup: contextlib.ExitStack
+) -> None:
+    """Serve a window to its end. early_errors: those from before the data folder is ours; cleanup: runs at the end."""
     try:
         lsl = Outlets(ring, bool(setup.link), setup.data_dir) if setup.lsl else None
-        protocol = take_folder(setup, left)
-        _log_into(setup.data_dir / LOG, early, left)
+        protocol = take_folder(setup, cleanup)
+        _log_into(setup.data_dir / LOG, early_errors, cleanup)
         server = SessionServer(setup, protocol, ring, loop, window, lsl)
     except (InputError, OSError) as error:
         window.send(m.CannotServe(refusal_of(error, setup.data_dir), isinstance(error, OSError | InUse)))
@@ -139,18 +141,18 @@ def run(setup: Setup, ring: Ring, loop: LoopProcess, window: Pipe, early: Binary
     server.serve()
 
 
-def take_folder(setup: Setup, left: contextlib.ExitStack) -> Protocol:
-    """Lock the data folder and read the protocol of new sessions; `left` undoes it and removes what is empty.
+def take_folder(setup: Setup, cleanup: contextlib.ExitStack) -> Protocol:
+    """Lock the data folder and read the protocol of new sessions; `cleanup` unlocks it and removes what is empty.
 
     InputError or OSError if the folder cannot be served.
     """
     data_dir = setup.data_dir
     new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
-    left.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
+    cleanup.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
     data_dir.mkdir(parents=True, exist_ok=True)
-    left.callback(_hold_lock(data_dir).release)
+    cleanup.callback(_hold_lock(data_dir).release)
     (data_dir / FINISHING).unlink(missing_ok=True)
-    left.callback((data_dir / FINISHING).unlink, missing_ok=True)
+    cleanup.callback((data_dir / FINISHING).unlink, missing_ok=True)
     return read_protocol(setup)
 
 
@@ -173,9 +175,9 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
     return str(error)
 
 
-def _log_into(path: Path, early: BinaryIO, left: contextlib.ExitStack) -> None:
+def _log_into(path: Path, early_errors: BinaryIO, cleanup: contextlib.ExitStack) -> None:
     """Write unexpected errors into the data folder from now on. OSError."""
-    left.callback(_close_log, path, early)
+    cleanup.callback(_close_log, path, early_errors)
     log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
         os.dup2(log, number)
@@ -199,16 +201,16 @@ def read_protocol(setup: Setup) -> Protocol:
     return protocol
 
 
-def _close_log(log: Path, early: BinaryIO) -> None:
+def _close_log(log: Path, early_errors: BinaryIO) -> None:
     """Remove the log if it is empty."""
-    early.seek(0)
+    early_errors.seek(0)
     with contextlib.suppress(OSError):  # the window shows already that the disk fails
-        if log.exists() and (content := early.read()):
+        if log.exists() and (content := early_errors.read()):
             with log.open("ab") as file:
                 file.write(content)
         if log.exists() and not log.stat().st_size:
             for number in (1, 2):  # Windows removes no file that is open
-                os.dup2(early.fileno(), number)
+                os.dup2(early_errors.fileno(), number)
             log.unlink()
 
 

@@ -25,7 +25,7 @@ from experiments.session.session import Session
 MOST_NAMED = 8  # trials in one sentence
 
 
-class Asked(NamedTuple):
+class QuestionSubject(NamedTuple):
     """The subject of the questions: a block or a controller of a configuration."""
 
     configuration: str
@@ -37,7 +37,7 @@ class SessionProgress:
     """An open session and its state between two trials."""
 
     def __init__(self, session: Session) -> None:
-        """By the journal: what was done on an earlier day is not asked for again. A pause ended with the session."""
+        """Read the journal: what was done on an earlier day is not asked again. A pause ended with the session."""
         self.session = session
         self.coming: PlannedTrial | None = None
         self.last_end_s: float | None = None  # end of the last trial; None: a pause or a step has come since
@@ -45,7 +45,7 @@ class SessionProgress:
         self.notes: list[str] = []
         self._rest_from_s = time.perf_counter()  # when the last trial ended
         self.newest: TrialRow | None = None  # row of the newest trial since the session was opened
-        self._answered: set[Asked] = set()
+        self._answered: set[QuestionSubject] = set()
         self._lengths: list[float] = []  # s, from the end of one trial to the end of the next
         for event, at, about in read_events(session.folder):
             self.apply_event(event, at, about)
@@ -64,11 +64,11 @@ class SessionProgress:
         elif event is NOTE:
             self.notes.append(f"{datetime.fromisoformat(at).astimezone():%H:%M} {about['text']}")
         elif event is ANSWERS:
-            self._answered.add(Asked(about["configuration"], block=about["block"]))
-            self.asked = self._to_ask()
+            self._answered.add(QuestionSubject(about["configuration"], block=about["block"]))
+            self.questions_due = self._next_questions()
         elif event is CONTROLLER_ANSWERS:
-            self._answered.add(Asked(about["configuration"], controller=about["controller"]))
-            self.asked = self._to_ask()
+            self._answered.add(QuestionSubject(about["configuration"], controller=about["controller"]))
+            self.questions_due = self._next_questions()
         elif event is PAUSED:
             self.paused_s = time.perf_counter()
         elif event is RESUMED_AFTER_PAUSE:
@@ -78,7 +78,7 @@ class SessionProgress:
         """Find the next trial after one was added, skipped or marked."""
         session = self.session
         self.coming, self._finished, self._break_due = session.next_planned(), session.finished_count, session.break_due
-        self.asked = self._to_ask()
+        self.questions_due = self._next_questions()
 
     @property
     def break_due(self) -> bool:
@@ -129,16 +129,16 @@ class SessionProgress:
             self._lengths.append(now - self.last_end_s)
         self.last_end_s = self._rest_from_s = now
 
-    def _to_ask(self) -> Asked | None:
+    def _next_questions(self) -> QuestionSubject | None:
         """The first finished block or controller with open questions; None: there is none."""
-        session, asks = self.session, self.session.protocol.questionnaire
-        if not asks.on or not is_person(session.hand):  # there is no person to answer
+        session, questionnaire = self.session, self.session.protocol.questionnaire
+        if not questionnaire.on or not is_person(session.hand):  # there is no person to answer
             return None
 
-        def part(trial: PlannedTrial | TrialRow) -> Asked:
-            if asks.each == "controller":
-                return Asked(trial.configuration, controller=trial.controller)
-            return Asked(trial.configuration, block=trial.block)
+        def part(trial: PlannedTrial | TrialRow) -> QuestionSubject:
+            if questionnaire.each == "controller":
+                return QuestionSubject(trial.configuration, controller=trial.controller)
+            return QuestionSubject(trial.configuration, block=trial.block)
 
         still_open = set(map(part, open_trials(session.plan, session.rows)))
         over = {part(row) for row in session.rows if row.status != "skipped" and row.block}

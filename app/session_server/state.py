@@ -44,14 +44,15 @@ class ServerState:
         self._device_bad = False
         self._disk = DiskWatch(setup.data_dir)
         self._slow_s = 0.0  # the longest that the disk made the last trial wait for one write
-        self._waits_for = ""  # what the disk is about to be given
+        self._waits_for = ""  # the notice while a slow disk is waited for
         self.show: Callable[[], None] = lambda: None  # shows everything to the window, now
         self.sandbox = Sandbox(setup, protocol, self.runner, self.device, self.notify)
 
-    # ------------------------------------------------------------------------------------- what is
+    # ------------------------------------------------------------------------------------- what the window shows
 
     @property
     def stage(self) -> str:
+        """The stage of the session server, of `messages`: `PREPARING` and others."""
         if self.broken:
             return m.FAILED
         if self.runner.run is not None:
@@ -115,19 +116,20 @@ class ServerState:
         )
 
     def pulse(self) -> m.Pulse:
+        """The proof of recording and timing."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         rows = self.storage.progress.session.rows if self.storage.progress else []
         verified = sum(bool(row.recording) for row in rows)
         return m.Pulse(proof, self.runner.timing, verified, self.device.status)
 
-    # ------------------------------------------------------------------------------------- what happens
+    # ------------------------------------------------------------------------------------- what happens meanwhile
 
     def notify(self, sentence: str, bad: bool = False) -> None:
         """Show the experimenter a sentence."""
         self._notice, self._notice_bad = sentence, bad
 
     def announce_wait(self, reason: str) -> None:
-        """Show the window that a slow disk is about to be waited for. reason: "the trial is opened"."""
+        """Show the experimenter, before it happens, that the disk will take long. reason: "the trial is opened"."""
         if self._disk.slow or self._slow_s > SLOW_SYNC_S:
             self._waits_for = f"{m.DISK_WAIT}: {reason}."
             self.show()
@@ -139,8 +141,8 @@ class ServerState:
             self.notify("")
             self.show()  # the same refusal once more is another one
 
-    def look_at_brakes(self) -> None:
-        """Journal a change of the brakes-off."""
+    def journal_brakes(self) -> None:
+        """Write a change of the brakes-off into the journal."""
         self.presses = self.ring.presses
         if (why_off := self.ring.why_off) != self.why_off:
             self.why_off = why_off
@@ -149,7 +151,7 @@ class ServerState:
             else:
                 self.storage.write(BRAKES_ALLOWED)
 
-    def _look_at_device(self) -> None:
+    def _clear_device_notice(self) -> None:
         """Remove the notice about a device that is ready again."""
         before, self._device_bad = self._device_bad, self.device.checks(self.why_off)[0].state == BAD
         if before and not self._device_bad:
@@ -167,20 +169,20 @@ class ServerState:
         if self.lsl is not None and self.lsl.failure:
             self.notify(self.lsl.failure, bad=True)
             self.lsl = None
-        self.look_at_brakes()
+        self.journal_brakes()
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):
             self.device.take_answers(self.runner.device_answers(), self.storage.write, self.notify)
-        self._look_at_device()
+        self._clear_device_notice()
         if self.runner.ready:
             self.sandbox.loop_ready.set()
         if lost:
-            self._lost(run, lost)
+            self._handle_lost_loop(run, lost)
         elif run is not None and self.sandbox.owns(run):
             self.sandbox.returned(run, self.ring.grasp)
         elif run is not None:
             self._slow_s = run.recorder.longest_sync_s
-            self.announce_wait(f"{run.name.lower()} is brought to it")
+            self.announce_wait(f"{run.name.lower()} is stored")
             self.storage.store_trial(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)
@@ -189,7 +191,7 @@ class ServerState:
             self._disk.watch()
             self.storage.retry()
 
-    def _lost(self, run: TrialRun | None, why: str) -> None:
+    def _handle_lost_loop(self, run: TrialRun | None, why: str) -> None:
         """Handle a loop that died or hung, perhaps with a trial."""
         self.broken = self.runner.broken
         if isinstance(self.device, RealSetup) and not self.broken:
@@ -213,7 +215,7 @@ class ServerState:
         self.device.close()
         self.runner.close()
         if self.runner.run is not None:
-            self._lost(self.runner.run, reason)
+            self._handle_lost_loop(self.runner.run, reason)
         if lost := self.storage.close_session():
             self.broken = f"{lost} is lost: it could not be written before the session server ended"
             self.notify(f"{self.broken[0].upper()}{self.broken[1:]}.", bad=True)

@@ -19,22 +19,24 @@ DeviceSetup = SimulatedSetup | RealSetup
 
 
 class SessionStep(NamedTuple):
+    """One kind of step between two trials."""
+
     name: str  # the stage of the session while it is due
-    due: Callable[[SessionProgress, DeviceSetup], StepCard | None]  # what is to be done; None: it is not due
+    due: Callable[[SessionProgress, DeviceSetup], StepCard | None]  # its card; None: it is not due
     ended_by: type  # the command that ends it
-    #: what that command does; InputError: it is not over yet
+    #: does that command; InputError: the step is not over yet
     end: Callable[[SessionProgress, DeviceSetup, Write, Any], None]
 
 
 def _questions(progress: SessionProgress, _: DeviceSetup) -> StepCard | None:
-    if progress.asked is None:
+    if progress.questions_due is None:
         return None
     return StepCard("Questions", "The participant answers them on the other screen.", "")
 
 
 def _answer(progress: SessionProgress, _: DeviceSetup, write: Write, command: m.Answers) -> None:
-    assert progress.asked is not None
-    configuration, block, controller = progress.asked
+    assert progress.questions_due is not None
+    configuration, block, controller = progress.questions_due
     values = dict(command.values)
     if controller:
         write(CONTROLLER_ANSWERS, configuration=configuration, controller=controller, values=values)

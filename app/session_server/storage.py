@@ -25,28 +25,28 @@ from experiments.session.files import hold_lock, write_pooled_table
 from experiments.session.in_memory import refuse_place
 from experiments.session.journal import LOOP_LOST, Event, now
 
-AGAIN_S = 5.0  # between two attempts to write, and between two checks of the folder
+RETRY_S = 5.0  # between two attempts to write, and between two checks of the folder
 
 
 class Storage:
-    """One open session at a time."""
+    """The open session as far as it concerns the disk; one session at a time."""
 
     def __init__(self, data_dir: Path, runner: TrialRunner, notify: Callable[..., None]) -> None:
         """notify: shows the experimenter a sentence."""
         self._data_dir, self._runner, self._notify = data_dir, runner, notify
-        self.moved: tuple[str, str] | None = None  # of a session that was moved: its new data folder, its participant
+        self.moved: tuple[str, str] | None = None  # a session that was moved: its new data folder, its participant
         self.set_session(None)
 
     def set_session(self, progress: SessionProgress | None) -> None:
-        """Begin with another session; None: none is open."""
+        """Set the open session; None: none is open."""
         self.progress = progress
         self.moved = None if progress is not None else self.moved
-        self.verified = ""  # the run that was recorded last
-        self._failed = ""  # what could not be written ..
-        self.not_written = ""  # .. and why, one sentence without its full stop
-        self._unsaved_lines: list[tuple[Event, str, dict]] = []  # of the journal
-        self._unsaved_trial: TrialRun | None = None  # it has ended, its recording is in memory
-        self._gone = False  # the folder was gone since everything was last written: its lock went with it
+        self.verified = ""  # name of the run whose recording was verified last
+        self._failed = ""  # what could not be written
+        self.not_written = ""  # the same with its reason, a sentence without its full stop; "": everything is written
+        self._unsaved_lines: list[tuple[Event, str, dict]] = []  # lines of the journal that are in memory
+        self._unsaved_trial: TrialRun | None = None  # a trial that has ended and whose recording is in memory
+        self._was_gone = False  # the folder was gone since everything was last written: its lock went with it
         self._reported: TrialRun | None = None  # the running trial whose failure the experimenter has read about
         self._tried_s = time.perf_counter()
 
@@ -75,9 +75,9 @@ class Storage:
         return " and ".join(parts)
 
     def leave(self) -> None:
-        """Close the session. OSError or InputError, and it stays open: what is in memory cannot be written.
+        """Close the session if everything in memory can be written; else OSError or InputError, and it stays open.
 
-        What else is missing is made good when it is opened again, or by `phd recover`.
+        Streams that are no Parquet files yet are converted when it is opened again, or by `phd recover`.
         """
         self._write_unsaved_lines()
         if self._unsaved_trial is not None:
@@ -85,8 +85,9 @@ class Storage:
         self.close_session()
 
     def close_session(self) -> str:
-        """Close the session in any case. Returns what is lost, "" for nothing; lines of the journal that cannot be
-        written go to the log.
+        """Close the session in any case. Returns what is lost, "" for nothing.
+
+        Lines of the journal that cannot be written go to the log.
         """
         if self.progress is None:
             return ""
@@ -104,13 +105,13 @@ class Storage:
         return lost
 
     def write(self, event: Event, **about: Any) -> None:
-        """Write a line into the journal of the open session, if one is open; the control loop never waits for it."""
+        """Write a line into the journal, if a session is open; during a trial the recorder's thread does it."""
         if self.progress is None:
             return
         session, at = self.open.session, now()
         self.open.apply_event(event, at, about)
 
-        def put() -> None:
+        def write_line() -> None:
             try:
                 session.refuse_other_folder()
                 session.journal(event, time=at, **about)
@@ -120,9 +121,9 @@ class Storage:
 
         try:
             if self._runner.run is not None:
-                self._runner.run.recorder.write_between(put)
+                self._runner.run.recorder.write_between(write_line)
             else:
-                put()
+                write_line()
         except OSError as error:
             self.fail("The journal is not complete", error)
 
@@ -135,13 +136,13 @@ class Storage:
             self._unsaved_lines.pop(0)
 
     def fail(self, trouble: str, error: Exception) -> None:
-        """Something could not be written: show what is in memory, what is lost, and what to do."""
+        """Show the experimenter that something could not be written: what is in memory, what is lost, what to do."""
         gone = self.open.session.missing_files()
-        self._failed, self._tried_s, self._gone = trouble, time.perf_counter(), self._gone or bool(gone)
+        self._failed, self._tried_s, self._was_gone = trouble, time.perf_counter(), self._was_gone or bool(gone)
         reason = gone or getattr(error, "strerror", None) or cause_of(error)
         parts = [f"{trouble}: {reason.rstrip('.')}" if trouble else reason, *self._memory_report()]
         if self._runner.run is None:
-            parts.append(f"It is tried again every {AGAIN_S:.0f} s")
+            parts.append(f"It is tried again every {RETRY_S:.0f} s")
         if gone or isinstance(error, OSError):
             code = "folder-gone" if gone else "recording-failed"
             parts.append(f"{FAULTS[code].advice} Or go on in another folder")
@@ -158,7 +159,7 @@ class Storage:
                     "The trial goes on, and its ticks are kept in memory" if not writer.lost else "It is ended"
                 )
             else:
-                sentences.append(_ticks_of(writer))
+                sentences.append(_where_ticks_are(writer))
         if self._unsaved_lines:
             lines = len(self._unsaved_lines)
             sentences.append(f"{counted(lines, 'line')} of the journal {'is' if lines == 1 else 'are'} in memory")
@@ -167,7 +168,7 @@ class Storage:
         return sentences
 
     def check_folder(self) -> bool:
-        """Whether the folder of the session is as it was left; if not, no trial starts. Waits for the disk."""
+        """Whether the session's folder and files are there; if not, no trial starts. It waits for the disk."""
         if self.progress is None:
             return True
         gone = self.open.session.missing_files()
@@ -192,15 +193,15 @@ class Storage:
             self._keep_in_memory(run, f"{run.name} is not complete", error)
 
     def _keep_in_memory(self, run: TrialRun, trouble: str, error: Exception) -> None:
-        """Keep a recording in memory if the disk does not have it, and report that."""
+        """Keep the recording of a trial in memory if it is not on the disk, and report that."""
         self._unsaved_trial = run if run.unsaved is not None else None
         writer, sentence = run.recorder.writer, trouble
         if self._unsaved_trial is None and writer is not None and writer.lost:
-            sentence = f"{trouble} ({_ticks_of(writer)})"
+            sentence = f"{trouble} ({_where_ticks_are(writer)})"
         self.fail(sentence, error)
 
     def _finish_trial(self, run: TrialRun) -> None:
-        """Add its row and tell the experimenter. InputError or OSError: what is needed cannot be written."""
+        """Add the row of a trial and tell the experimenter. InputError or OSError: recording or row is not written."""
         reason = run.trial.outcome()["reason"]
         notice = with_advice(run.name, reason)
         row = run.finish(self.open.session)
@@ -238,19 +239,19 @@ class Storage:
             self._notify(f"{notice} The table of all participants was not rewritten: {error}.".strip(), bad=True)
 
     def retry(self) -> None:
-        """Every `AGAIN_S`, while no trial runs: check the folder and write what could not be written."""
-        if self.progress is None or time.perf_counter() - self._tried_s < AGAIN_S:
+        """Every `RETRY_S`, while no trial runs: check the folder and write what could not be written."""
+        if self.progress is None or time.perf_counter() - self._tried_s < RETRY_S:
             return
         self._tried_s = time.perf_counter()
         if self.check_folder() and (self.not_written or self.streams or self._unsaved_lines):
             self._store()
 
     def _store(self) -> None:
-        """Write what could not be written."""
+        """Write everything that could not be written before."""
         session, streams = self.open.session, self.streams
         runs_before = {row.run for row in session.rows}
         try:
-            if self._gone:
+            if self._was_gone:
                 session.take_lock_again()
             self._write_unsaved_lines()
             if self._unsaved_trial is not None:
@@ -268,7 +269,7 @@ class Storage:
             trouble = "The session is not complete" if self.not_written else "Streams are still to be converted"
             self.fail(self._failed or trouble, error)
             return
-        self.not_written, self._failed, self._gone, self._reported = "", "", False, None
+        self.not_written, self._failed, self._was_gone, self._reported = "", "", False, None
 
     def _store_unsaved_trial(self) -> None:
         """Write the trial in memory to its file; one that was cut off is recovered from there like any other.
@@ -301,7 +302,7 @@ class Storage:
         with hold_lock(data_dir):
             unsaved = self._unsaved_trial.unsaved if self._unsaved_trial is not None else None
             left_behind = session.move_to(data_dir, unsaved)
-            self._data_dir, self._gone = data_dir, False
+            self._data_dir, self._was_gone = data_dir, False
             self._store()
         if self.not_written:  # it is in the other folder, which has become full
             return
@@ -316,7 +317,7 @@ class Storage:
         self._notify(notice, bad=bool(left_behind))
 
 
-def _ticks_of(writer: RecordingWriter) -> str:
+def _where_ticks_are(writer: RecordingWriter) -> str:
     """The place of the ticks that the file of a recording lacks, in words."""
     if not writer.lost:
         return f"All its {counted(writer.rows, 'tick')} are in memory"

@@ -141,7 +141,7 @@ class TrialRunner:
         self.run: TrialRun | None = None
         self._let_go: Simulation | None = None  # the device whose handle was let go, and not touched since
         self.broken = ""  # why no loop can be started
-        self._device_answers: list[LoopAnswer] = []  # what the loop has answered besides
+        self._device_answers: list[LoopAnswer] = []  # the loop's answers about its device
 
     @property
     def _scheduling_words(self) -> str:
@@ -172,6 +172,7 @@ class TrialRunner:
         self._loop.send(RunTrial(run.trial))
 
     def send(self, job: LoopJob) -> None:
+        """Send a job about the device to the loop."""
         self._loop.send(job)
 
     def device_answers(self) -> list[LoopAnswer]:
@@ -226,4 +227,5 @@ class TrialRunner:
         return check_loop(self._idle_timing, self._loop.closed, self.scheduling, self._last_timing)
 
     def close(self) -> None:
+        """End the loop."""
         self._loop.end(END_S)

@@ -4,7 +4,6 @@ import argparse
 import json
 from pathlib import Path
 
-from app.verbs import growth
 from app.verbs.common import add_verb, print_result, whole_number_of, with_progress
 from core.files import InputError
 
@@ -18,30 +17,25 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"
         "without the real-time privilege, alone or with a busy process for each processor core. Stolen:\n"
-        "what the host of a virtual machine kept the loop's core from it; nothing here can help that.\n"
-        "--scale instead: seconds, memory and megabytes of study, verify, recover, analyze and export against the\n"
-        "trials of studies of 60 to 480 (some minutes, 2 GB of temporary files).",
+        "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
         "phd bench --out bench-1", prints="the result",
     ).add_argument  # fmt: skip
     option("--quick", action="store_true", help="one device, two steps, fewer repeats")
     loop = "the control loop's lateness instead, measured for this long in each case (default: 15)"
     option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
-    scale = "how the cost of a study and of what reads it grows with its trials instead"
-    option("--scale", action="store_true", help=scale)
     option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> None:
-    if args.loop is not None and args.scale:
-        raise InputError("--scale: is another measurement than --loop, ask for one of them")
-    if args.loop is not None or args.scale:
-        return bench_other(args, "--scale" if args.scale else "--loop")
+    if args.loop is not None:
+        return bench_loop(args)
     out = args.out
     if out is not None and out.exists():
         raise InputError(f"--out: {out}: exists already and is never overwritten")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out: {out}: there is no folder {out.parent}")
-    from experiments.benchmark.bench import run_bench, table, work_precision
+    from experiments.benchmark.bench import run_bench
+    from experiments.benchmark.bench_tables import table, work_precision
 
     result = with_progress("measuring", run_bench, args.quick, compiles=True)
     print_result(args, result, table(result))
@@ -53,14 +47,11 @@ def bench(args: argparse.Namespace) -> None:
             (out / f"work-precision.{form}").write_bytes(data)
 
 
-def bench_other(args: argparse.Namespace, option: str) -> None:
-    """Measure how the cost of a study grows with its trials, or how late the control loop's ticks are."""
+def bench_loop(args: argparse.Namespace) -> None:
+    """Measure how late the control loop's ticks are."""
     if args.out is not None or args.quick:
-        raise InputError(f"{option}: takes neither --out nor --quick")
-    if option == "--scale":
-        found = with_progress("measuring", growth.measure_all)
-        return print_result(args, found, growth.table(found))
-    from app.verbs import loop_lateness
+        raise InputError("--loop: takes neither --out nor --quick")
+    from app.verbs.loop_lateness import measure_all, table
 
-    found = with_progress("measuring", loop_lateness.measure_all, args.loop, compiles=True)
-    print_result(args, found, loop_lateness.table(found))
+    measured = with_progress("measuring", measure_all, args.loop, compiles=True)
+    print_result(args, measured, table(measured))

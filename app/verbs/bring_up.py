@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from app.ipc.scheduling import take_scheduling
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, add_verb, number_between, print_result
-from app.verbs.run import port_of, reached
+from app.verbs.run import checked_link, port_of
 from core.device import load_device
 from core.files import InputError
 from experiments.inputs import MOUSE
@@ -126,7 +126,7 @@ def say(text: str) -> None:
 
 def bring_up(args: argparse.Namespace) -> int:
     from experiments.bring_up.bring_up import BringUp
-    from experiments.bring_up.record import brake_steps, content, to_amend, write_record
+    from experiments.bring_up.record import brake_steps, make_record, record_to_amend, write_record
     from experiments.bring_up.steps import steps_for, with_needs
     from experiments.session.journal import now
     from hardware.emulated_board.plug import emulated_ports
@@ -135,7 +135,7 @@ def bring_up(args: argparse.Namespace) -> int:
     if not args.by.strip():
         raise InputError("--by: must be the name of who signs the record")
     device = load_device(args.device)
-    link = reached(link_port(args), args.force)
+    link = checked_link(link_port(args), args.force)
     if device.castor:
         raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
     make_folder(args.data_dir)
@@ -152,7 +152,7 @@ def bring_up(args: argparse.Namespace) -> int:
         steps = steps_for(device, real.encoders, real.force_channels > 0, home, args.latency_s)
         before = None
         if args.step is not None:
-            steps, before = with_needs(steps, args.step), to_amend(args.data_dir, device, real.report())
+            steps, before = with_needs(steps, args.step), record_to_amend(args.data_dir, device, real.report())
         say(f"{device.name} at {real.port}: {len(steps)} steps. Ctrl+C ends it at any time, with zero current.")
         runner = BringUp(real, builder)
         for _ in runner.run(steps):
@@ -166,7 +166,7 @@ def bring_up(args: argparse.Namespace) -> int:
             say(f"{own_failure(real)}: the device is not closed; make sure that no brake has current")
     if broken:
         raise InputError(f"{broken}; no record is written")
-    record = content(results, device, about, args.by, now(), before)
+    record = make_record(results, device, about, args.by, now(), before)
     try:
         files = write_record(args.data_dir, record, brake_steps(results))
     except (InputError, OSError):
@@ -177,6 +177,7 @@ def bring_up(args: argparse.Namespace) -> int:
 
 
 def verdict_on(steps: list[dict[str, Any]]) -> str:
+    """The steps that failed or were not done, in a line; else "all passed"."""
     names = {state: [step["name"] for step in steps if step["state"] == state] for state in ("failed", "not done")}
     return "; ".join(f"{state}: {', '.join(which)}" for state, which in names.items() if which) or "all passed"
 

@@ -17,7 +17,7 @@ from experiments.assumptions import NO_VIBRATION
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
-#: A word in the key of a number that is a share (0 .. 1): shown in percent.
+#: Words in the keys of shares (0 .. 1), which are shown in percent.
 SHARES = {"share", "done"}
 DEFAULT_DEVICES = ["three-brake", "four-brake"]
 RULES = ("settled", "literal")
@@ -43,7 +43,7 @@ PORTS: dict[str, Any] = {
 }  # fmt: skip
 
 Do = Callable[[argparse.Namespace], int | None]
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
 def add_verb(
@@ -93,6 +93,7 @@ def number_between(above: float, below: float, wanted: str) -> Callable[[str], f
 
 
 def low_gain(text: str) -> float | str:
+    """The type of an argument: a gain (N s/m), or the words of the paper's rule."""
     wanted = f"a number greater than 0, in N s/m, or {NO_VIBRATION!r}"
     return text if text == NO_VIBRATION else number_between(0.0, math.inf, wanted)(text)
 
@@ -109,8 +110,8 @@ def devices_of(args: argparse.Namespace) -> list:
     return devices
 
 
-def with_progress(doing: str, call: Callable[..., Found], *arguments: object, compiles: bool = False) -> Found:
-    """Call a function with a progress bar; compiles: another bar shows the kernels compiled before."""
+def with_progress(doing: str, call: Callable[..., Result], *arguments: object, compiles: bool = False) -> Result:
+    """Call a function with a progress bar. compiles: before it, another bar shows the kernels that are compiled."""
     if compiles:
         watch_compiling()
     with contextlib.closing(ProgressBar(doing)) as progress:
@@ -125,7 +126,7 @@ def print_result(args: argparse.Namespace, found: Any, text: str, warnings: Iter
 
 
 def summary_text(summary: dict) -> str:
-    """A summary as text: a line for each key, then each entry of its lists; warnings last, where they are seen."""
+    """A summary as text: a line for each key, then the entries of its lists, then the warnings."""
     shown = {key: value for key, value in summary.items() if key != "warnings"}
     width = max((len(label_of_key(key)) for key in shown), default=0)
     lines, entries = [], []

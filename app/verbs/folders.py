@@ -96,8 +96,9 @@ def analyze_verb(args: argparse.Namespace) -> None:
 
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     unblinded_by = getpass.getuser() if args.unblind else ""
-    asked = args.dir, args.out, unblinded_by, args.timeouts, args.figures or SCREEN
-    summary = with_progress("analyzing", analyze, *asked)
+    summary = with_progress(
+        "analyzing", analyze, args.dir, args.out, unblinded_by, args.timeouts, args.figures or SCREEN
+    )
     if studies:
         summary["side_by_side"] = str(write_side_by_side(studies, Path(summary["out"])))
     print_result(args, summary, summary_text(summary))

@@ -47,38 +47,37 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
     busy: processes beside it that only compute. real_time: try scheduling that needs a privilege. OSError if the loop
     dies or does not answer.
     """
-    most, ticks, pieces, tick_us, tick_max_us = round(1000 * seconds), 0, [], 0.0, 0.0
+    most, lateness_us, worked_us, longest_us = round(1000 * seconds), [np.empty(0)], 0.0, 0.0
     ring = Ring()
     runner = TrialRunner(ring, LoopProcess(ring, real_time), real_time)
     try:
-        wait(ring, runner, lambda: runner.ready)
+        wait_until(lambda: runner.ready, ring, runner)
         trials = endless_trials()
         loop = int(ring.control.pid), int(ring.control.core)
         before = lost_time(*loop)
         with cpu_load(busy):
-            while ticks < most:
-                trial = next(trials)
-                run = runner.start(trial, None)
+            while (ticks := sum(map(len, lateness_us))) < most:
+                run = runner.start(next(trials), None)
 
-                def over(run: TrialRun = run, before: int = ticks) -> bool:
+                def ended(run: TrialRun = run, before: int = ticks) -> bool:
                     now = before + len(run.recorder.lateness_us)
                     if now >= most:
                         run.stop("measured for long enough")
                     progress(min(1.0, now / most))
                     return runner.run is None
 
-                wait(ring, runner, over)
-                pieces.append(run.recorder.lateness_us)
-                ticks += len(pieces[-1])
-                of_trial = runner.timing
-                assert of_trial is not None and of_trial.tick_us is not None and of_trial.tick_max_us is not None
-                tick_us += (of_trial.tick_us - tick_us) * len(pieces[-1]) / ticks
-                tick_max_us = max(tick_max_us, of_trial.tick_max_us)
+                wait_until(ended, ring, runner)
+                lateness_us.append(run.recorder.lateness_us)
+                timing = runner.timing
+                assert timing is not None and timing.tick_us is not None and timing.tick_max_us is not None
+                worked_us += timing.tick_us * len(lateness_us[-1])
+                longest_us = max(longest_us, timing.tick_max_us)
             lost = lost_time(*loop).since(before)
         assert runner.scheduling is not None
-        timing = timing_of(np.concatenate(pieces), runner.scheduling.words)
-        timing = timing._replace(**lost._asdict(), tick_us=tick_us, tick_max_us=tick_max_us)
-        return {**timing._asdict(), "ticks": ticks, "busy": busy, "real_time": runner.scheduling.real_time}
+        all_us = np.concatenate(lateness_us)
+        timing = timing_of(all_us, runner.scheduling.words)
+        timing = timing._replace(**lost._asdict(), tick_us=worked_us / len(all_us), tick_max_us=longest_us)
+        return {**timing._asdict(), "ticks": len(all_us), "busy": busy, "real_time": runner.scheduling.real_time}
     finally:
         if runner.run:
             runner.run.abandon_recording()
@@ -86,10 +85,10 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
         runner.close()
 
 
-def wait(ring: Ring, runner: TrialRunner, over: Callable[[], bool]) -> None:
-    """Watch the loop until `over`. OSError if the loop is lost, or it takes too long."""
+def wait_until(condition: Callable[[], bool], ring: Ring, runner: TrialRunner) -> None:
+    """Watch the loop until the condition holds. OSError if the loop is lost, or it takes longer than `WAIT_S`."""
     deadline = time.perf_counter() + WAIT_S
-    while not over():
+    while not condition():
         ring.beat()
         _, lost = runner.watch()
         if lost or time.perf_counter() > deadline:

@@ -78,7 +78,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def devices_verb(args: argparse.Namespace) -> int:
-    from app.doctor import about
+    from app.doctor import describe_board
     from hardware.discovery import ask_board, hid_devices, serial_ports
 
     boards = [ask_board(port) for port in args.port]
@@ -88,7 +88,7 @@ def devices_verb(args: argparse.Namespace) -> int:
     for port in ports:
         identity = " ".join(filter(None, (port.usb, port.serial, port.name))) or "not on USB"
         lines.append(f"serial port     {port.port}  {identity}{refused(port.allowed)}")
-    lines += [f"board           {board.port}  {board.problem or about(board)}" for board in boards]
+    lines += [f"board           {board.port}  {board.problem or describe_board(board)}" for board in boards]
     lines += [f"six-axis device {hand.path}  {hand.ids} {hand.product}{refused(hand.allowed)}" for hand in hands]
     listed = {name: [item._asdict() for item in items] for name, items in found.items()}
     print_result(args, listed, "\n".join(lines) or "nothing attached")

@@ -104,27 +104,21 @@ def simulate_verb(args: argparse.Namespace) -> None:
     compiling = watch_compiling()
     device = scene.device
     done = with_progress("simulating", simulate, scene, args.out)
-    about = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
-    about |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
+    summary = {"device": device.name, "assumed": device.assumed, "fidelity": scene.fidelity}
+    summary |= {"integrator": scene.integrator} | done | {"compiling_s": compiling.seconds}
+    compiled = f" (and {compiling.seconds:.3g} s of compiling, on first use)" if compiling.seconds else ""
+    text = (
+        f"{args.out}: {done['rows']} rows, device {device.name}{' (assumed)' if device.assumed else ''}, "
+        f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
+        f"{done['events']} events, {done['fallbacks']} fallbacks{_beside_obstacles(done)}"
+    )
     with summary_to(args.out):
-        _print_scene(args, about, done, compiling.seconds)
+        print_result(args, summary, text, (f"{args.scene}: {warning}" for warning in done["warnings"]))
 
 
 def summary_to(out: str) -> AbstractContextManager[Any]:
     """Where a scene's summary is printed: on stderr where the motion goes to standard output."""
     return redirect_stdout(sys.stderr) if out == "-" else nullcontext()
-
-
-def _print_scene(args: argparse.Namespace, about: dict[str, Any], done: dict[str, Any], compiling_s: float) -> None:
-    compiled = f" (and {compiling_s:.3g} s of compiling, on first use)" if compiling_s else ""
-    print_result(
-        args,
-        about,
-        f"{args.out}: {done['rows']} rows, device {about['device']}{' (assumed)' if about['assumed'] else ''}, "
-        f"{done['simulated_s']:g} s simulated in {done['wall_s']:.3g} s{compiled}: {done['steps']} steps, "
-        f"{done['events']} events, {done['fallbacks']} fallbacks{_beside_obstacles(done)}",
-        (f"{args.scene}: {warning}" for warning in done["warnings"]),
-    )
 
 
 def _beside_obstacles(done: dict[str, Any]) -> str:
@@ -155,22 +149,21 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 
 
 def identify_verb(args: argparse.Namespace) -> None:
-    from experiments.identify.fit import ByHand
-    from experiments.identify.identify import identify, summary, with_zero
+    from experiments.identify.identification import ByHand
+    from experiments.identify.identify import identify, summary_of_fit, with_zero
     from experiments.identify.two_currents import NOT_SEEN, TwoCurrents, summary_of
 
-    given = ByHand(args.omega_0, args.backlash_deg, args.knee)
-    asked = args.steps, args.out, args.name, args.figures, given
-    done = with_progress("identifying", identify, *asked)
+    by_hand = ByHand(args.omega_0, args.backlash_deg, args.knee)
+    done = with_progress("identifying", identify, args.steps, args.out, args.name, args.figures, by_hand)
     if isinstance(done, TwoCurrents):
-        about = summary_of(done)
+        summary = summary_of(done)
         lines = [f"{args.steps}: {done.steps} steps between two currents; no brake file comes of them"]
-        lines += table_of(about["numbers"], 24)
+        lines += table_of(summary["numbers"], 24)
         lines += ["intervals are of the scatter of the steps; an error that all share is not in them"]
-        lines += [f"not seen: {what} ({why})" for what, why in NOT_SEEN.items()]
-        return print_result(args, about, "\n".join(lines))
+        lines += [f"not seen: {names} ({why})" for names, why in NOT_SEEN.items()]
+        return print_result(args, summary, "\n".join(lines))
     found, brake, figures = done
-    fit = summary(found)
+    fit = summary_of_fit(found)
     lines = [f"{args.out or args.steps}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}"]
     lines += table_of(fit["parameters"], 12)
     lines += [

@@ -10,7 +10,7 @@ import shtab
 from app.progress import watch_compiling
 from app.verbs.common import add_verb, print_result, summary_text
 from core.control.own_file import read_own
-from core.device import SHIPPED_FOLDER, load_device
+from core.device import SHIPPED_FOLDER, shipped_devices
 from core.files import InputError
 from core.own_files import read_own_text
 from experiments.protocol import load_protocol
@@ -46,9 +46,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
 
 
 def new_verb(args: argparse.Namespace) -> None:
-    load_device(args.device, SHIPPED_FOLDER)  # InputError: there is none
-    shipped = (SHIPPED_FOLDER / f"{args.device}.toml").read_text(encoding="utf-8")
-    device = re.sub(r'(?m)^name = ".*"$', f'name = "{DEVICE}"', shipped, count=1)
+    if args.device not in (shipped := shipped_devices()):
+        raise InputError(f"--device: {args.device!r} is no shipped device: choose one of {', '.join(shipped)}")
+    text = (SHIPPED_FOLDER / f"{args.device}.toml").read_text(encoding="utf-8")
+    device = re.sub(r'(?m)^name = ".*"$', f'name = "{DEVICE}"', text, count=1)
     files = {path.name: path.read_bytes() for path in TEMPLATES.iterdir() if path.suffix != ".py"}
     files[f"{DEVICE}.toml"] = device.encode()
     with tempfile.TemporaryDirectory() as folder:

@@ -53,14 +53,15 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
     option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
-    option("--participant", type=label, metavar="01", help=participant)
+    option("--participant", type=participant_label, metavar="01", help=participant)
     folder = "where sessions are kept (default: the folder of the settings, else phd-data in your home folder)"
     option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
     option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
     option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
 
 
-def label(text: str) -> str:
+def participant_label(text: str) -> str:
+    """The type of an argument: letters and digits."""
     if not (text.isascii() and text.isalnum()):
         raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
     return text
@@ -71,21 +72,21 @@ def run(args: argparse.Namespace) -> int | None:
     if args.print_plan:
         plan_verb(args)
         return None
-    link = reached(port, args.force)
+    link = checked_link(port, args.force)
     display = ScreenCheck("open a window on")
     for device in protocol_of(args).devices if link else ():
         if device.castor:
             raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
-    devices = tuple(map(whole, args.device)) if args.device else None
+    devices = tuple(map(absolute_or_name, args.device)) if args.device else None
     setup = Setup(
-        data_dir_of(args).absolute(), whole(args.protocol), devices, args.rules, args.low_gain, args.seed, args.input,
-        args.participant or "", link, lsl=args.lsl,
+        data_dir_of(args).absolute(), absolute_or_name(args.protocol), devices, args.rules, args.low_gain, args.seed,
+        args.input, args.participant or "", link, lsl=args.lsl,
     )  # fmt: skip
     if not is_person(setup.hand):
         if without := ignored_features(setup, protocol_of(args)):
             print(f"phd: {without}", file=sys.stderr)
     client = Client(setup)
-    try:  # all this takes its time, and so does the session server
+    try:  # while the session server starts
         watch_compiling()
         memory = import_window_module("widgets.memory")
         memory.begin()
@@ -101,7 +102,7 @@ def run(args: argparse.Namespace) -> int | None:
 
 
 def data_dir_of(args: argparse.Namespace) -> Path:
-    """That of the command line, else of the settings."""
+    """The data folder of the command line, else of the settings."""
     if args.data_dir is not None:
         return args.data_dir
     memory = import_window_module("widgets.memory")
@@ -110,9 +111,7 @@ def data_dir_of(args: argparse.Namespace) -> Path:
 
 
 def port_of(args: argparse.Namespace) -> str:
-    """The port of --link, which need not exist; "": none. InputError: it is none, or does not go with --input or
-    --force.
-    """
+    """The port of --link, which need not exist; "": simulated. InputError: wrong, or not with --input or --force."""
     if args.link == "sim":
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (the simulated device needs no force sensor)")
@@ -132,15 +131,15 @@ def port_of(args: argparse.Namespace) -> str:
             f"--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}"
         )
     if "://" in port and (kind or not is_address(port)):
-        what = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
-        raise InputError(f"--link: {what}, not {port!r}")
+        wanted = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
+        raise InputError(f"--link: {wanted}, not {port!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
     return kind + port
 
 
-def reached(port: str, force: str) -> str:
-    """As `Setup.link`. InputError: there is no such port, or the force sensor does not answer."""
+def checked_link(port: str, force: str) -> str:
+    """The port and force sensor as in `Setup.link`. InputError: there is no such port, or the sensor is silent."""
     if not port:
         return ""
     from hardware.serial_port import find_port, is_missing
@@ -162,8 +161,9 @@ def reached(port: str, force: str) -> str:
 
 def protocol_of(args: argparse.Namespace) -> Protocol:
     """The protocol with the options of the command line."""
-    asked = {"rules": args.rules, "low_gain": args.low_gain, "seed": args.seed}
-    protocol = load_protocol(args.protocol, devices=args.device, **asked)
+    protocol = load_protocol(
+        args.protocol, devices=args.device, rules=args.rules, low_gain=args.low_gain, seed=args.seed
+    )
     protocol.refuse_unknown_low_gain()
     return protocol
 
@@ -180,7 +180,7 @@ def plan_verb(args: argparse.Namespace) -> None:
     print(print_plan(protocol, participant), end="")
 
 
-def whole(name_or_path: str) -> str:
+def absolute_or_name(name_or_path: str) -> str:
     """The absolute path of a file; a shipped name as it is."""
     path = Path(name_or_path)
     return str(path.absolute()) if path.is_file() else name_or_path

@@ -111,11 +111,11 @@ def power_verb(args: argparse.Namespace) -> None:
     from experiments.study.power import power, question_of
 
     protocol = load_protocol(args.protocol)
-    asked = question_of(protocol, args.between, args.measure, args.power)
+    question = question_of(protocol, args.between, args.measure, args.power)
     names = args.population or sorted(path.stem for path in SHIPPED_FOLDER.glob("*.toml"))
     source = args.pilot or {found.name: found for found in map(load_population, names)}
-    what = protocol, asked, source, args.people or SIMULATED_PEOPLE, args.out
-    summary = with_progress("power", power, *what, compiles=args.pilot is None)
+    people, simulated = args.people or SIMULATED_PEOPLE, args.pilot is None
+    summary = with_progress("power", power, protocol, question, source, people, args.out, compiles=simulated)
     print_result(args, summary, summary_text(summary))
 
 
@@ -140,8 +140,9 @@ def study(args: argparse.Namespace) -> None:
         summary = with_progress("study", resume_study, args.out, asked, args.figures or SCREEN, compiles=True)
     else:
         operators = args.operators or OPERATORS
-        new = args.out, operators, protocol, population, args.figures or SCREEN
-        summary = with_progress("study", run_study, *new, compiles=True)
+        summary = with_progress(
+            "study", run_study, args.out, operators, protocol, population, args.figures or SCREEN, compiles=True
+        )
     doubt = (
         f"{args.out}: the energy ledger contradicts the motion of {summary['in_doubt']} trials, which may be wrong; "
         "phd verify names them"

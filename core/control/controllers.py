@@ -147,8 +147,8 @@ def make_preset(name: str, kind: str, given: Mapping[str, float | None], own: Ow
     values = {key: parameter.default for key, parameter in known.items()}
     for key, value in given.items():
         if value is not None and key not in known:
-            why = did_you_mean(key, known) if known else ", which never controls"
-            raise ValueError(f"{key} is not for {kind!r}{why}")
+            listed = f" (there are: {', '.join(known)})" if known else ", which never controls"
+            raise ValueError(f"{key} is not for {kind!r}{did_you_mean(key, known)}{listed}")
         values |= {key: value} if value is not None else {}
     for key, value in values.items():
         if value is None:

@@ -113,11 +113,25 @@ def _compiled(own: OwnFile, caller: Caller) -> int:
 
     if INTERPRETED:
         return caller.address_of(decide_in_file)
-    from numba.core.errors import NumbaError
+    from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
     try:
         return caller.address_of(decide_in_file)
-    except NumbaError as error:
-        plain = re.sub(r"\x1b\[[\d;]*m", "", str(error))  # without numba's colours, and how far it had come
-        said = [line.strip() for line in plain.splitlines() if line.strip() and "mode pipeline" not in line]
-        raise InputError(f"{own.name}.py: does not compile: {' '.join(said[:4])}") from None
+    except (NumbaError, UnsupportedBytecodeError) as error:
+        raise InputError(f"{own.name}.py: does not compile: {_compile_error(str(error), own)}") from None
+
+
+def _compile_error(message: str, own: OwnFile) -> str:
+    """The line of the file and the reason, from a message of numba: without its colours and its long types."""
+    plain = re.sub(r"\x1b\[[\d;]*m", "", message)
+    lines = [line.strip() for line in plain.splitlines() if line.strip() and "mode pipeline" not in line]
+    reason = " ".join(lines[:2]) if lines[1:] and lines[1].startswith(">>>") else lines[0]
+    reason = re.sub(r"(of type \w+)\(.*\)", r"\1", reason)
+    reason = re.sub(r"Literal\[\w+\]\((.*?)\)", r"\1", reason)
+    reason = re.sub(r"Cannot bind .* to signature '(.*)' due to \"TypeError: (.*)\"", r"a call of \1: \2", reason)
+    reason = re.sub(r" ?(, defined at|Raised from) .*", "", reason).rstrip(".")
+    place = re.search(rf"_{own.name}_\w+\.py(?:\", line | \()(\d+)", plain)
+    line = int(place[1]) if place else 0
+    if undefined := re.search(r"name '(\w+)' is not defined", reason):  # numba does not say where
+        line = 1 + re.split(rf"\b{undefined[1]}\b", own.text)[0].count("\n")
+    return f"line {line}: {reason}" if line else reason

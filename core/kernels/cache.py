@@ -35,7 +35,8 @@ _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
 
-#: Called before each kernel is compiled, with its number, how many there are, and its name; at the end with no name.
+#: Called before each kernel is compiled, with its number, how many there are, and its name; before they are linked with
+#: "linking NAME" in its place, and at the end with "".
 watchers: list[Callable[[int, int, str], None]] = []
 
 #: Called with one sentence at the first problem of each kind.

@@ -47,11 +47,15 @@ class _Progress:
     done = of = 0
 
     @classmethod
-    def show(cls, name: str) -> None:
-        """A kernel of this name begins; "": the entry is compiled."""
-        cls.done = cls.done + 1 if name else cls.of
+    def compiling(cls, name: str) -> None:
+        """A kernel of this name begins."""
+        cls.done += 1
+        cls.tell(min(cls.done, cls.of), name)
+
+    @classmethod
+    def tell(cls, number: int, name: str) -> None:
         for watcher in watchers:
-            watcher(min(cls.done, cls.of), cls.of, name)
+            watcher(number, cls.of, name)
 
 
 def _record_symbol(record: Record) -> tuple:
@@ -129,7 +133,7 @@ class PartCompiler(compiler.Compiler):
 
     def define_pipelines(self) -> list:
         state = self.state
-        _Progress.show(state.func_id.func_name)
+        _Progress.compiling(state.func_id.func_name)
         state.func_id.unique_id = identity(state.func_id.func)  # numba's own numbers are those of one process
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
@@ -304,8 +308,9 @@ class EntryCompiler:
         """Called by numba: the compile result of the entry. function: that of the part."""
         _Progress.done, _Progress.of = 0, len(self.part.not_compiled())
         self.part.compile(self.args)
+        _Progress.tell(_Progress.of, f"linking {function.__name__}")
         result = self.link(self.part.overloads[self.args])
-        _Progress.show("")
+        _Progress.tell(_Progress.of, "")
         return result
 
     def link(self, part: Any) -> Any:

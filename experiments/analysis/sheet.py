@@ -136,6 +136,13 @@ def legend_at(figure: Figure, handles: Sequence[Any], left_in: float, top_in: fl
     )  # fmt: skip
 
 
+def heading(figure: Figure, words: str, handles: Sequence[Any], **legend: Any) -> None:
+    """The heading of a figure of several panels, and under it the legend of them all."""
+    width, height = figure.get_size_inches()
+    figure.text(0.65 / width, 1.0 - 0.28 / height, words, fontsize=TITLE, parse_math=False)
+    legend_at(figure, handles, 0.65, 0.36, columnspacing=1.5, **legend)
+
+
 def arrow(axes: Axes, start: Place, end: Place, colour: str, width: float = 1.6) -> None:
     """An arrow from start to end in data coordinates."""
     style = {"arrowstyle": "-|>,head_width=0.22,head_length=0.5", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}

@@ -20,7 +20,7 @@ from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.simulator.state import pack_brakes, pack_mechanism
-from experiments.bring_up.step import SHARE, Finding, Seen
+from experiments.bring_up.step import SHARE, Finding, Observed
 from experiments.identify.step_response import COLUMNS, Step
 from experiments.identify.two_currents import identify_two_currents, summary_of
 
@@ -49,16 +49,17 @@ class Motion(NamedTuple):
     since_s: np.ndarray  # (n,) since the currents changed
 
 
-def motion_of(seen: Seen) -> Motion:
+def motion_of(observed: Observed) -> Motion:
+    """The rows as arrays, velocity and acceleration shifted to the moment of the force."""
     late = LATE_ROWS
-    t = 1e-6 * seen.column("board_us").astype(float)[:-late]
-    tip, force = seen.column("tip")[:-late], seen.column("hand_force")[:-late]
-    velocity, acceleration = seen.column("velocity")[late:], seen.column("acceleration")[late:]
-    asked = np.array([row.asked for row in seen.rows])[:-late]
+    t = 1e-6 * observed.column("board_us").astype(float)[:-late]
+    tip, force = observed.column("tip")[:-late], observed.column("hand_force")[:-late]
+    velocity, acceleration = observed.column("velocity")[late:], observed.column("acceleration")[late:]
+    asked = np.array([row.asked for row in observed.rows])[:-late]
     on = np.where(asked.any(axis=1), asked.argmax(axis=1), NONE)
     changes = np.concatenate([[0], np.flatnonzero(np.diff(on)) + 1])
     since = t - t[changes[np.searchsorted(changes, np.arange(len(t)), side="right") - 1]]
-    mechanism, g = pack_mechanism(seen.device.mechanism)[0], np.empty((len(t), 4, 2))
+    mechanism, g = pack_mechanism(observed.device.mechanism)[0], np.empty((len(t), 4, 2))
     for row, (x, y) in zip(g, tip.tolist(), strict=True):
         tip_force_map(mechanism, x, y, row)
     rates = np.einsum("njk,nk->nj", g, velocity)
@@ -85,8 +86,9 @@ class Torques(NamedTuple):
 
 
 def fit_torques(motion: Motion, braked: list[int]) -> Torques:
-    """For each brake the joint whose added torque leaves least of the force unexplained. Our choice: one joint alone,
-    since the pulls of four joints are nearly those of any two.
+    """Fit the torques of all brakes; each brake's joint is the one that leaves least of the force unexplained.
+
+    Our choice: one joint for each brake, since the pulls of four joints are nearly those of any two.
     """
     moving = np.all(np.abs(motion.rates[:, braked]) > SLOWEST, axis=1) & (motion.since_s > SETTLED_S)
     used = np.flatnonzero(moving)[::EVERY]
@@ -101,11 +103,11 @@ def fit_torques(motion: Motion, braked: list[int]) -> Torques:
     base = lsq_linear(*_flat(plain, motion.force[used], on == NONE), (least, np.inf)).x
     torques = torques._replace(off=base[:n], mass=base[n:])
     for place, k in enumerate(braked):
-        seen = (on == k) | (on == NONE)
+        observed = (on == k) | (on == NONE)
         fits = []
         for j in range(n):
             design = np.concatenate([plain, (pulls[:, :, j] * (on == k)[:, None])[:, :, None]], axis=2)
-            fit = lsq_linear(*_flat(design, motion.force[used], seen), (np.append(least, 0.0), np.inf))
+            fit = lsq_linear(*_flat(design, motion.force[used], observed), (np.append(least, 0.0), np.inf))
             fits.append((fit.cost, j, fit.x[-1]))
         _, j, torques.added[place] = min(fits)
         torques.joints.append(braked[j])
@@ -145,18 +147,18 @@ def steps_text(steps: list[Step]) -> str:
     return "".join(",".join(map(str, row)) + "\n" for row in (COLUMNS, *rows)) if rows else ""
 
 
-def judge_brakes(seen: Seen) -> Finding:
+def judge_brakes(observed: Observed) -> Finding:
     """Every brake resists at its own joint, about as much as its model says."""
-    motion, braked = motion_of(seen), seen.braked
+    motion, braked = motion_of(observed), observed.braked
     torques = fit_torques(motion, braked)
     if torques.rows < ENOUGH_ROWS:
         advice = "Repeat: move the handle in circles of 8 cm all the time, one in two seconds."
         return Finding(False, "the handle hardly moved", advice)
-    record = pack_brakes(seen.device.brakes, backlash=False)[0]
+    record = pack_brakes(observed.device.brakes, backlash=False)[0]
     figures: dict[str, Any] = {"off_N_m": torques.off.tolist()}
     words, wrong, tables = [], [], {}
     for place, k in enumerate(braked):
-        joint, level = JOINTS[k], SHARE * float(seen.largest[k])
+        joint, level = JOINTS[k], SHARE * float(observed.largest[k])
         model = float(torque_gain(record, k, level) - torque_gain(record, k, 0.0))
         added = float(torques.own[place])
         steps = steps_of(motion, torques, braked, k, level)

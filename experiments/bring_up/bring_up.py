@@ -8,10 +8,10 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from core.device_interface import DeviceError, RealDevice
 from core.faults import advice, cause_of
-from experiments.bring_up.step import NO_CURRENT, Finding, Four, Row, Seen, Step
-from experiments.bring_up.steps import PATIENCE_S, why_not
+from experiments.bring_up.step import NO_CURRENT, Currents, Finding, Observed, Row, Step
+from experiments.bring_up.steps import PATIENCE_S, missing_needs
 
-#: of a course of exchanges: one a tick, and what comes of it
+#: A generator that yields after each exchange with the device, one a tick, and returns an outcome.
 Outcome = TypeVar("Outcome")
 Ticks: TypeAlias = Generator[None, None, Outcome]
 
@@ -42,7 +42,7 @@ class Result(NamedTuple):
     took_s: float
 
 
-class Unfit(Exception):
+class StepFailed(Exception):
     """A step was ended by the device; one sentence, and what to do."""
 
     def __init__(self, why: str) -> None:
@@ -58,7 +58,7 @@ class BringUp:
         self._device, self._builder, self._sleep = device, builder, sleep
         self._rows: list[Row] = []
         self._heard = device.clock()
-        self._about: dict[str, Any] = {}
+        self._report_before: dict[str, Any] = {}
         self.results: list[Result] = []
 
     def run(self, steps: Sequence[Step]) -> Ticks[None]:
@@ -67,7 +67,7 @@ class BringUp:
             for step in steps:
                 passed = [result.step.name for result in self.results if result.finding.passed]
                 begun, lost = self._device.clock(), self._device.problem
-                if why := f"not done: {lost}" if lost else why_not(step, passed):
+                if why := f"not done: {lost}" if lost else missing_needs(step, passed):
                     result = Result(step, False, Finding(False, why), 0.0)
                 else:
                     finding = yield from self._try(step)
@@ -82,10 +82,10 @@ class BringUp:
     def _try(self, step: Step) -> Ticks[Finding]:
         try:
             return (yield from self._do(step))
-        except Unfit as unfit:
+        except StepFailed as unfit:
             return unfit.finding
         except DeviceError as error:
-            return Unfit(cause_of(error)).finding
+            return StepFailed(cause_of(error)).finding
         finally:
             self._device.exchange(NO_CURRENT)
 
@@ -101,42 +101,42 @@ class BringUp:
         if step.zeroes:
             self._device.zero()
         self._rows.clear()
-        self._about = self._report()
-        yield from self._wait(lambda: len(self._rows) > 0 and step.begins(self._seen()), step.may_fault)
+        self._report_before = self._device_report()
+        yield from self._wait(lambda: len(self._rows) > 0 and step.begins(self._observed()), step.may_fault)
         self._rows.clear()
-        begun, largest = self._device.clock(), self._seen().largest
+        begun, largest = self._device.clock(), self._observed().largest
         looked = 0
         while (t := self._device.clock() - begun) < step.lasts_s:
             self._exchange(step.drive(t, largest), step.may_fault)
             yield
             if len(self._rows) >= looked + LOOK_ROWS:
                 looked = len(self._rows)
-                if step.ends(self._seen()):
+                if step.ends(self._observed()):
                     break
         if step.silent_s:
             self._sleep(step.silent_s)
             for _ in range(50):
                 self._exchange(NO_CURRENT, may_fault=True)
         if len(self._rows) < 2:
-            raise Unfit("no sample came")
+            raise StepFailed("no sample came")
         self._device.exchange(NO_CURRENT)
-        self._about = self._report()
-        with ThreadPoolExecutor(1) as thinks:  # a board that hears nothing for a second ends the connection
-            finding = thinks.submit(step.judge, Seen(list(self._rows), self._device.device, self._about))
+        self._report_before = self._device_report()
+        with ThreadPoolExecutor(1) as judging:  # a board that hears nothing for a second ends the connection
+            finding = judging.submit(step.judge, Observed(list(self._rows), self._device.device, self._report_before))
             while not finding.done():
                 self._device.exchange(NO_CURRENT)
                 yield
         return finding.result()
 
     def _reset(self) -> None:
-        """Forget a fault that a step before has caused on purpose."""
+        """Reset a fault that an earlier step has caused on purpose."""
         self._exchange(NO_CURRENT, may_fault=True)
         if self._rows and self._rows[-1].sample.fault:
             self._device.reset()
         self._rows.clear()
 
     def _wait(self, until: Callable[[], bool], may_fault: bool = False) -> Ticks[None]:
-        """Without current. Unfit: the person has not done it."""
+        """Exchange without current until `until` holds. StepFailed: it does not within `PATIENCE_S`."""
         end, looked = self._device.clock() + PATIENCE_S, 0
         while self._device.clock() < end:
             self._exchange(NO_CURRENT, may_fault)
@@ -145,10 +145,10 @@ class BringUp:
             looked += 1
             if looked % LOOK_ROWS == 0 and until():
                 return
-        raise Unfit(f"nothing was done for {PATIENCE_S:g} s")
+        raise StepFailed(f"nothing was done for {PATIENCE_S:g} s")
 
-    def _exchange(self, currents: Four, may_fault: bool = False) -> None:
-        """One tick. Unfit: the device is lost, or has latched a fault."""
+    def _exchange(self, currents: Currents, may_fault: bool = False) -> None:
+        """One tick. StepFailed: the device is lost, or has latched a fault."""
         device = self._device
         device.exchange(currents)
         now = device.clock()
@@ -156,15 +156,15 @@ class BringUp:
             self._rows.append(Row(sample, currents, now))
             self._heard = now
         if problem := device.problem:
-            raise Unfit(problem)
+            raise StepFailed(problem)
         if now - self._heard > NO_SAMPLE_S:
-            raise Unfit("no sample came")
+            raise StepFailed("no sample came")
         if not may_fault and self._rows and (fault := self._rows[-1].sample.fault):
-            raise Unfit(fault)
+            raise StepFailed(fault)
 
-    def _report(self) -> dict[str, Any]:
+    def _device_report(self) -> dict[str, Any]:
         device = self._device
         return device.report() | {"encoders": device.encoders, "force_channels": device.force_channels}
 
-    def _seen(self) -> Seen:
-        return Seen(self._rows, self._device.device, self._about)
+    def _observed(self) -> Observed:
+        return Observed(self._rows, self._device.device, self._report_before)

@@ -12,10 +12,10 @@ from experiments.session.checksums import CHECKSUM, read_sealed, sealed
 
 FOLDER = "bring-up"  # in the data folder; no participant's name begins so (sub-..)
 FORMAT = 1
-Content: TypeAlias = dict[str, Any]  # of a record, as JSON holds it
+Record: TypeAlias = dict[str, Any]  # as JSON holds it
 
 
-class Written(NamedTuple):
+class RecordSummary(NamedTuple):
     """A record as a session names it."""
 
     file: str  # relative to the data folder
@@ -28,13 +28,14 @@ class Written(NamedTuple):
 
 
 def state_of(result: Result) -> str:
+    """The state of a step: "passed", "failed" or "not done"."""
     return "passed" if result.finding.passed else "failed" if result.done else "not done"
 
 
-def content(
-    results: list[Result], device: Device, about: Content, by: str, time: str, before: Content | None = None
-) -> Content:
-    """The record. about: the device's report at the end.
+def make_record(
+    results: list[Result], device: Device, about: Record, by: str, time: str, before: Record | None = None
+) -> Record:
+    """The record of a bring-up, as JSON holds it. about: the device's report at the end.
 
     before: an earlier record, in which the steps that were done take the places of theirs.
     """
@@ -78,20 +79,20 @@ def _plain(board: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9_.]", "_", board or "") or "board"
 
 
-def newest_content(data_dir: Path, board: str) -> tuple[Path, Content] | None:
-    """The newest record of a board, file and content; None: there is none. InputError: it was damaged."""
+def newest_record_file(data_dir: Path, board: str) -> tuple[Path, Record] | None:
+    """The newest record of a board, its file and its content; None: there is none. InputError: it was damaged."""
     found = [(file, read_sealed(file)) for file in (data_dir / FOLDER).glob(f"{_plain(board)}-*.json")]
     own = ((file, about) for file, about in found if about.get("board") == board)
     return max(own, key=lambda written: written[1]["time"], default=None)
 
 
-def newest_record(data_dir: Path, board: str) -> Written | None:
-    """The same, as a session names it."""
-    if (newest := newest_content(data_dir, board)) is None:
+def newest_record(data_dir: Path, board: str) -> RecordSummary | None:
+    """The newest record of a board as a session names it; None: there is none. InputError: it was damaged."""
+    if (newest := newest_record_file(data_dir, board)) is None:
         return None
     file, about = newest
     try:
-        return Written(
+        return RecordSummary(
             f"{FOLDER}/{file.name}", about[CHECKSUM], about["signed_by"], about["time"], about["passed"],
             about.get("firmware") or "", {step["title"]: step["state"] for step in about["steps"]},
         )  # fmt: skip
@@ -99,9 +100,9 @@ def newest_record(data_dir: Path, board: str) -> Written | None:
         raise InputError(f"{file}: is no record of a bring-up ({error})") from None
 
 
-def to_amend(data_dir: Path, device: Device, about: Content) -> Content:
+def record_to_amend(data_dir: Path, device: Device, about: Record) -> Record:
     """The record that a repeated step goes into. InputError: this board has none for this device and firmware."""
-    newest = newest_content(data_dir, about.get("board") or "")
+    newest = newest_record_file(data_dir, about.get("board") or "")
     if newest is None:
         raise InputError(f"--step: {data_dir} has no record of this board; run phd bring-up without --step first")
     file, before = newest
@@ -113,7 +114,7 @@ def to_amend(data_dir: Path, device: Device, about: Content) -> Content:
     return before
 
 
-def problem_of(record: Written | None, firmware: str) -> str:
+def problem_of(record: RecordSummary | None, firmware: str) -> str:
     """Why a board cannot be taken for brought up, one sentence; "": it can."""
     if record is None:
         return "This board was never brought up: run phd bring-up."

@@ -9,22 +9,22 @@ import numpy as np
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample
 
-Four = tuple[float, float, float, float]
+Currents = tuple[float, float, float, float]
 Point = tuple[float, float]
-NO_CURRENT: Four = (0.0, 0.0, 0.0, 0.0)
+NO_CURRENT: Currents = (0.0, 0.0, 0.0, 0.0)
 SHARE = 0.1  # of each brake's largest current: more never flows
 
 
 class Row(NamedTuple):
-    """A sample, and what was going on."""
+    """A sample of the device, with the command that held when it came."""
 
     sample: DeviceSample
-    asked: Four  # A, by the newest command when it came
+    asked: Currents  # A, the newest command when it came
     came_s: float  # by the host's clock
 
 
-class Seen(NamedTuple):
-    """What a step has seen."""
+class Observed(NamedTuple):
+    """The samples of a step, and the device that they are of."""
 
     rows: list[Row]
     device: Device
@@ -41,10 +41,11 @@ class Seen(NamedTuple):
 
     @property
     def braked(self) -> list[int]:
+        """Indices (of `JOINTS`) of the joints with a brake."""
         return [i for i in range(4) if self.device.brakes.present[i]]
 
-    def part(self, begin: int | None, end: int | None) -> "Seen":
-        """Only some rows: what looks at a growing record must not take longer and longer."""
+    def part(self, begin: int | None, end: int | None) -> "Observed":
+        """These rows alone, so that a look at a growing record takes no longer each time."""
         return self._replace(rows=self.rows[begin:end])
 
     def turned(self) -> dict[str, float]:
@@ -58,7 +59,7 @@ class Seen(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """The judgement."""
+    """Whether a step has passed, what was seen, and what to mend."""
 
     passed: bool
     saw: str
@@ -66,32 +67,32 @@ class Finding(NamedTuple):
     figures: dict[str, Any] = {}  # noqa: RUF012  (never changed)
 
 
-def at_once(seen: Seen) -> bool:
+def at_once(observed: Observed) -> bool:
     return True
 
 
-def never(seen: Seen) -> bool:
+def never(observed: Observed) -> bool:
     return False
 
 
-def no_current(t: float, largest: np.ndarray) -> Four:
+def no_current(t: float, largest: np.ndarray) -> Currents:
     return NO_CURRENT
 
 
 class Step(NamedTuple):
-    """One check. Its time runs from `begins` (looked at without current) to `ends`, at most `lasts_s`."""
+    """One check. It lasts from when `begins` holds (no current until then) to when `ends` holds, at most `lasts_s`."""
 
     name: str
     title: str
-    judge: Callable[[Seen], Finding]
+    judge: Callable[[Observed], Finding]
     lasts_s: float
     ask: str = ""  # what the person does
     order: dict[str, Any] = {}  # noqa: RUF012  (never changed) the same, for the hand of an emulated board
-    confirmed: bool = False  # the person says when it is done; else it is seen
+    confirmed: bool = False  # the person says when it is done; else `begins` and `ends` show it
     needs: tuple[str, ...] = ()  # steps that must have passed
-    begins: Callable[[Seen], bool] = at_once
-    ends: Callable[[Seen], bool] = never
-    drive: Callable[[float, np.ndarray], Four] = no_current  # A at s since `begins`, with the largest currents
+    begins: Callable[[Observed], bool] = at_once
+    ends: Callable[[Observed], bool] = never
+    drive: Callable[[float, np.ndarray], Currents] = no_current  # A at s since `begins`, with the largest currents
     may_fault: bool = False  # the device may latch a fault meanwhile
     silent_s: float = 0.0  # no command from the end of `lasts_s` for so long
     homes: Point | None = None  # the encoders are set to this place first, m

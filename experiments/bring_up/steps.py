@@ -46,6 +46,7 @@ def second_hole(device: Device, home: Point) -> Point:
 
 
 def millimetres(place: Point) -> str:
+    """A place (m) in words, in mm."""
     return f"x = {1e3 * place[0]:.0f} mm, y = {1e3 * place[1]:.0f} mm"
 
 
@@ -59,7 +60,7 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
     ]  # fmt: skip
     before: tuple[str, ...] = ("quiet",)
     for joint in encoders:
-        turns, held = LINKS[joint]
+        turns, held, _ = LINKS[joint]
         ask = f"Hold link {held} still, and turn link {turns} counter-clockwise by 10 degrees or more."
         name = f"encoder {joint}"
         found.append(
@@ -118,7 +119,7 @@ def steps_for(device: Device, encoders: str, force: bool, home: Point, latency_s
 
 
 def with_needs(steps: Sequence[Step], name: str) -> list[Step]:
-    """A step and every step that it needs, in their order. InputError: there is no such step."""
+    """The named step and all steps that it needs, in their order. InputError: there is no step of that name."""
     if name not in (names := [step.name for step in steps]):
         raise InputError(f"--step: this device has no step {name!r}; its steps are {', '.join(names)}")
     wanted = {name}
@@ -127,7 +128,7 @@ def with_needs(steps: Sequence[Step], name: str) -> list[Step]:
     return [step for step in steps if step.name in wanted]
 
 
-def why_not(step: Step, passed: Sequence[str]) -> str:
+def missing_needs(step: Step, passed: Sequence[str]) -> str:
     """Why a step is not done, one sentence; "": it can be."""
     missing = [name for name in step.needs if name not in passed]
     return f"not done: it needs {', '.join(missing)}" if missing else ""

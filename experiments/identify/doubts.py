@@ -76,8 +76,10 @@ def one_way(steps: Sequence[Step], where: str) -> tuple[list[Step], Zero | None]
 
 
 def misfit(found: Sequence[Measured], dead_s: float) -> float:
-    """The chance of residuals like these after the steps, if every torque follows Eq. (3): Hotelling's T-squared of
-    their means over `STRETCHES`, from step to step, each times the height of its transient."""
+    """The probability of residuals like these after the steps if every torque follows Eq. (3).
+
+    By Hotelling's T-squared of their means over `STRETCHES`, step by step, each times the height of its transient.
+    """
     rows = []
     for measured in found:
         if math.isnan(measured.time_constant):
@@ -122,7 +124,7 @@ def dead_time(found: Sequence[Measured]) -> float:
 
 
 class Transients(NamedTuple):
-    """The measured steps, and what is wrong with their transients."""
+    """The measured steps, and whether their transients follow Eq. (3)."""
 
     measured: list[Measured]
     dead_s: float  # dead time that was taken out of them
@@ -130,7 +132,7 @@ class Transients(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """The doubts as sentences."""
+        """What was found, as sentences."""
         if not self.exponential:
             return [
                 "t_s: after the steps the torque does not follow Eq. (3), with or without a dead time: a coil or "
@@ -147,7 +149,7 @@ class Transients(NamedTuple):
 
 
 def measure_transients(steps: Sequence[Step], where: str) -> Transients:
-    """The steps measured, after a dead time where they have one."""
+    """Measure the steps; where the transients have a dead time, take it out."""
     measured = measure(steps, where)
     if misfit(measured, 0.0) > CHANCE:
         return Transients(measured, 0.0, True)
@@ -159,14 +161,14 @@ def measure_transients(steps: Sequence[Step], where: str) -> Transients:
 
 
 class Drift(NamedTuple):
-    """How the torque changed over a session: by this share from its first step to its last; 0: not seen."""
+    """The change of the torque over a session."""
 
-    share: float = 0.0
+    share: float = 0.0  # from its first step to its last; 0: none is seen
     with_speed: bool = False  # whether the speed was raised, or lowered, along the session
 
     @property
     def warnings(self) -> list[str]:
-        """The doubts as sentences."""
+        """What was found, as sentences."""
         if not self.share:
             return []
         speed = ", or torque that depends on the speed, which changed along the session," * self.with_speed
@@ -178,7 +180,7 @@ class Drift(NamedTuple):
 
 
 def drift(found: Sequence[Measured], design: np.ndarray, gain: LinearFit) -> Drift:
-    """The change of the single steps' torques over the session, beside their fit by `gain`; design (n, 4)."""
+    """Test whether the torques of single steps change along the session, beside Eq. (2); design (n, 4): of `gain`."""
     repeats = [len(measured.repeated_torques) for measured in found]
     torques = np.concatenate([measured.repeated_torques for measured in found])
     when = np.concatenate([measured.places for measured in found]) - 0.5

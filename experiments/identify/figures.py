@@ -24,7 +24,8 @@ from experiments.analysis.sheet import (
     figure_bytes,
     new_figure,
 )
-from experiments.identify.fit import Identification, surface_row, torque_change
+from experiments.identify.fit import surface_row, torque_change
+from experiments.identify.identification import Identification
 from experiments.numbers import significant
 from experiments.recording.atomic_files import refuse_existing_files
 
@@ -93,7 +94,7 @@ def draw_time_constants(found: Identification, direction: str) -> Figure:
     aside = [measured for measured in found.set_aside if measured.direction == direction]
     more = f" Not drawn: {len(aside)} without a clear transient." if aside else ""
     text = f"Dots: time constants of averaged steps, Eq. (3).{more}"
-    figure, axes, points, currents, logs = _room(found, direction, "measured", [text])
+    figure, axes, points, currents, logs = _surface_figure(found, direction, "measured", [text])
     x, y = np.meshgrid(currents, logs)
     z = np.array([[points.get((c, w), math.nan) for c in currents] for w in logs])  # a hole where nothing is known
     axes.plot_surface(
@@ -110,15 +111,14 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     fits = found.constants[direction]
     assert fits.surface is not None
     rms = np.sqrt(np.mean(np.concatenate([fits.surface.residuals, fits.average.residuals]) ** 2)) * 1e3
-    half = (
-        f" ± {significant(fits.average.half_widths[0] * 1e3, 1)} ms (95 %)" if found.transients.exponential else " ms"
-    )
+    half_ms = significant(fits.average.half_widths[0] * 1e3, 1)
+    interval = f" ± {half_ms} ms (95 %)" if found.transients.exponential else " ms"
     text = (
-        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{half} ms from $ω_0$ = {found.omega_0_rpm:g} rpm "
+        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{interval} from $ω_0$ = {found.omega_0_rpm:g} rpm "
         "on. Dots: measured, with their distance from the fit, small where the torque changes little; "
         f"rms residual {significant(rms, 2)} ms."
     )
-    figure, axes, _, currents, logs = _room(found, direction, "Eq. (4)", textwrap.wrap(text, 115))
+    figure, axes, _, currents, logs = _surface_figure(found, direction, "Eq. (4)", textwrap.wrap(text, 115))
     every = [*fits.at_surface, *fits.at_average]
     edge = math.log2(found.omega_0_rpm)
     i = np.linspace(currents[0], currents[-1], 11)
@@ -142,12 +142,12 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     return figure
 
 
-def _room(
+def _surface_figure(
     found: Identification, direction: str, words: str, lines: Sequence[str]
 ) -> tuple[Figure, Any, dict[tuple[float, float], float], list[float], list[float]]:
-    """A figure with three axes: current (A), log2 of the speed shown as rpm, time constant (ms); alike in 7 and 8.
+    """A figure with three axes: current (A), log2 of the speed labelled in rpm, time constant (ms).
 
-    With its axes, the mean time constants at (current, log2 of speed), the currents and the logs of the speeds.
+    Returns figure, axes, mean time constants by (current, log2 of speed), the currents and the logs of the speeds.
     """
     figure = new_figure(PAGE_IN, 5.6)
     with matplotlib.rc_context({"grid.color": LINE, "grid.linewidth": 0.6}):

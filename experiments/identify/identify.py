@@ -17,7 +17,8 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
-from experiments.identify.fit import A_NAMES, GIVEN, IDENTIFIED, K_NAMES, ByHand, Identification, identify_steps
+from experiments.identify.fit import A_NAMES, K_NAMES
+from experiments.identify.identification import GIVEN, IDENTIFIED, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.identify.two_currents import TwoCurrents, has_two_currents, identify_two_currents
 from experiments.progress import Progress, no_progress
@@ -37,10 +38,10 @@ def identify(
     given: ByHand,
     progress: Progress = no_progress,
 ) -> tuple[Identification, BrakeFile, list[Path]] | TwoCurrents:
-    """Read the steps, fit, and write the brake file (out) and, into a folder, the figures; all or nothing.
+    """Read the steps, fit, and write the brake file (out) and the figures (a folder), both or neither.
 
-    Steps between two currents alone make neither: what they show is returned. InputError, and nothing written, if a
-    file exists already or the steps do not determine a number.
+    Returns the fit, the brake and the files of the figures; for steps between two currents alone, what they show.
+    InputError, and nothing written, if a file exists already or the steps do not determine a number.
     """
     if out is not None:
         refuse_existing_files([out])
@@ -68,7 +69,7 @@ def identify(
 
 
 def _brake(text: str, where: str) -> BrakeFile:
-    """The brake of a file that was just made; what is strange in it is said of the steps' units (`found.doubtful`)."""
+    """Parse a brake file that was just made, without warnings: `Identification.doubtful` has them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StrangeInput)
         return parse_brake(text, where)
@@ -96,8 +97,8 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
     knee = found.gain.knee
     value["k_5"] = round(k1 * knee + k2 - (k3 * knee + k4) * knee, 9)  # continuous, as rounded
     given = found.keys(GIVEN)
-    how = {"omega_0_rpm": "identified: where the time constants scatter least"}
-    how |= dict.fromkeys(given, GIVEN) | {key: f"assumed: {why}" for key, why in found.assumed.items()}
+    source = {"omega_0_rpm": "identified: where the time constants scatter least"}
+    source |= dict.fromkeys(given, GIVEN) | {key: f"assumed: {why}" for key, why in found.assumed.items()}
     provenance = f"identified from {found.source}: {', '.join(found.keys(IDENTIFIED))}"
     provenance += f"; given: {', '.join(given)}" if given else ""
     provenance += f"; assumed: {', '.join(found.assumed)}" if found.assumed else ""
@@ -110,7 +111,7 @@ def _brake_text(found: Identification, name: str, floor_rpm: float) -> str:
         return f"    {number:16}# {key.partition('.')[2] or key} {rows[key].spread}{why}"
 
     def number(key: str, value: float) -> str:
-        return f"{key} = {value!r}".ljust(24) + f"# {how[key]}"
+        return f"{key} = {value!r}".ljust(24) + f"# {source[key]}"
 
     lines = [
         "# Fitted by phd identify: value +- half-width of its 95 % interval.",
@@ -146,8 +147,8 @@ def with_zero(found: Identification) -> str:
     return ", with the sensor's zero, which steps one way alone do not show" if found.zero is None else ""
 
 
-def summary(found: Identification) -> dict[str, Any]:
-    """Everything that was found, for JSON: numbers with intervals, omega_0, what is assumed, residuals by step."""
+def summary_of_fit(found: Identification) -> dict[str, Any]:
+    """The identification as JSON holds it: numbers with intervals, omega_0, what is assumed, residuals by step."""
     residual = {
         measured.step.key: float(r)
         for fits in found.constants.values()

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
 from core.files import InputError
-from experiments.simulate.scene import read_number_table
+from experiments.simulate.number_table import read_number_table
 
 COLUMNS = ("t_s", "current_from_A", "current_to_A", "speed_rpm", "torque_N_m", "step_index")
 FEWEST_SAMPLES = 20  # of a step, after the current has changed

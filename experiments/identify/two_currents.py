@@ -1,5 +1,4 @@
-"""What steps between the same two currents show, as those of `phd bring-up`: how much torque the larger adds, and how
-soon.
+"""Steps between two currents alone, as those of `phd bring-up`: how much torque the larger current adds, and how soon.
 
 They make no brake: Eq. (2) takes four currents and Eq. (4) three speeds. Our choice: the height of every transient is
 the difference of all steady torques, so that few and noisy steps are enough for Eq. (3); each step has a constant of
@@ -40,7 +39,7 @@ class Number(NamedTuple):
 
 
 class TwoCurrents(NamedTuple):
-    """Everything that such steps show."""
+    """The difference of the steady torques and the time constants, from steps between two currents."""
 
     source: str
     steps: int
@@ -49,6 +48,7 @@ class TwoCurrents(NamedTuple):
 
 
 def has_two_currents(steps: Sequence[Step]) -> bool:
+    """Whether all steps are between the same two currents."""
     return len({current for step in steps for current in (step.current_from, step.current_to)}) == 2
 
 
@@ -67,12 +67,12 @@ def identify_two_currents(steps: Sequence[Step], source: str) -> TwoCurrents:
 
 
 def _turned(step: Step) -> np.ndarray:
-    """The torque as if the shaft had turned forwards."""
+    """The torque (n,), N m, its sign as if the shaft had turned forwards."""
     return math.copysign(1.0, step.speed_rpm) * step.torque
 
 
 def _added(up: Sequence[Step], down: Sequence[Step], name: str) -> Number:
-    """The mean steady torque after the steps up, less that after the steps down: their last quarters."""
+    """The steady torque after steps up less that after steps down, each the mean of the last quarter of a step."""
     after_up, after_down = ([float(_turned(s)[3 * len(s.t) // 4 :].mean()) for s in steps] for steps in (up, down))
     value = float(np.mean(after_up) - np.mean(after_down))
     if min(len(up), len(down)) < 2:
@@ -82,7 +82,7 @@ def _added(up: Sequence[Step], down: Sequence[Step], name: str) -> Number:
 
 
 def _time_constant(steps: Sequence[Step], way: str, height: float) -> Number:
-    """Eq. (3), a step of this height (N m): the a that is nearest to all steps."""
+    """The time constant a of Eq. (3) that fits all steps best, for a change of the torque of this height (N m)."""
     slowest, fastest = (f"{of(abs(step.speed_rpm) for step in steps):.3g}" for of in (min, max))
     name = f"{way}.a at {slowest} rpm" if slowest == fastest else f"{way}.a, {slowest} to {fastest} rpm"
     a, n = _nearest(steps, height), len(steps)
@@ -95,6 +95,8 @@ def _time_constant(steps: Sequence[Step], way: str, height: float) -> Number:
 
 
 def _nearest(steps: Sequence[Step], height: float) -> float:
+    """a (s) of the least squares over all samples."""
+
     def squares(log: float) -> float:
         rest = [_turned(step) + height * np.exp(-step.t * math.exp(-log)) for step in steps]
         return sum(float(np.sum((part - part.mean()) ** 2)) for part in rest)
@@ -105,6 +107,6 @@ def _nearest(steps: Sequence[Step], height: float) -> float:
 
 
 def summary_of(found: TwoCurrents) -> dict[str, Any]:
-    """Everything, as JSON holds it."""
+    """The same as JSON holds it."""
     numbers = [number._asdict() for number in found.numbers]
     return found._asdict() | {"numbers": numbers, "not_seen": NOT_SEEN}

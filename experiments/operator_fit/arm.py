@@ -7,23 +7,17 @@ The brakes switch, and so move the handle in ways that the hand did not choose: 
 slow course is a polynomial in each run. Least squares on samples whitened by the residuals' own autoregression; delays
 by the smallest residual on a grid. What the hand's own noise does through the handle biases them a little:
 `experiments/operator_fit/fit.py` widens the intervals by it. A jerk term takes up a clock of the force that is late.
-
-And the tremor and noise of a hand that holds a handle at rest: what the force does there is no answer to a motion. The
-force of each 0.4 s at rest (with what the arm takes of it), less a cubic (the hand's slow corrections), is normal with
-the covariance of the operator model: noise of share x force behind a low-pass, and a tremor of some rms, frequency and
-width.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
-from scipy.linalg import eigh, qr, toeplitz
-from scipy.optimize import least_squares, minimize
+from scipy.linalg import qr, toeplitz
+from scipy.optimize import least_squares
 
 from core.files import InputError
-from core.tick_log import TICK_S
-from experiments.operator_fit.motions import SAMPLE_S, STRIDE, Motion, kernel
+from experiments.operator_fit.motions import SAMPLE_S, Motion
 from experiments.trial.operator import minimum_jerk
 
 ORDER = 10  # of the autoregression
@@ -43,11 +37,6 @@ ACROSS = (
     "stiffness_across_N_m", "damping_N_s_m", "mass_kg", "felt_gain", "seen_gain_per_s", "felt_delay_s", "seen_delay_s",
 )  # fmt: skip
 CORRELATED = 50  # samples: residuals of a course that are further apart are taken to be independent
-PIECE = 40  # samples
-REST_M_S = 0.002  # our choice: a slower handle rests
-START = {"noise_share": 0.03, "tremor_N": 0.15, "tremor_Hz": 8.0, "tremor_band_Hz": 1.5}
-BOUNDS = np.log([(1e-3, 1.0), (1e-3, 20.0), (3.0, 20.0), (0.1, 10.0)])
-LEAST_PIECES = 10
 
 
 def runs(wanted: np.ndarray) -> np.ndarray:
@@ -64,22 +53,22 @@ class Run(NamedTuple):
     course: np.ndarray  # (n, p) what the slow will may look like
 
 
-class Normal(NamedTuple):
-    """Least squares of each trial, so that any choice of trials is solved at once."""
+class NormalEquations(NamedTuple):
+    """The normal equations of the least squares of each trial: any choice of trials is solved by adding them."""
 
     matrix: np.ndarray  # (trials, q, q)
     vector: np.ndarray  # (trials, q)
     square: np.ndarray  # (trials,)
 
     def solve(self, keep: np.ndarray) -> tuple[np.ndarray, float]:
-        """Numbers (q,) of the trials to keep, and their sum of squared residuals."""
+        """Solve the trials where keep (trials,) is true: the numbers (q,) and the sum of squared residuals."""
         matrix, vector = self.matrix[keep].sum(axis=0), self.vector[keep].sum(axis=0)
         found = np.linalg.solve(matrix, vector)
         return found, float(self.square[keep].sum() - vector @ found)
 
 
-def late(z: np.ndarray, samples: int) -> np.ndarray:
-    """z (n,) of `samples` ago; before the recording, its first value."""
+def delayed(z: np.ndarray, samples: int) -> np.ndarray:
+    """z (n,) delayed by this many samples; at the beginning its first value."""
     return np.concatenate([np.full(samples, z[0]), z[: len(z) - samples]])
 
 
@@ -93,8 +82,8 @@ def across_runs(trials: list[Motion], felt: int, seen: int, least_m: float, fore
     found = []
     for number, trial in enumerate(trials):
         x = trial.x[:, 1]
-        rate = (late(x, felt) - late(x, felt + GLANCE)) / (GLANCE * SAMPLE_S)
-        error = -late(x, seen)
+        rate = (delayed(x, felt) - delayed(x, felt + GLANCE)) / (GLANCE * SAMPLE_S)
+        error = -delayed(x, seen)
         left = np.abs(error) - least_m - foresight_s * rate * np.sign(error)
         wanted = np.where(np.abs(error) > least_m, np.maximum(left, 0.0) * np.sign(error), 0.0)
         still = np.convolve(trial.speed < STALL_M_S, np.ones(AFTER_STALL))[: len(x)] > 0.5
@@ -104,7 +93,7 @@ def across_runs(trials: list[Motion], felt: int, seen: int, least_m: float, fore
             if end - start >= LEAST_RUN:
                 part = slice(start, end)
                 seen_sum = (np.cumsum(wanted[part]) - 0.5 * wanted[part]) * SAMPLE_S
-                columns = -x[part], -trial.v[part, 1], -trial.a[part, 1], -late(x, felt)[part], seen_sum
+                columns = -x[part], -trial.v[part, 1], -trial.a[part, 1], -delayed(x, felt)[part], seen_sum
                 regressors = np.column_stack([*columns, -trial.jerk[part, 1]])
                 degree = 2 + (end - start) // 100
                 found.append(Run(number, regressors, trial.force[part, 1], course(end - start, degree)))
@@ -129,10 +118,10 @@ def along_runs(trials: list[Motion], damping: float, mass: float) -> list[Run]:
     return found
 
 
-def whiten(found: list[Run], trials: int, memory: np.ndarray) -> Normal:
+def whiten(found: list[Run], trials: int, memory: np.ndarray) -> NormalEquations:
     """The normal equations of each trial, of samples less what the autoregression (ORDER,) foresees of them."""
     q = found[0].regressors.shape[1]
-    normal = Normal(np.zeros((trials, q, q)), np.zeros((trials, q)), np.zeros(trials))
+    normal = NormalEquations(np.zeros((trials, q, q)), np.zeros((trials, q)), np.zeros(trials))
     for run in found:
         whole = np.column_stack([run.regressors, run.force, run.course])
         white = whole[ORDER:].copy()
@@ -160,8 +149,8 @@ def memory_of(found: list[Run], numbers: np.ndarray) -> np.ndarray:
     return np.linalg.solve(past.T @ past + floor, past.T @ np.concatenate(now))
 
 
-def fitted(found: list[Run], trials: int) -> tuple[Normal, np.ndarray]:
-    """The normal equations once residuals and autoregression agree, and that autoregression."""
+def fit_whitened(found: list[Run], trials: int) -> tuple[NormalEquations, np.ndarray]:
+    """Fit the autoregression and the numbers, each by the other; the normal equations and the autoregression."""
     memory = np.zeros(ORDER)
     memory[0] = 0.9
     for _ in range(3):
@@ -169,7 +158,7 @@ def fitted(found: list[Run], trials: int) -> tuple[Normal, np.ndarray]:
     return whiten(found, trials, memory), memory
 
 
-def lowest(delays: np.ndarray, squares: list[float], samples: int) -> float:
+def best_delay(delays: np.ndarray, squares: list[float], samples: int) -> float:
     """The delay (samples) at the bottom of a parabola through the least square and its neighbours.
 
     NaN where the likelihood of the best is not SHARP above that of the shortest and the longest: no delay stands out.
@@ -186,22 +175,22 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
 
     base: delays where none is seen, and what is assumed of the seen correction (seen_least_m, foresight_s).
     """
-    keeps = [np.ones(len(trials), bool), *groups]
+    choices = [np.ones(len(trials), bool), *groups]
 
-    def normals(felt: np.ndarray, seen: np.ndarray) -> tuple[list[Normal], int]:
+    def normals(felt: np.ndarray, seen: np.ndarray) -> tuple[list[NormalEquations], int]:
         lists = [across_runs(trials, f, s, base["seen_least_m"], base["foresight_s"]) for f in felt for s in seen]
         if not lists[0]:
             raise InputError("the handle never moved for 0.8 s without a stop, no arm can be fitted")
-        memory = fitted(lists[len(lists) // 2], len(trials))[1]
+        memory = fit_whitened(lists[len(lists) // 2], len(trials))[1]
         return [whiten(runs, len(trials), memory) for runs in lists], sum(len(run.force) for run in lists[0])
 
     def delays(tried: np.ndarray, felt: np.ndarray, seen: np.ndarray) -> list[float]:
         of_each, samples = normals(felt, seen)
-        return [lowest(tried, [normal.solve(keep)[1] for normal in of_each], samples) for keep in keeps]
+        return [best_delay(tried, [normal.solve(keep)[1] for normal in of_each], samples) for keep in choices]
 
     def numbers(felt: int, seen: int) -> np.ndarray:
         normal = normals(np.array([felt]), np.array([seen]))[0][0]
-        solved = np.array([normal.solve(keep)[0] for keep in keeps])
+        solved = np.array([normal.solve(keep)[0] for keep in choices])
         return np.column_stack([solved[:, :3], solved[:, 3:5] / solved[:, :1]])
 
     usual_felt, usual_seen = (round(base[key] / SAMPLE_S) for key in ("felt_delay_s", "seen_delay_s"))
@@ -214,7 +203,7 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
         felt = usual_felt if np.isnan(felt_s[0]) else round(felt_s[0])
         found = numbers(felt, seen)
         if not found[0, 3] > half_width(found[1:, 3]):  # no felt correction stands out, and so no delay of it
-            felt, felt_s = usual_felt, [np.nan] * len(keeps)
+            felt, felt_s = usual_felt, [np.nan] * len(choices)
             found = numbers(felt, seen)
         if felt == before:
             break
@@ -222,21 +211,23 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
 
 
 def half_width(without: np.ndarray) -> float:
-    """Of the 95 % interval of a number, from the numbers (g,) without each of g groups of trials ("jackknife")."""
+    """Half-width of the 95 % interval of a number, from the numbers (g,) without each of g groups ("jackknife")."""
     g = len(without)
     return float(stats.t.ppf(0.975, g - 1) * np.sqrt((g - 1) / g * np.sum((without - without.mean()) ** 2)))
 
 
 def fit_along(trials: list[Motion], damping: float, mass: float, groups: list[np.ndarray]) -> np.ndarray:
     """Stiffness along the path (1 + g,), N/m, from all trials, and without each group of them."""
-    normal, _ = fitted(along_runs(trials, damping, mass), len(trials))
+    normal, _ = fit_whitened(along_runs(trials, damping, mass), len(trials))
     return np.array([normal.solve(keep)[0][0] for keep in (np.ones(len(trials), bool), *groups)])
 
 
 def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float) -> np.ndarray:
-    """Reaction and movement time, s, and the variance of the first, s^2 (m, 3), of each trial whose handle kept moving:
-    a minimum-jerk course through the virtual hand that the arm's force shows, before it reacts and from 15 to 90 % of
-    the way (in between a handle that stands makes people push harder)."""
+    """Reaction time (s), movement time (s) and variance of the first (s^2) of each trial without a stall, (m, 3).
+
+    By a minimum-jerk course through the virtual hand that the arm's force shows, before it reacts and from 15 to 90 %
+    of the way (in between a handle that stands makes people push harder).
+    """
     found = []
     for trial in trials:
         x, length = trial.x[trial.moving, 0], trial.length
@@ -261,71 +252,3 @@ def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float
         near = toeplitz(np.maximum(1.0 - np.arange(len(fit.fun)) / CORRELATED, 0.0))  # Newey and West
         found.append([*fit.x[1:], (pull @ near @ pull.T)[1, 1]])
     return np.array(found).reshape(-1, 3)
-
-
-def pieces_at_rest(trials: list[Motion], arm: dict[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of pieces at rest before the movement: the hand's own force (s, PIECE, 2) and its level (s,), N; trial (s,)."""
-    pieces, levels, owners = [], [], []
-    stiffness = np.array([arm["stiffness_along_N_m"], arm["stiffness_across_N_m"]])
-    for number, trial in enumerate(trials):
-        own = trial.force + stiffness * trial.x + arm["damping_N_s_m"] * trial.v + arm["mass_kg"] * trial.a
-        rests = trial.waiting & (trial.speed < REST_M_S)
-        for start, end in runs(rests):
-            for i in range(start, end - PIECE + 1, PIECE):
-                pieces.append(own[i : i + PIECE])
-                levels.append(np.hypot(*trial.force[i : i + PIECE].mean(axis=0)))
-                owners.append(number)
-    return np.array(pieces), np.array(levels), np.array(owners)
-
-
-def covariance(lags: np.ndarray) -> np.ndarray:
-    """Covariance (PIECE, PIECE) of smoothed samples of what has the autocovariance `lags` from tick to tick."""
-    weights = np.correlate(kernel(), kernel(), "full")
-    reach = len(weights) // 2
-    apart = STRIDE * np.arange(PIECE)[:, None] + np.arange(-reach, reach + 1)[None, :]
-    return toeplitz(lags[np.abs(apart)] @ weights)
-
-
-def resonance(frequency: float, width: float, n: int) -> np.ndarray:
-    """Autocovariance (n,) of the operator's tremor at unit variance: x = 2 r cos(w) x_1 - r^2 x_2 + draw."""
-    radius, angle = np.exp(-np.pi * width * TICK_S), 2.0 * np.pi * frequency * TICK_S
-    first = 2.0 * radius * np.cos(angle) / (1.0 + radius**2)
-    k = np.arange(n)
-    return radius**k * (np.cos(angle * k) + (first / radius - np.cos(angle)) / np.sin(angle) * np.sin(angle * k))
-
-
-def fit_unrest(trials: list[Motion], arm: dict[str, float], corner_Hz: float) -> dict[str, tuple[float, float]]:
-    """Name -> number and the standard error of its logarithm, by likelihood; the errors by its curvature and the
-    scatter from trial to trial ("sandwich"). Empty where the hand hardly rested. corner_Hz: of the noise, which these
-    pieces do not show.
-    """
-    force, levels, owners = pieces_at_rest(trials, arm)
-    if len(force) < LEAST_PIECES:
-        return {}
-    cubic = np.vander(np.linspace(-1.0, 1.0, PIECE), 4)
-    free = qr(cubic)[0][:, 4:]
-    rest = np.einsum("nk,sna->sak", free, force)
-    n = STRIDE * PIECE + len(kernel())
-    noise = free.T @ covariance(np.exp(-2.0 * np.pi * corner_Hz * TICK_S * np.arange(n))) @ free
-
-    def unlikely(logs: np.ndarray) -> np.ndarray:
-        """Minus the logarithm of the likelihood of each piece (s,)."""
-        share, rms, frequency, width = np.exp(np.clip(logs, *BOUNDS.T))
-        tremor = free.T @ covariance(resonance(frequency, width, n)) @ free
-        ratio, turn = eigh(noise, tremor)
-        variance = (share * levels[:, None, None]) ** 2 * ratio + rms**2
-        outside = np.sum((logs - np.clip(logs, *BOUNDS.T)) ** 2)
-        likelihood = 0.5 * np.sum(np.log(variance) + (rest @ turn) ** 2 / variance, axis=(1, 2))
-        return likelihood + np.linalg.slogdet(tremor)[1] + outside
-
-    start = np.log(list(START.values()))
-    near = {"xatol": 1e-3, "fatol": 1e-2}
-    best = minimize(lambda p: np.sum(unlikely(p)), start, method="Nelder-Mead", options=near).x
-    step = 0.02 * np.eye(len(best))
-    scores = np.array([unlikely(best + h) - unlikely(best - h) for h in step]).T / 0.04  # (s, 4)
-    by_trial = np.array([scores[owners == trial].sum(axis=0) for trial in np.unique(owners)])
-    bend = np.array([[np.sum(unlikely(best + g + h) - unlikely(best + g - h) - unlikely(best - g + h)
-                             + unlikely(best - g - h)) for h in step] for g in step]) / 0.04**2  # fmt: skip
-    inverse = np.linalg.pinv(bend)
-    errors = np.sqrt(np.diag(inverse @ by_trial.T @ by_trial @ inverse))
-    return {name: (float(np.exp(log)), float(error)) for name, log, error in zip(START, best, errors, strict=True)}

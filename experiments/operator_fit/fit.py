@@ -14,8 +14,9 @@ from scipy import stats
 
 from core.files import InputError
 from experiments.numbers import significant
-from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, fit_unrest, half_width
+from experiments.operator_fit.arm import ACROSS, fit_across, fit_along, fit_pace, half_width
 from experiments.operator_fit.motions import LEAST_TRIALS, Motion, read_motions
+from experiments.operator_fit.unrest import fit_unrest
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.trial.operator import Person
@@ -78,8 +79,10 @@ class Fitted(NamedTuple):
 def fit_operator(
     folder: Path, participant: str | None, out: Path | None, like: Population, progress: Progress = no_progress
 ) -> list[Fitted]:  # fmt: skip
-    """Every person of a session or study folder, or one; written to `out` where it is given. InputError: as of
-    `read_motions`, or the trials do not determine an arm."""
+    """Fit every person of a session or study folder, or one; write the population file where `out` is given.
+
+    InputError as `read_motions`, or where the trials do not determine an arm.
+    """
     if out is not None:
         refuse_existing_files([out])
     found = []
@@ -98,7 +101,7 @@ def fit_operator(
 
 
 def fit_person(label: str, trials: list[Motion], like: Population) -> Fitted:
-    """One person. like: the numbers that the fit takes for granted, in the middle of what this population has."""
+    """Fit one person. like: the population whose medians stand for what the fit takes for granted."""
     base = {key: spread.quantile(0.5, LIMITS[key]) for key, spread in like.spreads.items()}
     groups = [np.arange(len(trials)) % GROUPS != g for g in range(min(GROUPS, len(trials)))]
     across = dict(zip(ACROSS, fit_across(trials, base, groups).T, strict=True))
@@ -108,14 +111,14 @@ def fit_person(label: str, trials: list[Motion], like: Population) -> Fitted:
     arm = {key: float(own[0]) for key, own in samples.items()}
     if not min(arm["stiffness_along_N_m"], arm["stiffness_across_N_m"], damping, mass) > 0.0:
         raise InputError("force and motion are not those of an arm: its stiffness, damping or mass would be negative")
-    found = {key: around(own[0], half_width(own[1:])) for key, own in samples.items() if not np.isnan(own).any()}
+    found = {key: with_interval(own[0], half_width(own[1:])) for key, own in samples.items() if not np.isnan(own).any()}
     pace = fit_pace(trials, along[0], damping, mass)
     if len(pace) >= LEAST_TRIALS:
         half = stats.t.ppf(0.975, len(pace) - 1) * stats.sem(pace)
-        found["reaction_s"], found["movement_s"] = (around(pace[:, i].mean(), half[i]) for i in (0, 1))
+        found["reaction_s"], found["movement_s"] = (with_interval(pace[:, i].mean(), half[i]) for i in (0, 1))
         found["reaction_spread_s"] = spread_of(pace[:, 0], COURSE_ERROR * float(pace[:, 2].mean()))
     for key, (value, log_error) in fit_unrest(trials, arm, base["noise_corner_Hz"]).items():
-        found[key] = around(value, value * (np.exp(1.96 * log_error) - 1.0))
+        found[key] = with_interval(value, value * (np.exp(1.96 * log_error) - 1.0))
     numbers = []
     for key, (rests_on, share, flat) in RESTS_ON.items():
         if key in found:
@@ -125,14 +128,16 @@ def fit_person(label: str, trials: list[Motion], like: Population) -> Fitted:
     return Fitted(label, len(trials), numbers)
 
 
-def around(value: float, half: float) -> tuple[float, float, float]:
+def with_interval(value: float, half: float) -> tuple[float, float, float]:
     """A number with its interval, from the half-width."""
     return value, value - half, value + half
 
 
 def spread_of(values: np.ndarray, error: float) -> tuple[float, float, float]:
-    """Standard deviation of normal numbers with its 95 % interval, from values (n,) that each have an error of this
-    variance besides: the variance of the values is a multiple of chi-squared, and the error's is taken off it."""
+    """Standard deviation of normal numbers with its 95 % interval; error: the variance that each value (n,) adds.
+
+    The variance of the values is a multiple of chi-squared; the error's is taken off.
+    """
     freedom = len(values) - 1
     square = np.var(values, ddof=1)
     bounds = (square * freedom / stats.chi2.ppf(share, freedom) for share in (0.975, 0.025))

@@ -56,7 +56,7 @@ class Motion(NamedTuple):
 
 
 def read_motions(folder: Path, participant: str | None = None) -> dict[str, list[Motion]]:
-    """Participant -> the trials that reached the end of a straight path; one participant's, or of all in the folder.
+    """Participant -> the trials that reached the end of a straight path, of one participant or all in the folder.
 
     InputError: no such trial or too few, a damaged recording, or a hand that no force sensor felt.
     """
@@ -108,8 +108,10 @@ def motion_of(recording: Recording, way: Segment) -> Motion:
 
 
 def mean(z: np.ndarray) -> np.ndarray:
-    """Mean over STRIDE ticks, (n - STRIDE, 2). Three means, or slopes in place of some, smooth everything alike, so
-    that what holds of force and motion holds of the smoothed ones too."""
+    """Mean over STRIDE ticks, (n - STRIDE, 2).
+
+    Three means, or slopes in place of some, smooth force and motion alike, so that what relates them still does.
+    """
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (z[1:] + z[:-1]), axis=0)])
     return (total[STRIDE:] - total[:-STRIDE]) / STRIDE
 

@@ -22,18 +22,25 @@ from experiments.paper_figures.brake import (
     draw_torque_gain,
 )
 from experiments.paper_figures.control import draw_five_forces, draw_sdof_choice, draw_velocity_field
-from experiments.paper_figures.directions import UNACHIEVABLE, draw_displays, draw_sketch
+from experiments.paper_figures.directions import UNACHIEVABLE, draw_sketch
+from experiments.paper_figures.displays import draw_displays
 from experiments.paper_figures.maps import MAPS, draw_map
-from experiments.paper_figures.motion import draw_passive_master, draw_releases, draw_stopping
+from experiments.paper_figures.passive_master import draw_passive_master
 from experiments.paper_figures.scooter import draw_scooter
+from experiments.paper_figures.spring_release import draw_releases
+from experiments.paper_figures.stopping import draw_stopping
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
 FORMS = ("png", "pdf")
-#: The paper's number of a device's SDOF paths; another device's are of both.
+#: Device -> the number of its SDOF paths in the paper; those of other devices are named after both figures.
 SDOF_FIGURE = {"three-brake": "fig04", "four-brake": "fig05"}
-#: Of each brake.
+SDOF_PATHS = "paths with one brake locked"
+RELEASES = "spring release from rest, each brake locked in turn and none"
+PASSIVE_MASTER = "a delayed slave's force shown by brakes, and by a motor"
+STOPPING = "how far the handle comes once the guard of obstacles locks"
+#: Of each brake: name of the file, what it shows, and the function that draws it.
 BRAKE_FIGURES = (
     ("fig06_torque_gain", "torque over current, Eq. (2)", draw_torque_gain),
     ("fig07-08_time_constants", "time constants over current and speed, Eq. (4)", draw_time_constants),
@@ -65,40 +72,34 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     endings = [f"_{slug}" for slug in _slugs(brake.name for brake in brakes)] if len(brakes) > 1 else [""]
     most_brakes = max(devices, key=lambda device: len(device.braked))
     everywhere = f"directions of force out of reach over the workspace: {', '.join(names)}"
-    chooses = f"how SDOF control chooses a brake: {most_brakes.name}"
-    five = "how proportional control chooses a brake, the five forces of Eq. (14)"
+    selection = f"how SDOF control chooses a brake: {most_brakes.name}"
+    five_forces = "how proportional control chooses a brake, the five forces of Eq. (14)"
 
     def of_each_device(figure: str, shows: str, draw: Callable[[Device], Figure]) -> list[Picture]:
-        of_devices = zip(devices, _slugs(names), strict=True)
         return [
-            Picture(f"{figure}_{end}", f"{shows}: {device.name}", partial(draw, device)) for device, end in of_devices
+            Picture(f"{figure}_{slug}", f"{shows}: {device.name}", partial(draw, device))
+            for device, slug in zip(devices, _slugs(names), strict=True)
         ]
 
-    locked = of_each_device("sdof_paths", "paths with one brake locked", draw_sdof_paths)
-    released = "spring release from rest, each brake locked in turn and none"
-    master = "a delayed slave's force shown by brakes, and by a motor"
-    stops = "how far the handle comes once the guard of obstacles locks"
-    return [
+    figures = [
         Picture("fig01_unachievable_directions", "directions of force out of reach, the sketch", draw_sketch),
         Picture("fig01_unachievable_directions_workspace", everywhere, partial(draw_map, UNACHIEVABLE, devices)),
         Picture("displays", "the shipped displays compared, all with the same brake", draw_displays),
-        *(
-            picture._replace(name=f"{SDOF_FIGURE.get(name, 'fig04-05')}_{picture.name}")
-            for name, picture in zip(names, locked, strict=True)
-        ),
-        *(
-            Picture(name + ending, f"{shows}: {brake.name}", partial(draw, brake))
-            for name, shows, draw in BRAKE_FIGURES
-            for brake, ending in zip(brakes, endings, strict=True)
-        ),
-        *of_each_device("fig11_spring_release", released, draw_releases),
-        Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
-        Picture("fig13_sdof_selection", chooses, partial(draw_sdof_choice, most_brakes)),
-        Picture("fig14_proportional_selection", five, draw_five_forces),
-        *of_each_device("passive_master", master, draw_passive_master),
-        *of_each_device("stopping_distance", stops, draw_stopping),
-        Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter),
     ]
+    for picture, name in zip(of_each_device("sdof_paths", SDOF_PATHS, draw_sdof_paths), names, strict=True):
+        figures.append(picture._replace(name=f"{SDOF_FIGURE.get(name, 'fig04-05')}_{picture.name}"))
+    for figure, shows, draw in BRAKE_FIGURES:
+        for brake, ending in zip(brakes, endings, strict=True):
+            figures.append(Picture(figure + ending, f"{shows}: {brake.name}", partial(draw, brake)))
+    figures += of_each_device("fig11_spring_release", RELEASES, draw_releases)
+    figures += [
+        Picture("fig12_velocity_field", "desired directions around the path y = 40 cm", draw_velocity_field),
+        Picture("fig13_sdof_selection", selection, partial(draw_sdof_choice, most_brakes)),
+        Picture("fig14_proportional_selection", five_forces, draw_five_forces),
+    ]
+    figures += of_each_device("passive_master", PASSIVE_MASTER, draw_passive_master)
+    figures += of_each_device("stopping_distance", STOPPING, draw_stopping)
+    return [*figures, Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter)]
 
 
 def pictures_of_map(which: str, devices: Sequence[Device]) -> list[Picture]:

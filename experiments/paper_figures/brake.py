@@ -43,7 +43,7 @@ WHITE = {"boxstyle": "square,pad=0.2", "facecolor": "white", "edgecolor": "none"
 
 
 class Brake(NamedTuple):
-    """One brake to draw: its file, and as the kernels read it, at joint A."""
+    """A brake to draw: its file, and its record for the kernels, where it stands at joint A."""
 
     file: BrakeFile
     record: np.record
@@ -83,7 +83,7 @@ def brakes_of(devices: Iterable[Device]) -> list[Brake]:
 
 
 def parameters_of(*sources: Device | Brake) -> str:
-    """A sentence or two: whose numbers these are, and whether they are assumed."""
+    """One or two sentences for the small print: whose parameters are drawn, and which of them are assumed."""
     assumed = ", ".join(source.name for source in sources if source.assumed)
     others = ", ".join(source.name for source in sources if not source.assumed)
     sentences = (f"Assumed parameters: {assumed}." if assumed else "", f"Parameters of {others}." if others else "")
@@ -249,7 +249,7 @@ def torque_with_play(brake: Brake, angles: Array, current: float) -> Array:
 
 
 def torque_as_worded(brake: Brake, angles: Array, current: float, step: float) -> Array:
-    """The same by the paper's wording: the signed torque lags, Eq. (1), and its gain drops while in the backlash.
+    """Torque (n,), N m, by the paper's wording: the signed torque lags, Eq. (1), its gain drops in the backlash.
 
     When the torque crosses zero, boundaries one backlash to either side of the joint are set and the gain is k_2
     against the motion until the joint crosses one. step: s between the angles.

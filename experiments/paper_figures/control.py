@@ -78,7 +78,7 @@ def draw_velocity_field() -> Figure:
 
 
 class SdofChoice(NamedTuple):
-    """A tip beside a path, and what SDOF control makes of it."""
+    """A tip beside a path, and the brake that SDOF control chooses there."""
 
     tip: tuple[float, float]  # m
     alpha: float  # rad, direction of the path
@@ -89,7 +89,7 @@ class SdofChoice(NamedTuple):
 
 
 def sdof_choice(device: Device, tip: tuple[float, float], alpha: float, distance: float) -> SdofChoice:
-    """The choice for a tip (m) at a signed distance (m, left positive) from a path in direction alpha (rad)."""
+    """The choice for a tip (m) at a signed distance (m, left positive) from a line of direction alpha (rad)."""
     t = math.cos(alpha), math.sin(alpha)
     foot = tip[0] + distance * t[1], tip[1] - distance * t[0]
     path = line(foot, (foot[0] + 0.1 * t[0], foot[1] + 0.1 * t[1]))
@@ -104,7 +104,7 @@ def sdof_choice(device: Device, tip: tuple[float, float], alpha: float, distance
 
 
 def clearest_choice(device: Device) -> SdofChoice:
-    """Of a set of tips and paths the one that is best to read: two valid brakes if it can be, lines well apart."""
+    """The clearest choice among some tips and paths: if possible two valid brakes, and lines well apart."""
     workspace = workspace_of(device.mechanism)
     shifts = itertools.product((-0.08, -0.05, -0.02, 0.0, 0.02, 0.05, 0.08), (-0.06, -0.03, 0.0))
     tips = [(workspace.home[0] + dx, workspace.home[1] + dy) for dx, dy in shifts]
@@ -132,12 +132,12 @@ def _polar(radius: float, angle: float) -> tuple[float, float]:
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-def _beside(axes: Axes, text: str, at: Place, colour: str = TEXT, **more: Any) -> None:
-    axes.text(at[0], at[1], text, ha="center", va="center", color=colour, **more)
+def _beside(axes: Axes, text: str, place: Place, colour: str = TEXT, **more: Any) -> None:
+    axes.text(place[0], place[1], text, ha="center", va="center", color=colour, **more)
 
 
 def _schematic(text: str, height_in: float, words: str) -> tuple[Figure, Axes]:
-    """A sheet with one drawing without scales."""
+    """A sheet with one drawing, without scales; words: its title."""
     figure, [[axes]] = sheet(text, (PAGE_IN, height_in), (0.1, 0.1, 0.1, 0.4))
     title(axes, words)
     axes.set_aspect("equal")

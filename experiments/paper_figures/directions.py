@@ -6,14 +6,10 @@ that span. No passive device does better than 180 degrees. Of n force lines (who
 d_k of 180 degrees in all) a velocity leaves the span without one gap: it is 180 degrees + d_k, and of all directions
 of velocity a share d_k / 180 degrees meets that gap. A gap between force lines is also the angle between neighbouring
 SDOF paths.
-
-What that argues, as numbers: the shipped displays side by side, all with the same brake. Fewer or less evenly spread
-force lines leave wider gaps between them, so a full lock holds less, and SDOF control finds no valid brake more often.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,14 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
-from core import tick_log
-from core.device import Device, build_device, load_device, shipped_devices
+from core.device import Device
 from core.mechanism import JOINTS, Mechanism
-from core.path import build_path, point_at
-from core.simulator.simulated_device import SimulatedDevice
-from core.tick_log import TICK_S
-from core.workspace import Array, brake_rows, held_in_any_direction
-from experiments.analysis.metrics import trial_metrics
+from core.workspace import Array, brake_rows
 from experiments.analysis.sheet import (
     BLUE,
     MIDDLE,
@@ -38,18 +29,10 @@ from experiments.analysis.sheet import (
     TEXT,
     TITLE,
     arrow,
-    plain,
     sheet,
     title,
 )
-from experiments.numbers import fixed
-from experiments.paper_figures.brake import WHITE
 from experiments.paper_figures.maps import Map
-from experiments.plan import PlannedTrial
-from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
-from experiments.recording.schema import recording_of
-from experiments.trial.population import load_population
-from experiments.trial.trial import Conditions, SimulatedTrial
 
 HALF_TURN = math.pi
 
@@ -66,15 +49,14 @@ def worst_unachievable(lines: npt.ArrayLike) -> Array:
 
 
 def mean_unachievable(lines: npt.ArrayLike) -> Array:
-    """The same, mean over all directions of velocity."""
+    """Range (...) of unachievable force directions, rad, averaged over all directions of velocity."""
     return HALF_TURN + (gaps(lines) ** 2).sum(axis=-1) / HALF_TURN
 
 
 def achievable_span(lines: Sequence[float], velocity: float) -> tuple[float, float]:
-    """The outermost force directions (low, high), rad, for a velocity in a direction (rad), seen from its opposite."""
-    away = [math.remainder(line - velocity - HALF_TURN, 2.0 * HALF_TURN) for line in lines]
-    away = [a if abs(a) <= 0.5 * HALF_TURN else a - math.copysign(HALF_TURN, a) for a in away]
-    return min(away), max(away)
+    """The outermost force directions (low, high), rad, measured from the opposite of a velocity's direction (rad)."""
+    angles = [math.remainder(line - velocity, HALF_TURN) for line in lines]  # a line has two ends: the nearer one
+    return min(angles), max(angles)
 
 
 def force_lines(mechanism: Mechanism, braked: str, x: Array, y: Array) -> Array:
@@ -133,95 +115,3 @@ UNACHIEVABLE = Map(
     np.arange(220.0, 321.0, 10.0),
     "cividis_r",
 )
-
-
-# ------------------------------------------------------------------------------------------------ the displays compared
-
-BRAKE = "mrb-2107-3"  # the paper's, on every display
-PEOPLE, REPETITIONS = 3, 3  # as in the paper
-SPACING_M = 0.002  # between the places of a segment
-LONGEST_TRIAL_S = 62.0  # with the times out of the paper's protocol
-
-
-class Display(NamedTuple):
-    """One display in numbers: (n,) places of the segments, (m,) trials."""
-
-    device: Device
-    widest_gap: Array  # (n,) rad, between neighbouring force lines
-    holds: Array  # (n,) N, what a full lock holds in any direction
-    path_error: Array  # (m,) m, under SDOF control
-    unreachable: Array  # (m,) share of the ticks in which SDOF control had no valid brake
-
-
-def displays() -> list[Device]:
-    """The shipped devices, fewest brakes first, each with `BRAKE` wherever it has a brake."""
-    text = load_device("three-brake").brake_texts[BRAKE]
-    found = [load_device(name) for name in shipped_devices()]
-    found = [build_device(device.text, dict.fromkeys(device.brake_texts, text), device.name) for device in found]
-    return sorted(found, key=lambda device: (len(device.braked), device.name))
-
-
-def measure_display(device: Device, protocol: Protocol) -> Display:
-    """A display along the protocol's paths, and in the hands of the same people as any other."""
-    paths = [build_path(path, "path") for path in protocol.paths.values()]
-    places = np.array([point_at(path, s)[:2] for path in paths for s in np.arange(0.0, path.length, SPACING_M)])
-    rows = brake_rows(device.mechanism, *places.T)[device.brakes.present > 0.0]
-    brake = next(iter(device.brake_files.values()))
-    torque = np.full(len(rows), brake.torque_gain(brake.current_max_A))
-    lines = force_lines(device.mechanism, device.braked, *places.T)
-    found = [trial for number in range(PEOPLE) for trial in sdof_trials(device, protocol, number)]
-    return Display(device, gaps(lines).max(axis=-1), held_in_any_direction(rows, torque), *np.array(found).T)
-
-
-def sdof_trials(device: Device, protocol: Protocol, number: int) -> Iterator[tuple[float, float]]:
-    """Path error (m) and unreachable share of each trial of a simulated operator under SDOF control."""
-    preset = next(preset for preset in protocol.controllers.values() if preset.kind == "sdof")
-    person = load_population().draw(np.random.default_rng(np.random.SeedSequence([protocol.seed, number])))
-    rows = np.empty((round(LONGEST_TRIAL_S / TICK_S), tick_log.WIDTH))
-    simulation = SimulatedDevice(device, middle_of_first(protocol.paths))
-    for repetition in range(REPETITIONS):
-        for segment, path in protocol.paths.items():
-            key = [protocol.seed, number, segment, repetition]  # the same noise on every display
-            generator = np.random.default_rng(np.random.SeedSequence(key))
-            planned = PlannedTrial(1, 1, device.name, 1, segment, repetition)
-            trial = SimulatedTrial(
-                simulation, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, generator
-            )
-            metrics = trial_metrics(recording_of(rows[: trial.run(rows)], device.braked), trial.path)
-            yield metrics["path_error_m"] or math.nan, metrics["unreachable_share"] or 0.0
-
-
-def draw_displays() -> Figure:
-    """The comparison: a row for each display."""
-    protocol = load_protocol(PAPER)
-    found = [measure_display(device, protocol) for device in displays()]
-    text = (
-        f"Assumed parameters: every device, the brake {BRAKE} on all of them, the two segments, the simulated "
-        f"operators ({PEOPLE} people, {REPETITIONS} trials on each segment, SDOF without gap, {protocol.rules} rules). "
-        "Left: range along the segments, worst value as text. Right: each trial a circle, median (path error) or mean "
-        "(share of ticks with a felt hand and no valid brake) as text."
-    )
-    size = PAGE_IN, 1.8 + 0.5 * len(found)
-    figure, [axes] = sheet(text, size, (1.0, 0.15, 0.5, 0.55), (1, 4), between_in=(0.2, 0.0))
-    panels: tuple[tuple[str, str, list[np.ndarray], Callable[[np.ndarray], float]], ...] = (
-        ("Widest gap\nof force lines", "°", [np.degrees(display.widest_gap) for display in found], np.max),
-        ("A full lock\nholds", "N", [display.holds for display in found], np.min),
-        ("SDOF\npath error", "mm", [1e3 * display.path_error for display in found], np.median),
-        ("SDOF,\nno valid brake", "%", [1e2 * display.unreachable for display in found], np.mean),
-    )
-    for place, (panel, (words, unit, values, one_number)) in enumerate(zip(axes, panels, strict=True)):
-        plain(panel)
-        title(panel, words)
-        for row, series in enumerate(values):
-            if place < 2:
-                panel.plot([series.min(), series.max()], [row, row], "-|", color=BLUE, linewidth=2.0, markersize=9)
-            else:
-                panel.plot(series, np.full(len(series), row), "o", color=BLUE, markersize=4, alpha=0.5, mew=0.0)
-            number = fixed(one_number(series), 1 if unit in ("mm", "%") else 0)
-            shown = f"{number}°" if unit == "°" else f"{number} {unit}"
-            beside = panel.get_yaxis_transform()
-            panel.text(1.0, row + 0.4, shown, transform=beside, ha="right", va="center", bbox=WHITE)
-        panel.set(ylim=(len(found) - 0.35, -0.5), xlabel=unit, xlim=(0.0, 1.1 * max(series.max() for series in values)))
-        names = [display.device.name for display in found] if place == 0 else []
-        panel.set_yticks(range(len(found)), names or [""] * len(found))
-    return figure

@@ -25,7 +25,7 @@ LENGTHS = (("L_AE_m", "L_BC_m"), ("L_ED_m", "L_CD_m"))
 
 
 def mean_least_force(device: Device, scales: np.ndarray) -> float:
-    """What is to be largest, N, with these scales of the lengths of a device."""
+    """The number, N, that is maximised, for scales (3,) of base distance, proximal and distal links."""
     scaled = replace(device, mechanism=_scaled(device.mechanism, scales))
     free = tip_is_free(scaled.mechanism, *TIPS)
     worst = np.where(free, worst_across(pushes_of(scaled, *TIPS)), 0.0)

@@ -52,15 +52,14 @@ class Map(NamedTuple):
     unit: str
     text: str
     kinds: tuple[str, str]  # of the two
-    of: Callable[[Device, Array, Array], tuple[Array, Array]]  # at x and y, m
+    values: Callable[[Device, Array, Array], tuple[Array, Array]]  # at x and y, m
     levels: Array | None = None  # of the common scale; None: by the values
     colours: str = "cividis"
 
 
 def pushes_of(device: Device, x: Array, y: Array, as_acceleration: bool = False) -> Pushes:
     """The brakes of a device at tips (m)."""
-    there = device.brakes.present > 0.0
-    rows = brake_rows(device.mechanism, x, y)[there]
+    rows = brake_rows(device.mechanism, x, y)[device.brakes.present > 0.0]
     files = [device.brake_files[joint] for joint in device.braked]
     low = np.array([brake.torque_gain(0.0) for brake in files])
     high = np.array([brake.torque_gain(brake.current_max_A) for brake in files])
@@ -75,9 +74,9 @@ def pushes_of(device: Device, x: Array, y: Array, as_acceleration: bool = False)
 
 
 def least_across(pushes: Pushes, direction: Array, senses: Array | None = None) -> Array:
-    """What the brakes have at least to each side of a motion in a direction (2, ...), whose length does not count.
+    """The most (...) that the brakes can show across a motion in a direction (2, ...), on the side where it is less.
 
-    senses (n, ...) of the joints; None: those that the motion gives.
+    Only the direction counts, not its length. senses (n, ...): in which each joint turns; None: as the motion has it.
     """
     unit = direction / np.hypot(direction[0], direction[1])
     if senses is None:
@@ -90,19 +89,19 @@ def least_across(pushes: Pushes, direction: Array, senses: Array | None = None) 
 
 
 def worst_across(pushes: Pushes) -> Array:
-    """The least of `least_across` over all directions of motion, exactly."""
-    found = [least_across(pushes, pull) for pull in pushes.pull]
+    """The minimum (...) of `least_across` over all directions of motion, exactly."""
+    values = [least_across(pushes, pull) for pull in pushes.pull]
     for k, row in enumerate(pushes.rows):
         along = np.array([-row[1], row[0]])  # joint k stands still: just before, and just after
         senses = np.sign(np.einsum("ki...,i...->k...", pushes.rows, along))
         for sense in (-1.0, 1.0):
             senses[k] = sense
-            found.append(least_across(pushes, along, senses))
-    return np.asarray(np.min(found, axis=0))
+            values.append(least_across(pushes, along, senses))
+    return np.asarray(np.min(values, axis=0))
 
 
 def mean_across(pushes: Pushes) -> Array:
-    """The mean of `least_across` over the directions of motion."""
+    """The mean (...) of `least_across` over the directions of motion."""
     total = np.zeros(pushes.rows.shape[2:])
     for angle in math.pi * np.arange(DIRECTIONS) / DIRECTIONS:
         c, s = math.cos(angle), math.sin(angle)
@@ -138,7 +137,7 @@ def draw_map(shown: Map, devices: Sequence[Device]) -> Figure:
     text = f"{parameters_of(*devices)} {shown.text} Grey: the limit set by the hard stops."
     workspaces = [workspace_of(device.mechanism) for device in devices]
     values = [
-        shown.of(device, *np.meshgrid(workspace.x, workspace.y))
+        shown.values(device, *np.meshgrid(workspace.x, workspace.y))
         for device, workspace in zip(devices, workspaces, strict=True)
     ]
     width, margins, between, rows = PAGE_IN, (0.6, 1.0, 0.5, 0.4), (0.3, 0.85), len(devices)

@@ -23,7 +23,7 @@ EAST = line((0.0, 0.0), (2.0, 0.0))
 
 
 def scenes() -> dict[str, CobotScene]:
-    """The three, by their titles."""
+    """The three scenes by their titles."""
     cobot = load_cobot("scooter", COBOT_FOLDER, "scooter")
     rows = round(SECONDS / STEP_S) + 1
     wall, aslant = np.array([0.0, WALL_Y_M, 0.0, -1.0]), (0.0, 0.15, 0.6)
@@ -41,7 +41,7 @@ def scenes() -> dict[str, CobotScene]:
 
 
 def draw_scooter() -> Figure:
-    """Draw the path of the body, its castors as strokes, the hand's force as an arrow."""
+    """Draw the path of the body, its castors as strokes, and the hand's force as an arrow, in all three scenes."""
     cobot = next(iter(scenes().values())).cobot
     text = (
         f"Assumed parameters: {cobot.name} ({cobot.mass_kg:g} kg, {cobot.inertia_kg_m2:g} kg m², servos of at most "

@@ -76,7 +76,7 @@ def room(mechanism: Mechanism, side: float, x: Array, y: Array) -> Array:
 
 
 def workspace_of(mechanism: Mechanism) -> Workspace:
-    """The workspace on a grid."""
+    """The workspace of a mechanism, on a grid of `GRID` by `GRID` tips."""
     tips = free_tips(mechanism)
     between = sines(mechanism, *tips.T)[2]
     side = 1.0 if np.count_nonzero(between > 0.0) * 2 >= len(tips) else -1.0
@@ -105,14 +105,14 @@ def sdof_path(workspace: Workspace, joint: str, angle: float) -> Array:
     if joint in "AB":
         cx, cy = cx + arm.length_1 * math.cos(angle), cy + arm.length_1 * math.sin(angle)
     else:
-        one, two = arm.length_1, arm.length_2
-        radius = math.sqrt(one * one + two * two + 2.0 * one * two * math.cos(angle))
+        proximal, distal = arm.length_1, arm.length_2
+        radius = math.sqrt(proximal**2 + distal**2 + 2.0 * proximal * distal * math.cos(angle))
     turn = np.linspace(-math.pi, math.pi, CIRCLE_POINTS) - 0.5 * math.pi  # begins behind the bases
     x, y = cx + radius * np.cos(turn), cy + radius * np.sin(turn)
     off = joint_angles(mechanism, x, y)[JOINTS.index(joint)] - angle
-    here = np.abs(np.sin(0.5 * off)) < 1e-6  # the other elbow solution lies on the same circle
-    here &= room(mechanism, workspace.side, x, y) > 0.0
-    return np.where(here[:, None], np.column_stack((x, y)), np.nan)
+    on_path = np.abs(np.sin(0.5 * off)) < 1e-6  # the other elbow solution lies on the same circle
+    on_path &= room(mechanism, workspace.side, x, y) > 0.0
+    return np.where(on_path[:, None], np.column_stack((x, y)), np.nan)
 
 
 def sdof_family(workspace: Workspace, joint: str, spacing: float) -> list[Array]:

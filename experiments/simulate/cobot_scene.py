@@ -22,7 +22,7 @@ from core.path import build_path, line, nearest_piece, path_from
 from core.ranges import Angle, Coordinate, Force, Place, Push, Torque
 from core.simulator.state import new_record
 from experiments.progress import Progress, no_progress
-from experiments.simulate.scene import StepLength, hand_force, refuse_endless, whole_number
+from experiments.simulate.scene import StepLength, hand_force, refuse_too_long, whole_number
 from experiments.simulate.simulate import new_csv, run_beside
 
 FREE, ALONG_PATH, AT_WALL = range(3)
@@ -95,8 +95,8 @@ class CobotScene(NamedTuple):
         return self._replace(step_s=0.5 * self.step_s, output_every=2 * self.output_every)
 
     @property
-    def doubt(self) -> tuple[str, str]:
-        """Where the check comes apart from the run: what `finer` was, and what to do."""
+    def check_words(self) -> tuple[str, str]:
+        """For the warning where the check differs from the run: what the check was, and what to do."""
         return "half the step", "choose a smaller step_s"
 
     def row_times(self, first: int, count: int) -> np.ndarray:
@@ -129,7 +129,7 @@ def read_cobot_scene(path: Path) -> CobotScene:
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
     every = whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     rows = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals") + 1
-    refuse_endless((rows - 1) * every, rows, path)
+    refuse_too_long((rows - 1) * every, rows, path)
     mode, ahead, heading, within = FREE, line((0.0, 0.0), (1.0, 0.0)), 0.0, 1.0
     if file.path is not None:
         about = dict(file.path)

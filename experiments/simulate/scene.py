@@ -3,9 +3,6 @@
 `read_scene` checks everything that can be checked before the first step; what it returns can be simulated.
 """
 
-import io
-import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,94 +13,13 @@ import numpy as np
 
 from core.control.guard import NOTHING, Around, Guard, why_no_guard
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Positive, StrangeInput, Table, choice, parse_toml, read_text
+from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
-from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Range, Speed
+from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Speed
 from core.tick_log import TICK_S
 from core.workspace import tip_is_free
-
-
-@dataclass(frozen=True)
-class NumberTable:
-    """A file of finite numbers."""
-
-    path: Path
-    columns: tuple[str, ...]
-    values: np.ndarray  # (rows, columns), at least one row
-    text: str
-
-    def line(self, row: int) -> int:
-        """The line of the file (from 1) on which a row stands."""
-        numbers = (i for i, line in enumerate(self.text.split("\n"), 1) if i > 1 and line.strip())
-        return next(number for k, number in enumerate(numbers) if k == row)
-
-    def check_times(self) -> None:
-        """Refuse a first column that does not rise strictly, or starts after 0."""
-        t = self.values[:, 0]
-        if t[0] > 0.0:
-            raise InputError(f"{self.path}: line {self.line(0)}: the first time must be 0 or earlier, not {t[0]:g} s")
-        bad = np.flatnonzero(np.diff(t) <= 0.0)
-        if len(bad):
-            row = int(bad[0]) + 1
-            raise InputError(
-                f"{self.path}: line {self.line(row)}: time must rise, but {t[row]:g} s follows {t[row - 1]:g} s"
-            )
-
-    def check_range(self, column: int, quantity: Range) -> None:
-        """Refuse a column that leaves the range of its quantity; warn where its largest number is strange."""
-        row = int(np.abs(self.values[:, column]).argmax())
-        value = float(self.values[row, column])
-        place = f"{self.path}: line {self.line(row)}: {self.columns[column]}"
-        if reason := quantity.refusal(value):
-            raise InputError(f"{place} {reason}")
-        if doubt := quantity.doubt(value):
-            warnings.warn(StrangeInput(f"{place} = {doubt}"), stacklevel=1)
-
-
-def read_number_table(path: Path, asked_by: str, needed: Sequence[str] = ()) -> NumberTable:
-    """The table in a CSV file; `asked_by` is the file and key that name it, for a file that cannot be read.
-
-    needed: columns that it must have.
-    """
-    try:
-        text = read_text(path)
-    except InputError as error:
-        raise InputError(f"{asked_by}: {error}") from None
-    header, _, body = text.partition("\n")
-    columns = tuple(name.strip().strip('"') for name in header.split(","))
-    if missing := [name for name in needed if name not in columns]:
-        raise InputError(f"{path}: line 1: the header lacks {', '.join(missing)}")
-    if len(set(columns)) < len(columns):
-        raise InputError(f"{path}: line 1: a column stands twice in the header ({header.strip()})")
-    if not body.strip():
-        raise InputError(f"{path}: has no rows")
-    try:
-        values = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
-    except ValueError:
-        values = np.empty((0, 0))  # the line at fault is found below
-    if values.shape[1] != len(columns) or not np.isfinite(values).all():
-        raise InputError(f"{path}: {_first_fault(body, columns)}")
-    return NumberTable(path, columns, values, text)
-
-
-def _first_fault(body: str, columns: tuple[str, ...]) -> str:
-    """Line and reason of the first row that is not one finite number a column."""
-    for number, line in enumerate(body.split("\n"), 2):
-        if not line.strip():
-            continue
-        cells = line.split(",")
-        if len(cells) != len(columns):
-            return f"line {number}: has {len(cells)} values, the header names {len(columns)}"
-        for cell, column in zip(cells, columns, strict=True):
-            try:
-                finite = math.isfinite(float(cell.replace("_", "?")))  # Python alone takes 1_000 for a number
-            except ValueError:
-                return f"line {number}: {column} must be a number, not {cell.strip()!r}"
-            if not finite:
-                return f"line {number}: {column} must be finite, not {cell.strip()}"
-    return "cannot be read as numbers"
-
+from experiments.simulate.number_table import read_number_table
 
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
@@ -226,8 +142,8 @@ class Scene:
         )  # fmt: skip
 
     @property
-    def doubt(self) -> tuple[str, str]:
-        """Where the check comes apart from the run: what `finer` was, and what to do."""
+    def check_words(self) -> tuple[str, str]:
+        """For the warning where the check differs from the run: what the check was, and what to do."""
         if self.integrator == "event":
             return "half the step", "choose a smaller step_s"
         return "event at half the step", "choose integrator event or a smaller step_s"
@@ -259,10 +175,10 @@ def read_scene(path: str | Path, text: str | None = None) -> Scene:
     if file.brake_model == "signed":
         device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
-    parts = 1 if file.guard is None else _parts(file.step_s, path)
+    parts = 1 if file.guard is None else _parts_of_step(file.step_s, path)
     output_every = parts * whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")
     intervals = whole_number(file.duration_s, interval, f"{path}: duration_s", "output intervals")
-    refuse_endless(intervals * output_every, intervals + 1, path)
+    refuse_too_long(intervals * output_every, intervals + 1, path)
     if not tip_is_free(device.mechanism, *file.initial_tip_m):
         x, y = file.initial_tip_m
         raise InputError(
@@ -289,8 +205,8 @@ def whole_number(total: float, part: float, where: str, of: str) -> int:
     return count
 
 
-def refuse_endless(steps: int, rows: int, path: Path) -> None:
-    """Refuse a scene whose run nobody would wait for, or whose output fills a disk."""
+def refuse_too_long(steps: int, rows: int, path: Path) -> None:
+    """Refuse a scene that would take hours, or whose output would fill a disk."""
     if steps > MOST_STEPS:
         raise InputError(f"{path}: step_s: {steps:g} steps are too many, at most {MOST_STEPS:,}: choose longer ones")
     if rows > MOST_ROWS:
@@ -299,7 +215,7 @@ def refuse_endless(steps: int, rows: int, path: Path) -> None:
         )
 
 
-def _parts(step_s: float, path: Path) -> int:
+def _parts_of_step(step_s: float, path: Path) -> int:
     """Into how many parts a guarded step is divided, so that each look of the guard is at the edge of a step.
 
     Half the step, beside which the scene is run, then has half the parts' length: it checks them.

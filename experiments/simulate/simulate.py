@@ -110,7 +110,7 @@ def new_simulation(scene: Scene) -> Simulation:
 
 
 def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progress) -> dict[str, Any]:
-    """Run a scene into a new CSV file; what the run did. `progress` gets the share done (0 to 1) after each chunk.
+    """Run a scene into a new CSV file; returns a summary. `progress` gets the share done (0 to 1) after each chunk.
 
     InputError if the file exists or cannot be created; OSError if writing fails; FloatingPointError if the motion
     diverges. In all these cases, and on any other exception, no half-written file is left behind.
@@ -239,7 +239,7 @@ def run_beside(
         done += count
         progress(done / scene.rows)
     far = f"up to {significant(1e3 * differs_m)} mm elsewhere" if math.isfinite(differs_m) else "beyond all bounds"
-    check, advice = scene.doubt
+    check, advice = scene.check_words
     warning = (
         f"the motion may be wrong by a millimetre or more from t = {wrong_from_s:g} s on: {check} puts it {far}; "
         f"{advice}"
@@ -251,9 +251,9 @@ def run_beside(
 
 
 def interruptible(compute: Callable[[int], np.ndarray], count: int) -> np.ndarray:
-    """What `compute` answers, from a thread of its own: a kernel holds no interpreter lock, so Ctrl-C is heard at once.
+    """Call `compute` on a thread of its own and return its result, so that Ctrl-C is heard while a kernel runs.
 
-    The thread then ends with the process. Whatever `compute` raises is raised here.
+    An interrupted thread ends with the process. What `compute` raises is raised here.
     """
     found: list[np.ndarray | BaseException] = []
 
@@ -272,8 +272,8 @@ def interruptible(compute: Callable[[int], np.ndarray], count: int) -> np.ndarra
     return found[0]
 
 
-def places_of(scene: Scene) -> dict[str, int]:
-    """Column of the output -> its place in a row: motion, what the brakes did, what went in, and the energies.
+def row_places(scene: Scene) -> dict[str, int]:
+    """Column of the output -> its place in a row: motion, brakes, hand force, currents, energies.
 
     No columns for joints without a brake; no currents where the brakes are told torques (fidelity ideal).
     """
@@ -292,7 +292,7 @@ def places_of(scene: Scene) -> dict[str, int]:
 
 def column_names(scene: Scene) -> list[str]:
     """The header of the output."""
-    return ["t_s", *places_of(scene)]
+    return ["t_s", *row_places(scene)]
 
 
 def write_rows(
@@ -300,7 +300,7 @@ def write_rows(
 ) -> None:
     """Append rows: shortest decimals that read back as the same doubles, LF line ends. more: further columns."""
     columns = {"t_s": pa.array(times + 0.0)}  # + 0.0: no "-0" where a number is zero
-    for name, place in places_of(scene).items():
+    for name, place in row_places(scene).items():
         values = chunk[:, place]
         columns[name] = _words(values, STUCK_LETTERS) if place == STUCK else pa.array(values + 0.0)
     table = pa.table(columns | dict(more))

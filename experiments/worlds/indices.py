@@ -22,7 +22,7 @@ import numpy as np
 from experiments.worlds.ranges import AssumptionRange
 
 PARTS = 8  # of a range without choices
-LEAST_EITHER = 10  # studies (as `counted`) in which it holds, and does not: fewer give no index worth the name
+LEAST_EITHER = 10  # studies (as `effective_counts`) in which it holds, and does not: fewer give no index worth the name
 SEED = 1  # of what is drawn here
 DEALS, DRAWS = 200, 200
 LEFT_OUT = 5  # a fifth of the worlds
@@ -42,28 +42,28 @@ class Split(NamedTuple):
 class Indices(NamedTuple):
     """The split of the verdicts' variance, with its uncertainty."""
 
-    of: Split
+    split: Split
     half_width: Split  # of the 95 % intervals
     limit: np.ndarray  # (statements,) what an index must exceed to be above chance
 
     @property
     def any(self) -> bool:
         """Whether any statement has indices."""
-        return bool(np.isfinite(self.of.first).any())
+        return bool(np.isfinite(self.split.first).any())
 
     @property
     def clear(self) -> np.ndarray:
         """(statements, assumptions): above chance."""
-        return np.nan_to_num(self.of.first) > np.nan_to_num(self.limit, nan=np.inf)[:, np.newaxis]
+        return np.nan_to_num(self.split.first) > np.nan_to_num(self.limit, nan=np.inf)[:, np.newaxis]
 
     def settled(self, holds: np.ndarray) -> np.ndarray:
         """(assumptions,) How much of all doubt each would settle, by its indices above chance.
 
-        Doubt: the variance of a verdict, p (1 - p), summed over the statements. holds: as in `indices`.
+        Doubt: the variance of a verdict, p (1 - p), summed over the statements. holds: as in `find_indices`.
         """
         p = holds.mean(axis=(0, 1))
         doubt = p * (1.0 - p)
-        of_each = np.where(self.clear, self.of.first, 0.0) * doubt[:, np.newaxis]
+        of_each = np.where(self.clear, self.split.first, 0.0) * doubt[:, np.newaxis]
         return of_each.sum(axis=0) / max(float(doubt.sum()), 1e-12)
 
 
@@ -77,10 +77,11 @@ def part_at(shares: np.ndarray, parts: int) -> np.ndarray:
     return np.minimum((shares * parts).astype(int), parts - 1)
 
 
-def counted(holds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def effective_counts(holds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """In how many studies (statements,) each holds, and of how many; holds (worlds, triples, statements).
 
-    Studies of one world resemble each other: they count as so many of different worlds as would say as much.
+    Studies of one world resemble each other, so they count as fewer: as many studies of different worlds would give a
+    share as certain.
     """
     of_world = holds.mean(axis=1)
     p, n = of_world.mean(axis=0), len(of_world)
@@ -89,11 +90,14 @@ def counted(holds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return p * worth, worth
 
 
-def indices(ranges: Mapping[str, AssumptionRange], shares: np.ndarray, holds: np.ndarray) -> Indices:
-    """shares (worlds, assumptions): where worlds lie in the ranges; holds (worlds, triples, statements)."""
+def find_indices(ranges: Mapping[str, AssumptionRange], shares: np.ndarray, holds: np.ndarray) -> Indices:
+    """The indices of all statements and assumptions.
+
+    shares (worlds, assumptions): where worlds lie in the ranges; holds (worlds, triples, statements).
+    """
     n, generator = len(shares), np.random.default_rng(SEED)
     sizes = [parts_of(assumption) for assumption in ranges.values()]
-    often, of_all = counted(holds)
+    often, of_all = effective_counts(holds)
     judged = (often >= LEAST_EITHER) & (of_all - often >= LEAST_EITHER)
     if not sizes or not judged.any():
         nothing = np.full(len(judged), np.nan)
@@ -108,19 +112,19 @@ def indices(ranges: Mapping[str, AssumptionRange], shares: np.ndarray, holds: np
             field[judged] = x
         return Split(*wide)
 
-    of = split(holds)
+    whole = split(holds)
     dealt = np.array([split(holds[generator.permutation(n)]).first for _ in range(DEALS)])
     scale = np.sqrt(np.mean(dealt**2, axis=(0, 2)))  # (statements,) of an index by chance
     largest = np.nanmax(dealt / scale[:, np.newaxis], axis=(1, 2))
     some = [generator.permutation(n)[n // LEFT_OUT :] for _ in range(DRAWS)]
     without = [np.array(field) for field in zip(*(split(holds[drawn], drawn) for drawn in some), strict=True)]
-    changes = (np.mean((field - whole) ** 2, axis=0) for field, whole in zip(without, of, strict=True))
+    changes = (np.mean((field - all_worlds) ** 2, axis=0) for field, all_worlds in zip(without, whole, strict=True))
     widths = [Z * np.sqrt((LEFT_OUT - 1) * change) for change in changes]
-    return Indices(of, Split(*widths), scale * np.quantile(largest, LEVEL))
+    return Indices(whole, Split(*widths), scale * np.quantile(largest, LEVEL))
 
 
 def _split(member: np.ndarray, sizes: Sequence[int], holds: np.ndarray) -> Split:
-    """member (worlds, parts of all ranges): 1 where a world lies in the part."""
+    """The split of the verdicts; member (worlds, parts of all ranges): 1 where a world lies in the part."""
     n, triples = holds.shape[:2]
     mean = holds.mean(axis=1)  # of each world
     p = mean.mean(axis=0)

@@ -25,7 +25,7 @@ from experiments.analysis.sheet import (
     title,
 )
 from experiments.numbers import fixed, significant
-from experiments.worlds.indices import Indices, Split, counted, part_at, parts_of
+from experiments.worlds.indices import Indices, Split, effective_counts, part_at, parts_of
 from experiments.worlds.ranges import AssumptionRange, Ranges
 
 RARE = 0.2  # a statement that holds in a smaller share of all studies is drawn larger
@@ -36,7 +36,7 @@ PARTS_OF_ONE = {"alone": ("assumptions alone", BLUE), "rest": ("interplay and pe
 
 
 def wilson(holding: int | np.ndarray, n: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The 95 % interval of a share (Wilson)."""
+    """The 95 % interval of a share by Wilson's formula; the numbers need not be whole."""
     z, p = 1.96, holding / np.maximum(n, 1)
     middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
     low, high = (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
@@ -52,7 +52,7 @@ def overview(holds: np.ndarray, chance: np.ndarray, of: Split, note: str) -> byt
         note += " Lines: 95 % intervals."
         figure, ((upper,), (lower,)) = sheet(note, (PAGE_IN, 8.4), (3.1, 0.15, 0.65, 0.35), (2, 1), (0.0, 0.85))
         places = np.arange(len(STATEMENTS))
-        p, (low, high) = holds.mean(axis=(0, 1)), wilson(*counted(holds))
+        p, (low, high) = holds.mean(axis=(0, 1)), wilson(*effective_counts(holds))
         upper.barh(places, p, 0.62, color=PALE, zorder=2)
         upper.errorbar(p, places, xerr=(p - low, high - p), fmt="none", ecolor=TEXT, elinewidth=1.0, zorder=3)
         upper.plot(chance.mean(axis=0), places, "|", color=BROWN, label=NO_CONTROLLER, markersize=11.0, zorder=4)
@@ -79,7 +79,7 @@ def decided_by(ranges: Ranges, shares: np.ndarray, holds: np.ndarray, found: Ind
 
     shares (worlds, assumptions); holds (worlds, triples, statements).
     """
-    first, half = found.of.first, found.half_width.first
+    first, half = found.split.first, found.half_width.first
     rows = [i for i in range(len(STATEMENTS)) if np.isfinite(first[i]).any()]
     columns = min(SHOWN, len(ranges.ranges))
     note += (
@@ -106,7 +106,7 @@ def _share_against(axes: Axes, assumption: AssumptionRange, shares: np.ndarray, 
     place = part_at(shares, parts)
     tried = [part for part in range(parts) if np.any(place == part)]
     p = np.array([holds[place == part].mean() for part in tried])
-    low, high = np.array([wilson(*counted(holds[place == part])) for part in tried])[..., 0].T
+    low, high = np.array([wilson(*effective_counts(holds[place == part])) for part in tried])[..., 0].T
     middles = (np.array(tried) + 0.5) / parts
     axes.axhline(holds.mean(), color=QUIET, linewidth=0.8, linestyle=":", zorder=1)
     if assumption.choices is not None:

@@ -14,10 +14,10 @@ from experiments.analysis.report import page
 from experiments.analysis.trials_table import csv_bytes
 from experiments.numbers import fixed, percent, significant
 from experiments.protocol_writer import whole_text
-from experiments.worlds.indices import LEAST_EITHER, Indices, counted, indices, part_at
+from experiments.worlds.indices import LEAST_EITHER, Indices, effective_counts, find_indices, part_at
 from experiments.worlds.pictures import decided_by, overview, wilson
 from experiments.worlds.ranges import AssumptionRange, Ranges
-from experiments.worlds.table import Verdicts, Worlds, judged, read_worlds
+from experiments.worlds.table import Verdicts, Worlds, judge, read_worlds
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
 BANDS = {"half the bands": 0.5, "twice the bands": 2.0}
@@ -28,7 +28,7 @@ SEED = 1  # of the trials drawn anew
 
 
 class Judgement:
-    """A table of worlds, judged."""
+    """A table of worlds, with the verdict of each study."""
 
     def __init__(self, table: Sequence[str], ranges: Ranges, shares: np.ndarray) -> None:
         """table: the lines of worlds.csv; shares (worlds, assumptions): where worlds lie in the ranges, also of those
@@ -40,7 +40,7 @@ class Judgement:
         self.studies = self._judged(self.worlds)
 
     def _judged(self, worlds: Worlds, bands: float = 1.0) -> Verdicts:
-        return judged(worlds, [device.name for device in self.ranges.protocol.devices], bands)
+        return judge(worlds, [device.name for device in self.ranges.protocol.devices], bands)
 
     @cached_property
     def holds(self) -> np.ndarray:
@@ -60,7 +60,7 @@ class Judgement:
 
     @cached_property
     def indices(self) -> Indices:
-        return indices(self.ranges.ranges, self.shares, self.holds)
+        return find_indices(self.ranges.ranges, self.shares, self.holds)
 
     @cached_property
     def settling(self) -> list[tuple[int, float]]:
@@ -82,7 +82,7 @@ class Judgement:
     def tried_again(self) -> Verdicts:
         """The nearest world alone, by the other half of its triples (by the same one, if it has no other)."""
         rows = slice(self.nearest * self.worlds.triples, (self.nearest + 1) * self.worlds.triples)
-        return self._judged(self.worlds.some(rows).pooled(slice(self.worlds.triples // 2, None)))
+        return self._judged(self.worlds.part(rows).pooled(slice(self.worlds.triples // 2, None)))
 
     def note(self, seed: int) -> str:
         """A sentence on what was run, for report and pictures."""
@@ -116,7 +116,7 @@ def report_files(
         "nearest": _nearest(found),
     }
     files = {
-        "overview.png": overview(found.holds, found.chance.holds, found.indices.of, note),
+        "overview.png": overview(found.holds, found.chance.holds, found.indices.split, note),
         "jointly.csv": _jointly_csv(found.studies.holds),
     }
     if found.worlds.triples > 1:
@@ -161,7 +161,7 @@ def _in_short(found: Judgement) -> str:
 
 
 def _shares(found: Judgement) -> str:
-    low, high = wilson(*counted(found.holds))
+    low, high = wilson(*effective_counts(found.holds))
     lines = []
     for i, statement in enumerate(STATEMENTS):
         share = f"**{percent(found.holds[..., i].mean(), 1)}** ({percent(low[i], 1)} to {percent(high[i], 1)})"
@@ -172,13 +172,13 @@ def _shares(found: Judgement) -> str:
 
 
 def _split(found: Judgement) -> str:
-    of, half_width = found.indices.of, found.indices.half_width
+    split, half_width = found.indices.split, found.indices.half_width
     parts = {"alone": "alone", "interplay": "interplay", "people": "people"}
     if found.worlds.triples == 1:
         parts = {"alone": "alone", "rest": "interplay and people"}
     lines = []
     for i, statement in enumerate(STATEMENTS):
-        pairs = [(getattr(of, part)[i], getattr(half_width, part)[i]) for part in parts]
+        pairs = [(getattr(split, part)[i], getattr(half_width, part)[i]) for part in parts]
         cells = ["-" if np.isnan(share) else f"{fixed(share, 2)} ± {fixed(half, 2)}" for share, half in pairs]
         lines.append((statement.number, statement.text, *cells))
     return _table(("", "the paper says", *parts.values()), lines)
@@ -219,16 +219,16 @@ def _middle_and_ends(values: np.ndarray, digits: int) -> str:
 
 
 def _decided(found: Judgement) -> str:
-    ranges, of = list(found.ranges.ranges.values()), found.indices
+    ranges, indices = list(found.ranges.ranges.values()), found.indices
     lines = []
     for i, statement in enumerate(STATEMENTS):
-        first, half = of.of.first[i], of.half_width.first[i]
+        first, half = indices.split.first[i], indices.half_width.first[i]
         cells = ["-"] * DECIDING
         for place, j in enumerate(np.argsort(-first, kind="stable")[:DECIDING]):
             if not np.isnan(first[j]):
                 text = f"{found.ranges.labels[j]} {fixed(first[j], 2)} ± {fixed(half[j], 2)}"
                 where = where_it_holds(ranges[j], found.shares[:, j], found.holds[..., i].mean(axis=1))
-                cells[place] = f"{f'**{text}**' if of.clear[i, j] else text}: {where}"
+                cells[place] = f"{f'**{text}**' if indices.clear[i, j] else text}: {where}"
         lines.append((statement.number, statement.text, *cells))
     return _table(("", "the paper says", "first", "second", "third"), lines)
 
@@ -248,7 +248,7 @@ def _measure_first(found: Judgement) -> str:
         return f"{NOTHING_FIRST[:1].upper()}{NOTHING_FIRST[1:]}."
     p, lines = found.holds.mean(axis=(0, 1)), []
     for j, share in found.settling:
-        settled = np.where(found.indices.clear[:, j], found.indices.of.first[:, j], 0.0) * p * (1.0 - p)
+        settled = np.where(found.indices.clear[:, j], found.indices.split.first[:, j], 0.0) * p * (1.0 - p)
         main = [f"{STATEMENTS[i].number}" for i in np.argsort(-settled, kind="stable")[:3] if settled[i] > 0.0]
         assumption = list(found.ranges.ranges.values())[j]
         about = assumption.settled_by or "-", assumption.source
@@ -300,10 +300,10 @@ def _indices_csv(found: Judgement) -> bytes:
     lines: list[Sequence[object]] = [
         ("statement", "assumption", "first_order_index", "half_width_95", "limit_of_chance")
     ]
-    of = found.indices
+    indices = found.indices
     for i, statement in enumerate(STATEMENTS):
         for j, column in enumerate(found.ranges.ranges):
-            numbers = of.of.first[i, j], of.half_width.first[i, j], of.limit[i]
+            numbers = indices.split.first[i, j], indices.half_width.first[i, j], indices.limit[i]
             lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in numbers)))
     return csv_bytes(lines)
 

@@ -71,8 +71,8 @@ class Worlds(NamedTuple):
             for of_row, enough_of_row in zip(np.moveaxis(quartiles, 0, 2).tolist(), enough, strict=True)
         ]
 
-    def some(self, rows: slice) -> "Worlds":
-        """These rows alone."""
+    def part(self, rows: slice) -> "Worlds":
+        """A table of these rows alone."""
         return self._replace(seeds=self.seeds[rows], values=self.values[rows])
 
     def pooled(self, triples: slice = slice(None)) -> "Worlds":
@@ -142,8 +142,8 @@ class Verdicts(NamedTuple):
         return -np.minimum(np.nan_to_num(self.margins, nan=-1.0), 0.0).sum(axis=1)
 
 
-def judged(worlds: Worlds, devices: Sequence[str], bands: float = 1.0) -> Verdicts:
-    """By boxes, with bands so many times as wide."""
+def judge(worlds: Worlds, devices: Sequence[str], bands: float = 1.0) -> Verdicts:
+    """Judge each row by boxes; bands: how many times as wide as the paper's judgement has them."""
     found = [box_findings(boxes, devices, bands) for boxes in worlds.boxes()]
     words, margins = ([[getattr(finding, of) for finding in row] for row in found] for of in ("verdict", "margin"))
     return Verdicts(np.array(words), np.array(margins, dtype=float))

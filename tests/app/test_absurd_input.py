@@ -1,10 +1,6 @@
 """Absurd numbers are refused before anything runs, strange ones warned of with the unit that was probably meant."""
 
 import re
-import signal
-import subprocess
-import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -154,26 +150,3 @@ def test_a_protocol_is_held_to_the_same_ranges(tmp_path: Path, key, value, refus
         load_protocol(write_protocol(value))
     with pytest.raises(InputError, match=f"{key} must be at most"):
         load_protocol(write_protocol(refused))
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="a console's Ctrl-C cannot be sent to one process there")
-def test_ctrl_c_ends_a_long_simulation_and_leaves_no_file(tmp_path: Path):
-    """A row takes minutes: its kernel hears nothing, the program does."""
-    text = SCENE.replace("= 0.02\nstep_s = 1e-3", "= 9000\nstep_s = 1e-5\noutput_interval_s = 9000")
-    (tmp_path / "scene.toml").write_text(text.replace("device.toml", "three-brake"), encoding="utf-8")
-    out = tmp_path / "out.csv"
-    command = [sys.executable, "-c", "import sys; from app.cli import main; sys.exit(main())"]
-    process = subprocess.Popen(
-        [*command, "simulate", str(tmp_path / "scene.toml"), "--out", str(out)], cwd=ROOT, stderr=subprocess.PIPE
-    )
-    try:
-        while not out.exists():  # the suite's time-out ends a wait in vain
-            assert process.poll() is None
-            time.sleep(0.05)
-        time.sleep(3.0)  # kernels are loaded
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60.0)
-    finally:
-        process.kill()
-    assert (process.returncode, said.decode().splitlines()[-1]) == (130, "phd: interrupted")
-    assert not out.exists()

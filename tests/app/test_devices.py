@@ -213,7 +213,9 @@ def test_the_plan_needs_no_device_to_be_there(link: str, tmp_path: Path, capsys)
 def test_the_address_of_a_tcp_port_is_a_link_as_it_is_a_port(before: str) -> None:
     address = "socket://127.0.0.1:5000"
     link = before + address
-    assert run_verb.port_of(Namespace(link=link, force="", input=MOUSE)) == address == run_verb.reached(address, "")
+    assert (
+        run_verb.port_of(Namespace(link=link, force="", input=MOUSE)) == address == run_verb.checked_link(address, "")
+    )
 
 
 def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded() -> None:

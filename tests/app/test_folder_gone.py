@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows removes
 
 @pytest.fixture
 def window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalWindow]:
-    monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
+    monkeypatch.setattr(storage_module, "RETRY_S", 0.0)
     monkeypatch.setattr("experiments.recording.writer.WRITE_INTERVAL_S", 0.0)  # the time of the trial is simulated
     with local_window(Setup(tmp_path / "data", sync=False, hand=OPERATOR)) as opened:
         opened.open()
@@ -171,7 +171,7 @@ def test_a_session_on_a_full_disk_goes_on_whole_in_another_folder(window, tmp_pa
         patch.setattr("experiments.session.journal.append_whole", full)
         said = window.until(lambda s: s.stage == m.READY)
         assert "No space left" in said.notice and "Make room" in said.notice and f"run {begun}" in said.in_memory
-    monkeypatch.setattr(storage_module, "AGAIN_S", 1e9)  # the old one stays full
+    monkeypatch.setattr(storage_module, "RETRY_S", 1e9)  # the old one stays full
     window.client.send(m.MoveTo(str(tmp_path / "other")))
     said = window.until(lambda s: s.moved)
     assert "stayed" not in said.notice and verify(tmp_path / "other")["faults"] == []

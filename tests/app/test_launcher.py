@@ -259,7 +259,7 @@ class Debian:
         self.user, self.libraries, self.code = 0, True, 0
         self.programs, self.ran = {"apt-get"}, []
         monkeypatch.setattr(os, "geteuid", lambda: self.user)
-        monkeypatch.setattr(set_up, "is_there", lambda library: self.libraries)
+        monkeypatch.setattr(set_up, "is_installed", lambda library: self.libraries)
         monkeypatch.setattr(shutil, "which", lambda program: program if program in self.programs else None)
         monkeypatch.setattr(subprocess, "run", self.run)
 

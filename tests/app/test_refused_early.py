@@ -89,7 +89,7 @@ def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
         for _ in range(len(session.plan) // len(asking.devices)):
             trial = session.plan[len(session.rows)]
             session.rows.append(unmeasured_row(session.folder, trial._asdict(), "done"))
-        asked[name] = SessionProgress(session).asked
+        asked[name] = SessionProgress(session).questions_due
         session.close()
     assert asked["01"] is None and asked["02"] is not None
 

@@ -148,7 +148,7 @@ def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(sl
     slow.client.send(m.Note("slow"))
     assert said == [
         "Waiting for the disk: the session is opened.", "Waiting for the disk: the trial is opened.",
-        "Waiting for the disk: run 1 is brought to it.", "Waiting for the disk: it is written.",
+        "Waiting for the disk: run 1 is stored.", "Waiting for the disk: the journal is written.",
     ]  # fmt: skip
     slow.look()
     assert not slow.snapshot.trial_blocker and "Waiting" not in slow.snapshot.notice

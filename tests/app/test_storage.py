@@ -78,7 +78,7 @@ def said() -> list[tuple[str, bool]]:
 
 @pytest.fixture
 def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
-    monkeypatch.setattr(storage_module, "AGAIN_S", 0.0)
+    monkeypatch.setattr(storage_module, "RETRY_S", 0.0)
     storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
     storage.set_session(SessionProgress(session))
     return storage

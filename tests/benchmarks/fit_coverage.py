@@ -12,7 +12,7 @@ import numpy as np
 
 from core.device_file import SHIPPED_FOLDER, parse_brake
 from core.files import InputError
-from experiments.identify.fit import identify_steps
+from experiments.identify.identification import identify_steps
 from experiments.operator_fit.fit import RESTS_ON, fit_person
 from experiments.trial.population import load_population
 from tests.support.people import bench_trials

@@ -13,7 +13,7 @@ import sys
 
 import numpy as np
 
-from experiments.worlds.indices import Split, indices
+from experiments.worlds.indices import Split, find_indices
 from experiments.worlds.ranges import AssumptionRange
 
 ASSUMPTIONS = 20
@@ -54,7 +54,7 @@ def main(runs: str = "200") -> None:
             upper = (shares[:, :2] > 0.5).astype(int)
             p = np.array([of[upper[:, 0], upper[:, 1]] for of in STATEMENTS.values()])
             holds = generator.random((n, triples, len(p))) < p.T[:, np.newaxis]
-            found.append(indices(ranges, shares, holds))
+            found.append(find_indices(ranges, shares, holds))
         print(f"{n} worlds, {triples} triple{'s' if triples > 1 else ''} each, {runs} runs")
         above = np.array([one.clear for one in found])  # (runs, statements, assumptions)
         nothing = [name.startswith("none") for name in STATEMENTS]
@@ -63,7 +63,7 @@ def main(runs: str = "200") -> None:
         for i, (name, p) in enumerate(STATEMENTS.items()):
             texts = [f"first above chance {above[:, i, 0].mean():.0%}"]
             for part, true in truth(p).items():
-                value = np.array([shares_of(one.of)[part][i] for one in found])
+                value = np.array([shares_of(one.split)[part][i] for one in found])
                 half = np.array([shares_of(one.half_width)[part][i] for one in found])
                 if np.isfinite(value).all():
                     covered = np.mean(np.abs(value - true) <= half)

@@ -12,7 +12,8 @@ from app.cli import main
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import pack_brakes
 from experiments.analysis.simulation_errors import STEP
-from experiments.benchmark.bench import PEERS, BenchRun, Peer, Row, creep, simulated, table, with_order, work_precision
+from experiments.benchmark.bench import PEERS, BenchRun, Peer, Row, creep, simulated, with_order
+from experiments.benchmark.bench_tables import table, work_precision
 from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 

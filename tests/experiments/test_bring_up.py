@@ -19,11 +19,11 @@ from core.files import InputError
 from experiments.bring_up.bring_up import Result
 from experiments.bring_up.record import (
     brake_steps,
-    content,
+    make_record,
     newest_record,
     problem_of,
+    record_to_amend,
     state_of,
-    to_amend,
     write_record,
 )
 from experiments.bring_up.step import Finding
@@ -166,9 +166,9 @@ def test_the_record_is_sealed_and_the_newest_is_named(whole: Bringing, tmp_path:
     about |= {"board": "TEST", "firmware": "1.0.0"}
     assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("This board was never")
     bad = [results[0]._replace(finding=results[0].finding._replace(passed=False)), *results[1:]]
-    write_record(tmp_path, content(bad, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00"), {})
+    write_record(tmp_path, make_record(bad, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00"), {})
     assert problem_of(newest_record(tmp_path, "TEST"), "1.0.0").startswith("Not every step")
-    good = content(results, FOUR, about, "A. Builder", "2026-01-02T00:00:00.000+00:00")
+    good = make_record(results, FOUR, about, "A. Builder", "2026-01-02T00:00:00.000+00:00")
     files = write_record(tmp_path, good, brake_steps(results))
     found = newest_record(tmp_path, "TEST")
     assert found and found.by == "A. Builder" and found.passed and problem_of(found, "1.0.0") == ""
@@ -211,19 +211,19 @@ def test_a_step_is_repeated_with_those_that_it_needs_and_the_record_takes_its_re
         with_needs(steps, "encoder E")
     about = whole.link.report() | {"board": "TEST", "firmware": "1.0.0"}
     with pytest.raises(InputError, match="no record of this board"):
-        to_amend(tmp_path, FOUR, about)
+        record_to_amend(tmp_path, FOUR, about)
     stop = [step.name for step in steps].index("stop")
     results[stop] = results[stop]._replace(finding=Finding(False, "every brake keeps its current"))
-    first = content(results, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00")
+    first = make_record(results, FOUR, about, "A. Builder", "2026-01-01T00:00:00.000+00:00")
     write_record(tmp_path, first, {})
     again = [result for result in whole.builder.results if result.step.name in names]
     later = "2026-01-02T00:00:00.000+00:00"
-    second = content(again, FOUR, about, "B. Builder", later, to_amend(tmp_path, FOUR, about))
+    second = make_record(again, FOUR, about, "B. Builder", later, record_to_amend(tmp_path, FOUR, about))
     assert not first["passed"] and second["passed"]
     assert [step["name"] for step in second["steps"]] == [step.name for step in steps]
     assert [step["name"] for step in second["steps"] if (step["time"], step["by"]) == (later, "B. Builder")] == names
     with pytest.raises(InputError, match=r"firmware 1\.0\.0, not 1\.1\.0"):
-        to_amend(tmp_path, FOUR, about | {"firmware": "1.1.0"})
+        record_to_amend(tmp_path, FOUR, about | {"firmware": "1.1.0"})
 
 
 def test_the_drawing_of_the_jig_has_the_numbers_of_the_device_files() -> None:

@@ -18,9 +18,10 @@ from app.cli import main
 from core.files import InputError
 from core.path import Segment
 from core.tick_log import MOVE, PHASES
-from experiments.operator_fit.arm import PIECE, covariance, half_width, resonance
+from experiments.operator_fit.arm import half_width
 from experiments.operator_fit.fit import RESTS_ON, Estimate, Fitted, fit_person, population_text, spread_of
 from experiments.operator_fit.motions import LEAST_TRIALS, mean, motion_of, read_motions
+from experiments.operator_fit.unrest import PIECE, covariance, resonance
 from experiments.protocol import SHIPPED_FOLDER
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording

@@ -16,8 +16,8 @@ from synthetic_steps import BENCH, FALLING, RISING, SPEEDS, synthetic_steps, wri
 from app.cli import main
 from core.device_file import SHIPPED_FOLDER, BrakeFile, TimeConstant, parse_brake
 from core.files import InputError
-from experiments.identify.fit import ByHand, identify_steps
-from experiments.identify.identify import brake_text, summary
+from experiments.identify.identification import ByHand, identify_steps
+from experiments.identify.identify import brake_text, summary_of_fit
 from experiments.identify.linear import fit_linear, undetermined
 from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
 from experiments.identify.two_currents import identify_two_currents
@@ -142,7 +142,7 @@ def test_numbers_in_another_unit_give_a_warning_that_names_it_and_the_file_says_
     assert list(found.doubtful) == [column]
     (warning,) = found.warnings
     assert warning.startswith(f"{column}: ") and f"likely unit: {says}" in warning
-    assert summary(found)["warnings"] == [warning]
+    assert summary_of_fit(found)["warnings"] == [warning]
     text = brake_text(found, "mine")
     assert f"# Warning: {warning}" in text
     assert parse_brake(text, "brake").provenance.endswith(f"; doubtful units: {column}")
@@ -182,7 +182,7 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
     for backlash, assumed in ((None, ["current_max_A", "knee_A", "floor_rpm", "backlash_deg"]), (0.5, [])):
         found = identify_steps(quiet, "steps.csv", ByHand(backlash_deg=backlash))
         assert found.warnings == []
-        text, numbers = brake_text(found, "mine"), summary(found)
+        text, numbers = brake_text(found, "mine"), summary_of_fit(found)
         lines = [line.split(" = ")[0] for line in text.splitlines() if "# assumed: " in line]
         expected = assumed or ["current_max_A", "knee_A", "floor_rpm"]
         assert sorted(lines) == sorted(expected) == sorted(numbers["assumed"])
@@ -199,7 +199,7 @@ def test_what_is_called_identified_is_neither_given_nor_assumed():
     """omega_0 from 4 rpm and below is assumed, by hand given, and identified only where the flat part is seen."""
     for speeds, omega_0, where in ((SPEEDS, None, "identified"), (SPEEDS[:4], None, "assumed"), (SPEEDS, 8.0, "given")):
         found = identify_steps(synthetic_steps(BRAKE, 1, QUIET, speeds=speeds, repeats=1), "steps.csv", ByHand(omega_0))
-        numbers = summary(found)
+        numbers = summary_of_fit(found)
         assert [key for key in ("identified", "given", "assumed") if "omega_0_rpm" in numbers[key]] == [where]
         line = next(one for one in brake_text(found, "mine").splitlines() if one.startswith("omega_0_rpm"))
         assert f"# {where}" in line
@@ -315,7 +315,7 @@ def test_transients_that_are_not_exponential_lose_their_intervals_in_table_json_
         steps.append(replace(step, torque=lagged))
     found = identify_steps(steps, "steps.csv")
     assert [warning for warning in found.warnings if "does not follow Eq. (3)" in warning]
-    rows = {row["name"]: row for row in summary(found)["parameters"]}
+    rows = {row["name"]: row for row in summary_of_fit(found)["parameters"]}
     assert rows["rise.a_avg"]["half_width"] is rows["rise.a_avg"]["low"] is None and rows["k_3"]["low"] is not None
     assert "# interval withheld" in brake_text(found, "lag")
 

@@ -153,7 +153,10 @@ def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_
     ("1 / 0", "line 1: ZeroDivisionError"),
     ("x = 1", "must have ALGORITHM"),
     (DAMPER.replace("@kernel\n", ""), "write @kernel above it"),
-    (DAMPER.replace("return DAMPED", "return tick.nothing"), "damper.py: does not compile"),
+    (DAMPER.replace("return DAMPED", "return tick.nothing"), "line 30: Unknown attribute 'nothing' of type Tick$"),
+    (DAMPER.replace("damping * abs", "dampin * abs"), "^damper.py: does not compile: line 29: .*'dampin' is not def"),
+    (DAMPER.replace("best, damping *", "damping *"), "line 29: a call of .tick, i, force.: missing a required arg"),
+    (DAMPER.replace("    return DAMPED", "    import math\n    return DAMPED"), "line 30: .*IMPORT_NAME"),
     (DAMPER.replace("    best, most", "    tick.g[0, 0] = 1.0\n    best, most", 1), "compile: .*readonly array"),
     (DAMPER.replace("(GAP_M, DAMPING)", "GAP_M"), "must be a tuple of Parameter"),
     (DAMPER.replace("(GAP_M, DAMPING)", "(DAMPING, DAMPING)"), "each of another name"),
@@ -194,6 +197,7 @@ def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Pa
     (("my_damper.py", "../my_damper.py"), "name of a Python file"),
     (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
     (("damping_N_s_m", "dampng_N_s_m"), "dampng_N_s_m is not for 'my_damper.py', did you mean damping_N_s_m?"),
+    (("damping_N_s_m", "damping"), r"damping is not for 'my_damper.py'.* \(there are: gap_m, damping_N_s_m\)"),
     (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
 ])  # fmt: skip
 def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):

@@ -28,14 +28,13 @@ from experiments.paper_figures.brake import brake_of, step_response, torque_as_w
 from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
     achievable_span,
-    displays,
     force_lines,
     gaps,
     mean_unachievable,
-    measure_display,
     worst_unachievable,
 )
-from experiments.paper_figures.motion import RELEASE_S, places, release
+from experiments.paper_figures.displays import displays, measure_display
+from experiments.paper_figures.spring_release import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
 from experiments.recording.atomic_files import write_new_files
@@ -220,8 +219,8 @@ def test_a_lock_holds_a_force_of_that_size_in_every_direction_and_a_larger_one_n
 
 
 def test_only_the_display_with_two_brakes_finds_no_valid_one_and_holds_least():
-    four = ("er-two-brake", "four-brake", "pter", "three-brake")
-    found = {device.name: measure_display(device, load_protocol()) for device in displays() if device.name in four}
+    protocol = load_protocol()
+    found = {device.name: measure_display(device, protocol) for device in displays(protocol)}
     two = found.pop("er-two-brake")
     assert 0.1 < two.unreachable.mean() < 0.3
     assert sorted(found) == ["four-brake", "pter", "three-brake"]

@@ -17,7 +17,8 @@ from app.cli import main
 from core.device import COBOT_FOLDER
 from core.files import InputError
 from experiments.simulate.cobot_scene import CobotRun, read_cobot_scene, simulate_cobot
-from experiments.simulate.scene import read_number_table, read_scene
+from experiments.simulate.number_table import read_number_table
+from experiments.simulate.scene import read_scene
 
 SCENE = """\
 device = "three-brake"

@@ -8,7 +8,7 @@ from core.device import load_device
 from core.files import InputError
 from core.simulator.state import new_record
 from experiments.analysis.metrics import trial_metrics
-from experiments.paper_figures.motion import DELAYS_S, contact
+from experiments.paper_figures.passive_master import DELAYS_S, contact
 from experiments.paper_figures.workspace import workspace_of
 from experiments.protocol import load_protocol
 from experiments.session.files import session_folder

@@ -1,11 +1,11 @@
 """Worlds: each is the study that `phd study` runs; one table whatever ran where; the report names what decides."""
 
+import json
 import math
 import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import killed_work
@@ -23,11 +23,11 @@ from experiments.session.files import write_pooled_table
 from experiments.study import jobs
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
-from experiments.worlds.indices import counted, indices
+from experiments.worlds.indices import effective_counts, find_indices
 from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import AssumptionRange, load_ranges
 from experiments.worlds.report import Judgement, report_files, where_it_holds
-from experiments.worlds.table import Verdicts, Worlds, columns, judged, read_worlds
+from experiments.worlds.table import Verdicts, Worlds, columns, judge, read_worlds
 from experiments.worlds.worlds import WorldsRun, report_so_far, run_worlds, worlds_of
 
 RANGES = """
@@ -178,35 +178,27 @@ def test_the_nearest_world_is_left_as_files_that_a_study_runs_to_the_same_trials
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process group is killed")
-def test_a_killed_run_goes_on_from_the_command_line_to_the_same_table(small, whole, tmp_path):
+def test_a_killed_run_goes_on_to_the_same_table_byte_for_byte_and_runs_only_what_is_missing(
+    small, whole, tmp_path, capsys
+):
     cut = tmp_path / "cut"
     arguments = ["worlds", str(small), *TWICE, "--out", str(cut)]
     command = [sys.executable, killed_work.__file__, str(int(signal.SIGKILL)), "group", *arguments]
     assert subprocess.run(command, stdout=subprocess.DEVNULL, start_new_session=True).returncode == -signal.SIGKILL
     assert len(list(cut.glob("parts/0*.csv"))) == killed_work.DONE and not (cut / "worlds.csv").exists()
-    assert main([*arguments, "--resume"]) == 0
+    assert main([*arguments, "--resume", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["already_done"] == killed_work.DONE
     assert (cut / "worlds.csv").read_bytes() == (whole / "worlds.csv").read_bytes()
-    assert (cut / "report" / "report.md").read_bytes() == (whole / "report" / "report.md").read_bytes()
+    for name in ("report.md", "overview.png"):
+        assert (cut / "report" / name).read_bytes() == (whole / "report" / name).read_bytes()
+    with pytest.raises(InputError, match="worlds was begun with another n"):
+        run_worlds(WorldsRun(load_ranges(small), 5, triples=2), cut, resume=True)
 
 
 def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     assert main(["worlds", str(small), "--n", "2", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
     assert "--cluster: needs dask.distributed" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
-def test_a_resumed_run_gives_the_same_table_byte_for_byte_and_runs_only_what_is_missing(small, whole, tmp_path):
-    run, cut = WorldsRun(load_ranges(small), 2, triples=2), tmp_path / "cut"
-    (cut / "parts").mkdir(parents=True)
-    (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
-    for world in worlds_of(run.ranges, 2, 1, 2)[1:3]:
-        (cut / "parts" / f"{world.number:06d}.csv").write_bytes(world.run().rows)
-    assert run_worlds(run, cut, resume=True)["already_done"] == 2
-    assert (cut / "worlds.csv").read_bytes() == (whole / "worlds.csv").read_bytes()
-    for name in ("report.md", "overview.png"):
-        assert (cut / "report" / name).read_bytes() == (whole / "report" / name).read_bytes()
-    with pytest.raises(InputError, match="worlds was begun with another n"):
-        run_worlds(replace(run, n=5), cut, resume=True)
 
 
 def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_and_runs_nothing(
@@ -231,13 +223,12 @@ def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_an
     )
 
 
-def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, tmp_path, monkeypatch):
+def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, monkeypatch):
     monkeypatch.setattr(jobs, "cores", lambda: 1)
     ranges = load_ranges(small)
     backwards = [world.run().rows for world in reversed(worlds_of(ranges, 2, 1, 2))]
     assert (whole / "worlds.csv").read_bytes().split(b"\n", 1)[1] == b"".join(reversed(backwards))
-    run_worlds(WorldsRun(ranges, 2, seed=2), tmp_path / "other")
-    assert [line["seed"] for line in lines(tmp_path / "other")] != [line["seed"] for line in lines(whole)][::2]
+    assert [f"{world.seed}" for world in worlds_of(ranges, 2, 2)] != [line["seed"] for line in lines(whole)][::2]
 
 
 WRONG = {
@@ -315,8 +306,8 @@ def made_worlds(n: int = 1000, triples: int = 1) -> tuple[dict[str, AssumptionRa
 
 def test_indices_find_what_decides_and_what_would_settle_most():
     ranges, shares, holds = made_worlds()
-    found = indices(ranges, shares, holds)
-    first, half = found.of.first, found.half_width.first
+    found = find_indices(ranges, shares, holds)
+    first, half = found.split.first, found.half_width.first
     within = 1.0 - 0.125 * 0.6 * 0.4 / 0.21  # 0.7 lies inside a part, whose variance the means do not see
     assert abs(first[0, 1] - within) < 1.5 * half[0, 1] < 0.1 and np.abs(first[0, [0, 2, 3]]).max() < 0.03
     for j in (0, 2):  # Var(E[y | a]) / Var(y) = (1/4)^2 / (1/4 * 3/4)
@@ -328,17 +319,20 @@ def test_indices_find_what_decides_and_what_would_settle_most():
     assert np.argmax(settled) == 1 and settled.sum() <= 1.0 and settled[3] == 0.0
     rare = np.arange(1000) < 9
     verdicts = np.column_stack([rare, ~rare])[:, np.newaxis]
-    assert not indices(ranges, shares, verdicts).any and not indices(ranges, shares, verdicts).settled(verdicts).any()
-    assert not indices({}, np.empty((1000, 0)), holds).any
+    assert (
+        not find_indices(ranges, shares, verdicts).any
+        and not find_indices(ranges, shares, verdicts).settled(verdicts).any()
+    )
+    assert not find_indices({}, np.empty((1000, 0)), holds).any
 
 
 def test_several_triples_a_world_split_interplay_from_people():
     ranges, shares, holds = made_worlds(400, 5)
-    of = indices(ranges, shares, holds).of
+    of = find_indices(ranges, shares, holds).split
     assert of.people[[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0]) and of.people[2] == pytest.approx(1.0, abs=0.03)
     assert of.interplay[1] == pytest.approx(1.0 / 3.0, abs=0.08) and of.interplay[3] == pytest.approx(1.0, abs=0.05)
     assert np.nan_to_num(of.alone + of.interplay + of.people - 1.0) == pytest.approx(0.0)
-    one = indices(ranges, shares, holds[:, :1]).of
+    one = find_indices(ranges, shares, holds[:, :1]).split
     assert np.isnan(one.people).all() and np.isnan(one.interplay).all() and one.rest[1] == pytest.approx(0.33, abs=0.08)
 
 
@@ -366,7 +360,7 @@ def made_table(people: int, n: int = 400) -> Worlds:
 
 def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_do_nothing():
     worlds, devices = made_table(3), ("three-brake", "four-brake")
-    made, drawn = judged(worlds, devices), judged(worlds.without_controllers(3 * 2, 1), devices)
+    made, drawn = judge(worlds, devices), judge(worlds.without_controllers(3 * 2, 1), devices)
     assert 0.05 < made.holds[:, 9].mean() < 0.5 < made.holds[:, 5].mean() < 0.98  # worth comparing
     for statement in range(11):
         p, q = made.holds[:, statement].mean(), drawn.holds[:, statement].mean()
@@ -394,7 +388,7 @@ def test_boxes_are_those_of_the_study_and_there_is_none_where_too_few_reached_th
         [*table(whole)[:3], ",".join(["9", "1", "7"] + [""] * 45), ",".join(["9", "2", "7"] + [""] * 45)]
     )
     assert np.isnan(nothing.values[2:]).all() and not nothing.boxes()[2]
-    assert (judged(nothing, ("three-brake", "four-brake")).words[2:] == CANNOT_TELL).all()
+    assert (judge(nothing, ("three-brake", "four-brake")).words[2:] == CANNOT_TELL).all()
 
 
 def test_the_table_is_enough_to_judge_and_to_write_the_report(small, whole):
@@ -404,7 +398,7 @@ def test_the_table_is_enough_to_judge_and_to_write_the_report(small, whole):
     assert {path.name: path.read_bytes() for path in (whole / "report").iterdir()} == files
     page = files["report.md"].decode()
     assert page.startswith("# Worlds: small\n\n2 worlds of the ranges 'small', seed 1") and "$" not in page
-    words = judged(read_worlds(table(whole)), ("three-brake", "four-brake")).words
+    words = judge(read_worlds(table(whole)), ("three-brake", "four-brake")).words
     for statement in STATEMENTS:
         share = np.mean(words[:, statement.number - 1] == HOLDS)
         assert f"| {statement.number} | {statement.text} | **{100.0 * share:.1f} %** (" in page
@@ -439,9 +433,9 @@ def test_a_report_with_enough_worlds_says_what_decides_and_what_to_measure_first
 def test_studies_of_one_world_that_agree_count_once_and_those_that_do_not_one_by_one():
     generator = np.random.default_rng(1)
     agree = np.repeat(generator.random((500, 1, 1)) < 0.3, 10, axis=1)
-    assert counted(agree)[1] == pytest.approx(500, rel=0.01)
-    assert counted(generator.random((500, 10, 1)) < 0.3)[1] == pytest.approx(5000, rel=0.15)
-    assert counted(np.zeros((50, 10, 1)))[1] == 50
+    assert effective_counts(agree)[1] == pytest.approx(500, rel=0.01)
+    assert effective_counts(generator.random((500, 10, 1)) < 0.3)[1] == pytest.approx(5000, rel=0.15)
+    assert effective_counts(np.zeros((50, 10, 1)))[1] == 50
 
 
 def test_the_interval_of_a_share_is_wilsons():
