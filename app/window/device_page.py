@@ -21,6 +21,7 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
+    grid,
     holder,
     panel,
     row,
@@ -234,13 +235,11 @@ class DevicePage(Page):
         self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setColumnStretch(1, 1)
-        grid.setVerticalSpacing(4)
+        lines = grid(8, 4, stretched=1)
         for place, name in enumerate(names):
-            grid.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
-        return grid
+            lines.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
+            lines.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
+        return lines
 
     def show_setup(self, setup: m.Setup) -> None:
         self._port, self._status, self.opened = setup.link, None, None

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizeP
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
-from app.window.settings import HelpCard, SettingsCard, about_help, controllers_help, files_help
+from app.window.settings import HelpCard, KeysCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
@@ -221,9 +221,7 @@ class MainWindow(QWidget):
     def ask_participant(self, seen: bool) -> None:
         """Whether the participant's window is seen: questions are then answered there."""
         self._participant_answers = seen
-        for page in self.pages.values():
-            page.participant_answers = seen
-            page.show_snapshot(self.snapshot)
+        self._show_participant()
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered on their own screen."""
@@ -232,8 +230,12 @@ class MainWindow(QWidget):
     def show_reading(self, reads: bool) -> None:
         """Whether the participant has instructions before them: a start then turns their page."""
         self._participant_reads = reads
+        self._show_participant()
+
+    def _show_participant(self) -> None:
+        """Hand every page what the participant is doing."""
         for page in self.pages.values():
-            page.participant_reads = reads
+            page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
             page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:
@@ -253,7 +255,8 @@ class MainWindow(QWidget):
             for title, table in (("In a session", SESSION), ("In the window", WINDOW))
         }
         own = self.pages[self.shown].own_keys()
-        self.cards.show_keys(groups | ({f"On {self.shown}": own} if own else {}))
+        groups |= {f"On {self.shown}": own} if own else {}
+        self.cards.put(KeysCard(groups, self._stack, self.cards.leave))
 
     # ------------------------------------------------------------------------------------------- settings and help
 

@@ -264,6 +264,29 @@ def fill(layout: Box, parts: Sequence[Part], spacing: int, margins: Margins) -> 
     return layout
 
 
+def grid(across: int, down: int, stretched: int, margins: Margins = (0, 0, 0, 0)) -> QGridLayout:
+    """An empty grid: px between its columns and its rows; `stretched` is the column that takes the free width."""
+    layout = QGridLayout()
+    layout.setHorizontalSpacing(across)
+    layout.setVerticalSpacing(down)
+    layout.setColumnStretch(stretched, 1)
+    layout.setContentsMargins(*margins)
+    return layout
+
+
+def described(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
+    """Name -> what stands beside it, and a quiet line below that."""
+    layout = grid(14, 4, stretched=1)
+    for name, (part, hint) in lines.items():
+        down = layout.rowCount()
+        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+        layout.addWidget(text_label(name, bold=True), down, 0, level)
+        layout.addWidget(part, down, 1)
+        if hint:
+            layout.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+    return layout
+
+
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
     made = QWidget()

@@ -2,11 +2,11 @@
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
 
 STATE_COLOUR = {
@@ -174,10 +174,8 @@ class Checklist(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self.shown: tuple[m.Check, ...] = ()
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setVerticalSpacing(6)
-        self._grid.setColumnStretch(2, 1)
+        self._grid = grid(6, 6, stretched=2)
+        self.setLayout(self._grid)
 
     def show_checks(self, checks: tuple[m.Check, ...]) -> None:
         if checks == self.shown:

@@ -6,11 +6,14 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
+from PySide6.QtWidgets import QWidget
 
 from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
+
+LOOK_MS = 2000  # between two looks of a `Watch`
 
 
 class BackgroundTask(QObject):
@@ -49,6 +52,31 @@ class BackgroundTask(QObject):
         if number == self._newest:
             self.busy = False
             self.done.emit(result)
+
+
+class Watch(BackgroundTask):
+    """Looks at something again and again while a widget is shown; an answer that takes long is waited for."""
+
+    def __init__(self, widget: QWidget, look: Callable[[], Any], done: Callable[[Any], object]) -> None:
+        """look: in a thread, every `LOOK_MS`."""
+        super().__init__(done)
+        self._look = look
+        self._timer = QTimer(self, interval=LOOK_MS)
+        self._timer.timeout.connect(self.look)
+        widget.installEventFilter(self)
+
+    def look(self) -> None:
+        """Now, unless the answer before is still to come."""
+        if not self.busy:
+            self.ask(self._look)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show:
+            self._timer.start()
+            self.look()
+        elif event.type() == QEvent.Type.Hide:
+            self._timer.stop()
+        return super().eventFilter(watched, event)
 
 
 class VerbProcess(BackgroundTask):
