@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QGuiApplication
+from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app import __version__
@@ -59,7 +59,7 @@ class SettingsCard(OverlayCard):
         self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
         self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
         self.participant_screen = Choice()
-        screens = {screen.name(): screen_words(screen.name()) for screen in QGuiApplication.screens()}
+        screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
@@ -89,11 +89,10 @@ class SettingsCard(OverlayCard):
         self._changed(key)
 
 
-def screen_words(name: str) -> str:
-    """A screen, so that it is recognised."""
-    screen = next(screen for screen in QGuiApplication.screens() if screen.name() == name)
+def screen_words(screen: QScreen) -> str:
+    """Name and size, by which a screen is recognised."""
     primary = ", the first" if screen == QGuiApplication.primaryScreen() else ""
-    return f"{name}: {screen.size().width()} × {screen.size().height()}{primary}"
+    return f"{screen.name()}: {screen.size().width()} × {screen.size().height()}{primary}"
 
 
 class HelpCard(OverlayCard):

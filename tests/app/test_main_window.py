@@ -36,7 +36,7 @@ from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
-from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import Checklist
 from core import tick_log
@@ -94,12 +94,14 @@ def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wron
 
 
 def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:
+    passes = screens.main.page(TRY).table.horizontalHeader().viewport()  # which has the font of its table
     theme.scale_text(3)
     screens.hear(opened(), running())
     screens.hear(running(), pulse(), ready(1, brakes_off="Esc was pressed"))
-    sizes = [made.font().pixelSize() for made in (screens.run.recording, screens.main.preflight.brakes)]
+    changed = (screens.run.recording, screens.main.preflight.brakes, passes)
+    sizes = [widget.font().pixelSize() for widget in changed]
     theme.scale_text(-3)
-    assert sizes == [24, 21]
+    assert sizes == [24, 21, 21] and [widget.font().pixelSize() for widget in changed] == [16, 14, 14]
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])

@@ -101,7 +101,7 @@ class OneLine(QLabel):
         text, metrics, room = self.text(), self.fontMetrics(), self.width()
         parts = text.split(PART)
         shorter = (PART.join([*parts[:n], "…"]) for n in range(len(parts) - 1, 0, -1))
-        fitting = (one for one in (text, *shorter) if metrics.horizontalAdvance(one) <= room)
+        fitting = (words for words in (text, *shorter) if metrics.horizontalAdvance(words) <= room)
         shown = next(fitting, None) or metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
 
@@ -139,17 +139,17 @@ class Figures(QWidget):
         painter, texts = QPainter(self), [text for text, _ in self.parts]
         room = self.width()
         sizes = range(self._size, theme.LEAST_PX * self._size // theme.text_px(self._size) - 1, -1)
-        size = next((fitting for fitting in sizes if wide(texts, fitting, self._bold) <= room), sizes[-1])
+        size = next((fitting for fitting in sizes if texts_width(texts, fitting, self._bold) <= room), sizes[-1])
         painter.setFont(theme.font(size, self._bold))
-        x = max(room - wide(texts, size, self._bold), 0.0) if self._right else 0.0
+        x = max(room - texts_width(texts, size, self._bold), 0.0) if self._right else 0.0
         for text, colour in self.parts:
             shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
             painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
-            x += wide([text, ""], size, self._bold)
+            x += texts_width([text, ""], size, self._bold)
 
 
-def wide(texts: Sequence[str], size: int, bold: bool = False) -> float:
+def texts_width(texts: Sequence[str], size: int, bold: bool = False) -> float:
     """How wide (px) texts are, with a gap between two."""
     gaps = (len(texts) - 1) * theme.text_width(" ", size, bold)
     return sum(theme.text_width(text, size, bold) for text in texts) + gaps

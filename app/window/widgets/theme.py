@@ -14,7 +14,6 @@ from app.window.widgets.sheet import SHEET
 
 COLOURS = palette.chosen
 JOINT = dict(zip("AEBC", COLOURS.joints, strict=True))
-CONTROLLER = dict(enumerate(COLOURS.controllers, start=1))
 STATUS = {
     "done": COLOURS.good, "timeout": COLOURS.caution, "aborted": COLOURS.bad, "redone": COLOURS.quiet,
     "recovered": COLOURS.caution, "skipped": COLOURS.quiet, "stopped": COLOURS.bad, "excluded": COLOURS.quiet,
@@ -74,18 +73,17 @@ def set_text_size(size: float) -> None:
     memory.remember(memory.TEXT_SIZE, str(size))
     for cached in (font, text_width, laid_out):
         cached.cache_clear()
+    widgets = sorted(QApplication.allWidgets(), key=_depth)  # outer ones first: they hand their font on to inner ones
+    sizes = [widget.property("px") or widget.font().pixelSize() / before for widget in widgets]  # px, at 1
     QApplication.setFont(font())
-    do_more: list[QWidget] = []
-    for widget in QApplication.allWidgets():
+    for widget, px in zip(widgets, sizes, strict=True):
         now = widget.font()
-        size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
-        widget.setProperty("px", size)
-        now.setPixelSize(text_px(size))
+        now.setPixelSize(text_px(px))
+        widget.setProperty("px", px)
         widget.setFont(now)
+    for widget in reversed(widgets):
         if hasattr(widget, "follow_text"):
-            do_more.append(widget)
-    for widget in sorted(do_more, key=_depth, reverse=True):
-        widget.follow_text()  # type: ignore[attr-defined]
+            widget.follow_text()
 
 
 def _depth(widget: QWidget) -> int:
@@ -210,4 +208,4 @@ def colour_of(controller: int | str) -> str:
     """Table I's five colours, which begin again for further controllers; a code has none of its own."""
     if isinstance(controller, str):
         return COLOURS.quiet
-    return CONTROLLER[(controller - 1) % len(CONTROLLER) + 1]
+    return COLOURS.controllers[(controller - 1) % len(COLOURS.controllers)]

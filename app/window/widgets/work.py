@@ -87,16 +87,16 @@ class VerbProcess(BackgroundTask):
     def __init__(self, done: Callable[[Any], object]) -> None:
         super().__init__(done)
         self._process: subprocess.Popen | None = None
-        self._stopped = False
+        self.stopped = False  # it was ended before its end
 
     def begin(self, *arguments: str, module: str = "app.cli", given: bytes = b"") -> None:
         """Run it. given: what it reads from its standard input."""
-        self._stopped = False
+        self.stopped = False
         self.ask(self._through, arguments, module, given)
 
     def stop(self, wait: bool = False) -> None:
         """End it; what it had begun to write is removed by itself. wait: until that has been done."""
-        self._stopped = True
+        self.stopped = True
         if self._process is not None:
             self._process.terminate()
             if wait:
@@ -105,7 +105,7 @@ class VerbProcess(BackgroundTask):
     def _through(self, arguments: tuple[str, ...], module: str, given: bytes) -> str:
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
         self._process = process = start_python(module, *arguments, environment={PROGRESS: "lines"}, **pipes)
-        if self._stopped:
+        if self.stopped:
             process.terminate()
         text = trouble = ""
         assert process.stdin and process.stdout and process.stderr  # all three are pipes
