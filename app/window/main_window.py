@@ -20,7 +20,7 @@ from app.ipc.client import Client
 from app.window.settings import HelpCard, KeysCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
-from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
+from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
@@ -404,7 +404,7 @@ class MainWindow(QWidget):
         title, text, stay, go = UNSAVED if unsaved else CLOSE
         buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
         card = OverlayCard(title, text.format(unsaved), buttons, self._stack)
-        card.key("Alt+C", self.close_anyway)
+        add_key("Alt+C", card, self.close_anyway)
         self.cards.put(card, "abort")
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.window.widgets import theme
+from app.window.widgets.keys import add_key
 from app.window.widgets.parts import (
     KeyButton,
     Panel,
@@ -101,10 +102,6 @@ class OverlayCard(Panel):
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
         self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
 
-    def key(self, key: str, do: Callable[[], object]) -> None:
-        """Let a key act while the card is there."""
-        QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
-
     def focusNextPrevChild(self, forwards: bool) -> bool:
         """Tab goes round on the card, so that Enter always means what its buttons say."""
         stops = [
@@ -149,7 +146,7 @@ class Question(OverlayCard):
         for number, reason in enumerate(ask.reasons, start=1):
             answer = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
             answer.clicked.connect(lambda _=False, reason=reason: answered(reason))
-            self.key(f"Alt+{number}", answer.click)
+            add_key(f"Alt+{number}", self, answer.click)
             self.inside.addWidget(answer)
         self.own = QLineEdit(placeholderText=ask.own, accessibleName=ask.own, maxLength=200)
         self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
