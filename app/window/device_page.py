@@ -275,15 +275,15 @@ class DevicePage(Page):
 
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
-        there = opened is not None and opened.real_device
+        on_bench = opened is not None and opened.real_device
         self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
-        self.no_figures.setVisible(not there)
-        self.bench.setVisible(there and not self.bring_up.is_open)
-        if opened is None or not there or not self.isVisible():
+        self.no_figures.setVisible(not on_bench)
+        self.bench.setVisible(on_bench and not self.bring_up.is_open)
+        if opened is None or not on_bench or not self.isVisible():
             return
         found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
-        for text, made in self.steps.items():
-            made.setText(m.WAITS[snapshot.step] if snapshot.step == STEPS[text][0] else text)
+        for text, button_of_step in self.steps.items():
+            button_of_step.setText(m.WAITS[snapshot.step] if snapshot.step == STEPS[text][0] else text)
         found += worth_a_look(status, self._rates) if status and not status.problem else []
         self.health.show_checks(tuple(found) or (m.Check("", m.GOOD, "All is well."),))
         figures = figures_of(status, self._rates) if status else {}

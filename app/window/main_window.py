@@ -152,13 +152,13 @@ class MainWindow(QWidget):
             ("Where files are", self.show_files), ("About PHD", self.show_about),
         ):  # fmt: skip
             menu.addAction(text, do)
-        for made in (self.settings, self.help):
-            made.setAccessibleName(made.toolTip())
-            made.setFont(theme.font(theme.TITLE, bold=True))
-        for made in (self.settings, self.help, self.preflight.brakes):
-            made.setFocusPolicy(NO_FOCUS)
+        for pressed in (self.settings, self.help):
+            pressed.setAccessibleName(pressed.toolTip())
+            pressed.setFont(theme.font(theme.TITLE, bold=True))
+        for pressed in (self.settings, self.help, self.preflight.brakes):
+            pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
-            head.addWidget(made)
+            head.addWidget(pressed)
         parts = (head, self.banner, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
         self.follow_text()
@@ -270,7 +270,6 @@ class MainWindow(QWidget):
             self._choose_folder()
 
     def _choose_folder(self) -> None:
-        """Ask for a data folder, and go on in it."""
         if self.opened is not None and self.opened.participant:
             self.cards.show_message("Another data folder", f"Close the session first. {LEAVE}")
             return
@@ -307,7 +306,6 @@ class MainWindow(QWidget):
         self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
-        """Currents may flow again."""
         if self.snapshot.brakes_off:
             self.send(m.AllowBrakes())
 

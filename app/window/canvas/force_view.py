@@ -122,7 +122,6 @@ class ForceView(Plane):
 
     @property
     def whole_in_corner(self) -> bool:
-        """Whether the whole linkage is to be seen in a corner."""
         return LINKAGE in self.shown
 
     def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:

@@ -60,8 +60,8 @@ class BoardPorts(QWidget):
         clear(self._rows)
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
-            there = self._state.state not in (m.BAD, m.WAITING)
-            words = wrapped_label("connected" if there else self._state.text, "good" if there else "caution")
+            connected = self._state.state not in (m.BAD, m.WAITING)
+            words = wrapped_label("connected" if connected else self._state.text, "good" if connected else "caution")
             self._rows.addLayout(row_of(self._mine, words, own))
         for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))

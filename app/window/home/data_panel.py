@@ -114,7 +114,6 @@ class DataPanel(Panel):
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
-        """A participant's session in this folder, if there is one."""
         sessions = self.overview.sessions if self.overview else ()
         return next((session for session in sessions if session.participant == participant), None)
 
@@ -173,12 +172,12 @@ class DataPanel(Panel):
         if session.declined:
             bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
-        made = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
+        lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
         if session.lacking:
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)
-            made.addWidget(lacking)
-        return made
+            lines.addWidget(lacking)
+        return lines
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")

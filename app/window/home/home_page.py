@@ -260,7 +260,6 @@ class HomePage(Page):
         self._refresh()
 
     def _load(self) -> None:
-        """Read the chosen protocol."""
         self.loaded = None
         self._loading.ask(load, self.chosen._replace(participant=self._named))
         self._refresh()

@@ -361,7 +361,6 @@ class ProtocolEditor(Panel):
                 field.show_value(in_mm(value))
 
     def _points_typed(self, place: int) -> None:
-        """A number of a path was typed."""
         values = [field.value() for field in self._points[place]]
         try:
             if not all(map(is_number, values)):

@@ -115,10 +115,10 @@ class Controls(QScrollArea):
             self.segments[field] = segments
         self.segments["sensing"].setToolTip(SENSING)
         for dial in dials_of(protocol):
-            made = self.dials[dial.name] = DialRow(dial)
-            self._names.append(made.name)
-            made.changed.connect(partial(self._turn, dial.name))
-            parts.append(made)
+            dial_row = self.dials[dial.name] = DialRow(dial)
+            self._names.append(dial_row.name)
+            dial_row.changed.connect(partial(self._turn, dial.name))
+            parts.append(dial_row)
         self.changes = OneLine("", "quiet", theme.NORMAL)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)

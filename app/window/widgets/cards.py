@@ -189,7 +189,6 @@ class Cards:
         self.put(question, ask.kind)
 
     def show_message(self, title: str, text: str) -> None:
-        """Show what the user has to read."""
         self.put(OverlayCard(title, text, [("Close  Enter", self.leave)], self._parent))
 
     def leave(self) -> bool:

@@ -54,9 +54,9 @@ def text_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: b
 
 def printed(hint: str = "") -> QPlainTextEdit:
     """A text in columns, to be read. hint: what stands in its place while there is none."""
-    made = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
-    made.setFont(theme.mono())
-    return made
+    text = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+    text.setFont(theme.mono())
+    return text
 
 
 class Panel(QFrame):
@@ -78,9 +78,8 @@ class OneLine(QLabel):
     """
 
     def __init__(self, text: str = "", name: str = "", size: int = theme.SMALL, bold: bool = False) -> None:
-        super().__init__("", objectName=name)
+        super().__init__(objectName=name, textFormat=Qt.TextFormat.PlainText)
         self.setFont(theme.font(size, bold))
-        self.setTextFormat(Qt.TextFormat.PlainText)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.setText(text)
 
@@ -212,9 +211,9 @@ class KeyButton(QPushButton):
 
 def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
     """A button that does something. name: "main" or "small"; hint: its tooltip."""
-    made = QPushButton(text, objectName=name, toolTip=hint)
-    made.clicked.connect(lambda: do())
-    return made
+    pressed = QPushButton(text, objectName=name, toolTip=hint)
+    pressed.clicked.connect(lambda: do())
+    return pressed
 
 
 def show_wait(pressed: QPushButton, text: str) -> None:
@@ -225,9 +224,9 @@ def show_wait(pressed: QPushButton, text: str) -> None:
 
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
     """A chip that is lit while it is on; it never takes the keyboard."""
-    made = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
-    made.toggled.connect(do)
-    return made
+    pressed = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
+    pressed.toggled.connect(do)
+    return pressed
 
 
 Margins = tuple[int, int, int, int]  # px, as Qt has them: left, top, right, bottom
@@ -289,18 +288,18 @@ def described(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
 
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
-    made = QWidget()
-    made.setObjectName("clear")
-    made.setLayout(layout)
-    return made
+    widget = QWidget()
+    widget.setObjectName("clear")
+    widget.setLayout(layout)
+    return widget
 
 
 def stack(*pages: QWidget) -> QStackedWidget:
     """One page at a time, at first the first."""
-    made = QStackedWidget()
+    widget = QStackedWidget()
     for page in pages:
-        made.addWidget(page)
-    return made
+        widget.addWidget(page)
+    return widget
 
 
 def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:

@@ -145,10 +145,10 @@ SHADES = 32  # of the spring
 @cache
 def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
     """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
-    made = QPen(shade(name, alpha), width)
-    made.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
-    made.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
-    return made
+    line = QPen(shade(name, alpha), width)
+    line.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
+    line.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
+    return line
 
 
 @cache
@@ -156,9 +156,9 @@ def spring_pen(width: float, step: int) -> QPen:
     """From green (step 0) over yellow to red (SHADES - 1)."""
     share = 2.0 * step / (SHADES - 1)
     ends = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
-    made = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
-    made.setCapStyle(Qt.PenCapStyle.FlatCap)
-    return made
+    line = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
+    line.setCapStyle(Qt.PenCapStyle.FlatCap)
+    return line
 
 
 @lru_cache(maxsize=4096)
@@ -170,19 +170,19 @@ def text_width(text: str, size: int, bold: bool = False) -> float:
 @lru_cache(maxsize=1024)
 def laid_out(text: str, size: int, bold: bool) -> QStaticText:
     """A text whose letters have their places already: drawing it takes a third of the time."""
-    made = QStaticText(text)
-    made.setTextFormat(Qt.TextFormat.PlainText)
-    made.prepare(QTransform(), font(size, bold))
-    return made
+    letters = QStaticText(text)
+    letters.setTextFormat(Qt.TextFormat.PlainText)
+    letters.prepare(QTransform(), font(size, bold))
+    return letters
 
 
 def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
     """A short text about its middle (px)."""
-    made = laid_out(text, size, bold)
+    letters = laid_out(text, size, bold)
     painter.setFont(font(size, bold))
     painter.setPen(shade(colour))
-    left, top = middle.x() - 0.5 * made.size().width(), middle.y() - 0.5 * made.size().height()
-    painter.drawStaticText(QPointF(round(left), round(top)), made)
+    left, top = middle.x() - 0.5 * letters.size().width(), middle.y() - 0.5 * letters.size().height()
+    painter.drawStaticText(QPointF(round(left), round(top)), letters)
 
 
 def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
