@@ -24,10 +24,10 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
-from screens import Screens, point, settle, visible_texts
+from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
@@ -339,24 +339,16 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
     assert "seed 1" in origin and opened().plan_sha256[:4] in origin
 
 
-def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
+def test_ticks_reach_workspace_participant_and_traces(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    screens.participant.show()
     screens.hear(opened(), running(over))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
                        PATH_DISTANCE=-0.003))  # fmt: skip
     assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
     assert screens.run.traces.force.newest == pytest.approx((5.0,))
-    assert screens.run.workspace.view.tip == (0.03, 0.397)
+    assert screens.run.workspace.view.tip == screens.participant.view.tip == (0.03, 0.397)
     assert screens.run.large.text() == "Go"
-
-
-def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    view = screens.run.workspace.view
-    point(view, view.to_screen((0.05, 0.3)))
-    assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
-    point(view, QPointF(-20.0, 50.0))  # dragged out, with a button held down
-    assert np.isnan(screens.client.aimed[-1]).all()
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
