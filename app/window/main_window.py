@@ -24,7 +24,6 @@ from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
-from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
 from experiments.plan import grouped
 
@@ -63,15 +62,10 @@ class Footer(Panel):
         self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
-        self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)
+        self.lamp, self.origin = text_label("●", "off", theme.SMALL), text_label("", "quiet", theme.SMALL)
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
         self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
-        self._light(COLOURS.brake_off)
-
-    def _light(self, colour: str) -> None:
-        if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
-            self.lamp.setStyleSheet(sheet)
 
     def show_folder(self, folder: Path) -> None:
         self._path = folder
@@ -90,19 +84,19 @@ class Footer(Panel):
     def show_pulse(self, pulse: m.Pulse) -> None:
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
-            self._light(COLOURS.good if verified else COLOURS.brake_off)
+            theme.set_style(self.lamp, "good" if verified else "off")
             runs = "1 run" if verified == 1 else f"{verified} runs"
             kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
-        self._light(COLOURS.bad if proof.age_s < STALE_S else COLOURS.caution)
+        theme.set_style(self.lamp, "bad" if proof.age_s < STALE_S else "caution")
         earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
         self.recording.setText(" · ".join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        self._light(COLOURS.bad)
+        theme.set_style(self.lamp, "bad")
         self.recording.setText("Not recording")
 
 
