@@ -21,6 +21,7 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
+    grid,
     holder,
     panel,
     row,
@@ -234,13 +235,11 @@ class DevicePage(Page):
         self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), spacing=theme.GAP))
 
     def _figures(self, names: Sequence[str]) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setColumnStretch(1, 1)
-        grid.setVerticalSpacing(4)
+        lines = grid(8, 4, stretched=1)
         for place, name in enumerate(names):
-            grid.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
-        return grid
+            lines.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
+            lines.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
+        return lines
 
     def show_setup(self, setup: m.Setup) -> None:
         self._port, self._status, self.opened = setup.link, None, None
@@ -276,15 +275,15 @@ class DevicePage(Page):
 
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
-        there = opened is not None and opened.real_device
+        on_bench = opened is not None and opened.real_device
         self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
-        self.no_figures.setVisible(not there)
-        self.bench.setVisible(there and not self.bring_up.is_open)
-        if opened is None or not there or not self.isVisible():
+        self.no_figures.setVisible(not on_bench)
+        self.bench.setVisible(on_bench and not self.bring_up.is_open)
+        if opened is None or not on_bench or not self.isVisible():
             return
         found = [check for check in snapshot.checks if check.name in ("Device", "Hand") and check.state != m.GOOD]
-        for text, made in self.steps.items():
-            made.setText(m.WAITS[snapshot.step] if snapshot.step == STEPS[text][0] else text)
+        for text, button_of_step in self.steps.items():
+            button_of_step.setText(m.WAITS[snapshot.step] if snapshot.step == STEPS[text][0] else text)
         found += worth_a_look(status, self._rates) if status and not status.problem else []
         self.health.show_checks(tuple(found) or (m.Check("", m.GOOD, "All is well."),))
         figures = figures_of(status, self._rates) if status else {}

@@ -17,14 +17,13 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizeP
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
-from app.window.settings import HelpCard, SettingsCard, about_help, controllers_help, files_help
+from app.window.settings import HelpCard, KeysCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
-from app.window.widgets.keys import KEYS, SESSION, WINDOW, bind
+from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
 from app.window.widgets.preflight import Preflight
-from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
 from experiments.plan import grouped
 
@@ -63,15 +62,10 @@ class Footer(Panel):
         self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
         self.open = button("Open folder", lambda: show_folder(self._path), "small")
-        self.lamp, self.origin = text_label("●", size=theme.SMALL), text_label("", "quiet", theme.SMALL)
+        self.lamp, self.origin = text_label("●", "off", theme.SMALL), text_label("", "quiet", theme.SMALL)
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
         self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
-        self._light(COLOURS.brake_off)
-
-    def _light(self, colour: str) -> None:
-        if (sheet := f"color: {colour}") != self.lamp.styleSheet():  # each one makes the window lay itself out anew
-            self.lamp.setStyleSheet(sheet)
 
     def show_folder(self, folder: Path) -> None:
         self._path = folder
@@ -90,19 +84,19 @@ class Footer(Panel):
     def show_pulse(self, pulse: m.Pulse) -> None:
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
-            self._light(COLOURS.good if verified else COLOURS.brake_off)
+            theme.set_style(self.lamp, "good" if verified else "off")
             runs = "1 run" if verified == 1 else f"{verified} runs"
             kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
-        self._light(COLOURS.bad if proof.age_s < STALE_S else COLOURS.caution)
+        theme.set_style(self.lamp, "bad" if proof.age_s < STALE_S else "caution")
         earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
         self.recording.setText(" · ".join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        self._light(COLOURS.bad)
+        theme.set_style(self.lamp, "bad")
         self.recording.setText("Not recording")
 
 
@@ -152,13 +146,13 @@ class MainWindow(QWidget):
             ("Where files are", self.show_files), ("About PHD", self.show_about),
         ):  # fmt: skip
             menu.addAction(text, do)
-        for made in (self.settings, self.help):
-            made.setAccessibleName(made.toolTip())
-            made.setFont(theme.font(theme.TITLE, bold=True))
-        for made in (self.settings, self.help, self.preflight.brakes):
-            made.setFocusPolicy(NO_FOCUS)
+        for pressed in (self.settings, self.help):
+            pressed.setAccessibleName(pressed.toolTip())
+            pressed.setFont(theme.font(theme.TITLE, bold=True))
+        for pressed in (self.settings, self.help, self.preflight.brakes):
+            pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
-            head.addWidget(made)
+            head.addWidget(pressed)
         parts = (head, self.banner, (self._stack, 1), self.footer)
         self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
         self.follow_text()
@@ -221,9 +215,7 @@ class MainWindow(QWidget):
     def ask_participant(self, seen: bool) -> None:
         """Whether the participant's window is seen: questions are then answered there."""
         self._participant_answers = seen
-        for page in self.pages.values():
-            page.participant_answers = seen
-            page.show_snapshot(self.snapshot)
+        self._show_participant()
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered on their own screen."""
@@ -232,8 +224,12 @@ class MainWindow(QWidget):
     def show_reading(self, reads: bool) -> None:
         """Whether the participant has instructions before them: a start then turns their page."""
         self._participant_reads = reads
+        self._show_participant()
+
+    def _show_participant(self) -> None:
+        """Hand every page what the participant is doing."""
         for page in self.pages.values():
-            page.participant_reads = reads
+            page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
             page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:
@@ -253,7 +249,8 @@ class MainWindow(QWidget):
             for title, table in (("In a session", SESSION), ("In the window", WINDOW))
         }
         own = self.pages[self.shown].own_keys()
-        self.cards.show_keys(groups | ({f"On {self.shown}": own} if own else {}))
+        groups |= {f"On {self.shown}": own} if own else {}
+        self.cards.put(KeysCard(groups, self._stack, self.cards.leave))
 
     # ------------------------------------------------------------------------------------------- settings and help
 
@@ -267,7 +264,6 @@ class MainWindow(QWidget):
             self._choose_folder()
 
     def _choose_folder(self) -> None:
-        """Ask for a data folder, and go on in it."""
         if self.opened is not None and self.opened.participant:
             self.cards.show_message("Another data folder", f"Close the session first. {LEAVE}")
             return
@@ -304,7 +300,6 @@ class MainWindow(QWidget):
         self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
-        """Currents may flow again."""
         if self.snapshot.brakes_off:
             self.send(m.AllowBrakes())
 
@@ -401,7 +396,7 @@ class MainWindow(QWidget):
         title, text, stay, go = UNSAVED if unsaved else CLOSE
         buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
         card = OverlayCard(title, text.format(unsaved), buttons, self._stack)
-        card.key("Alt+C", self.close_anyway)
+        add_key("Alt+C", card, self.close_anyway)
         self.cards.put(card, "abort")
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -4,18 +4,31 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+from PySide6.QtGui import QGuiApplication, QScreen
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app import __version__
 from app.window.participant.tone import player
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import OverlayCard
-from app.window.widgets.parts import Choice, OneLine, Segments, breakable, button, row, text_label, wrapped_label
+from app.window.widgets.parts import (
+    Choice,
+    OneLine,
+    Segments,
+    breakable,
+    button,
+    column,
+    described,
+    holder,
+    row,
+    scrolled,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.words import from_home
 from experiments.protocol import Protocol
 
-WIDE_PX = 640
+WIDE_PX, KEYS_PX, KEYS_FOOT_PX = 640, 960, 180  # at a text size of 1; what else a card of keys needs, high
 NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
@@ -36,7 +49,7 @@ GAP = "With a gap, nothing acts while the handle is that near to the path."
 class SettingsCard(OverlayCard):
     """What the user chooses for this computer; each takes effect at once, but for the theme."""
 
-    wide = WIDE_PX
+    wide_px = WIDE_PX
 
     def __init__(self, parent: QWidget, leave: Callable[[], object], changed: Callable[[str], object]) -> None:
         """changed: does what a key of `memory` asks for, once its new value is remembered."""
@@ -46,7 +59,7 @@ class SettingsCard(OverlayCard):
         self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
         self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
         self.participant_screen = Choice()
-        screens = {screen.name(): screen_words(screen.name()) for screen in QGuiApplication.screens()}
+        screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
@@ -54,14 +67,14 @@ class SettingsCard(OverlayCard):
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
         folder = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
-        grid = grid_of({
+        lines = described({
             "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
             "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
         })  # fmt: skip
-        self.inside.addLayout(grid)
+        self.inside.addLayout(lines)
         self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
         for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
@@ -76,37 +89,36 @@ class SettingsCard(OverlayCard):
         self._changed(key)
 
 
-def screen_words(name: str) -> str:
-    """A screen, so that it is recognised."""
-    screen = next(screen for screen in QGuiApplication.screens() if screen.name() == name)
+def screen_words(screen: QScreen) -> str:
+    """Name and size, by which a screen is recognised."""
     primary = ", the first" if screen == QGuiApplication.primaryScreen() else ""
-    return f"{name}: {screen.size().width()} × {screen.size().height()}{primary}"
-
-
-def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
-    """Name -> what stands beside it, and a quiet line below that."""
-    grid = QGridLayout()
-    grid.setHorizontalSpacing(14)
-    grid.setVerticalSpacing(4)
-    grid.setColumnStretch(1, 1)
-    for name, (part, hint) in lines.items():
-        down = grid.rowCount()
-        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
-        grid.addWidget(text_label(name, bold=True), down, 0, level)
-        grid.addWidget(part, down, 1)
-        if hint:
-            grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
-    return grid
+    return f"{screen.name()}: {screen.size().width()} × {screen.size().height()}{primary}"
 
 
 class HelpCard(OverlayCard):
     """Names and what is to be known of each."""
 
-    wide = WIDE_PX
+    wide_px = WIDE_PX
 
     def __init__(self, title: str, text: str, lines: Mapping[str, str], parent: QWidget, leave: Callable[[], object]):
         super().__init__(title, text, [("Close  Enter", leave)], parent)
-        self.inside.addLayout(grid_of({name: (selectable(text), "") for name, text in lines.items()}))
+        self.inside.addLayout(described({name: (selectable(text), "") for name, text in lines.items()}))
+
+
+class KeysCard(OverlayCard):
+    """Title of a group of keys -> key -> what it does; a column for each group."""
+
+    wide_px = KEYS_PX
+
+    def __init__(self, groups: Mapping[str, Mapping[str, str]], parent: QWidget, leave: Callable[[], object]) -> None:
+        super().__init__("Keys", "", [("Close  Enter", leave)], parent)
+        columns = row(spacing=24)
+        for title, keys in groups.items():
+            lines = described({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
+            columns.addLayout(column(text_label(title, size=theme.TITLE), lines, 1), 1)
+        area = scrolled(holder(columns))
+        area.setMinimumHeight(min(columns.sizeHint().height(), parent.height() - KEYS_FOOT_PX))
+        self.inside.addWidget(area)
 
 
 def selectable(text: str) -> QLabel:

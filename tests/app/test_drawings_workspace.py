@@ -283,19 +283,6 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
     assert [apart[joint].toTuple() for joint in "AECB"] == [(40.0, 9.0), (-10.0, 9.0), (-60.0, 9.0), (-110.0, 9.0)]
 
 
-def test_a_blind_console_shows_neither_states_nor_the_brakes_force(workspace: Workspace) -> None:
-    workspace.set_blind(True)
-    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, STUCK=2, HAND_FX=5.0))
-    assert [names_of(line) for line in workspace.view.readouts(FOUR.labels)] == [[HAND], []]
-    assert workspace.view.instant.brakes == (0.0, 0.0)
-    blind = workspace.view.grab().toImage()
-    other = quiet(CURRENT_B=0.4, TORQUE_B=-2.0, STUCK=0, HAND_FX=5.0)
-    add(workspace, other)
-    assert workspace.view.grab().toImage() == blind  # another controller looks the same
-    workspace.set_blind(False)
-    assert BRAKES in workspace.view.force_texts and workspace.view.grab().toImage() != blind
-
-
 def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
     instant = Instant(FOUR, TIP, quiet(HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
     assert instant.hand == (3.0, 4.0)

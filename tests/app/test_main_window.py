@@ -24,10 +24,10 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
-from screens import Screens, point, settle, visible_texts
+from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
@@ -36,7 +36,7 @@ from app.ipc import messages as m
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
-from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import Checklist
 from core import tick_log
@@ -94,12 +94,14 @@ def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wron
 
 
 def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:
+    passes = screens.main.page(TRY).table.horizontalHeader().viewport()  # which has the font of its table
     theme.scale_text(3)
     screens.hear(opened(), running())
     screens.hear(running(), pulse(), ready(1, brakes_off="Esc was pressed"))
-    sizes = [made.font().pixelSize() for made in (screens.run.recording, screens.main.preflight.brakes)]
+    changed = (screens.run.recording, screens.main.preflight.brakes, passes)
+    sizes = [widget.font().pixelSize() for widget in changed]
     theme.scale_text(-3)
-    assert sizes == [24, 21]
+    assert sizes == [24, 21, 21] and [widget.font().pixelSize() for widget in changed] == [16, 14, 14]
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -337,24 +339,16 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
     assert "seed 1" in origin and opened().plan_sha256[:4] in origin
 
 
-def test_ticks_reach_workspace_traces_and_ledger(screens: Screens) -> None:
+def test_ticks_reach_workspace_participant_and_traces(screens: Screens) -> None:
     over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    screens.participant.show()
     screens.hear(opened(), running(over))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
                        PATH_DISTANCE=-0.003))  # fmt: skip
     assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
     assert screens.run.traces.force.newest == pytest.approx((5.0,))
-    assert screens.run.workspace.view.tip == (0.03, 0.397)
+    assert screens.run.workspace.view.tip == screens.participant.view.tip == (0.03, 0.397)
     assert screens.run.large.text() == "Go"
-
-
-def test_the_pointer_over_the_workspace_is_sent_in_metres(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    view = screens.run.workspace.view
-    point(view, view.to_screen((0.05, 0.3)))
-    assert screens.client.aimed[-1] == pytest.approx((0.05, 0.3), abs=1e-6)
-    point(view, QPointF(-20.0, 50.0))  # dragged out, with a button held down
-    assert np.isnan(screens.client.aimed[-1]).all()
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:

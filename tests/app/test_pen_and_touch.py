@@ -1,13 +1,13 @@
-"""A pen or a finger on a screen is the hand: where it is down, as firmly as it presses, and not when it is lifted."""
+"""A mouse, a pen or a finger is the hand: where it is, as firmly as it presses, until it leaves or is lifted."""
 
 import numpy as np
 import pytest
 from fake_client import opened, running
-from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QInputDevice, QPointingDevice, QTabletEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from screens import Screens
+from screens import Screens, point
 from tried import tried
 
 from app.window.canvas.plane import Plane, grip_of
@@ -22,20 +22,9 @@ def pen(view: Plane, kind: QEvent.Type, pressure: float) -> None:
     at = view.to_screen(PLACE)
     none, left = Qt.MouseButton.NoButton, Qt.MouseButton.LeftButton
     button, buttons = (none if kind == ON.TabletMove else left), (left if pressure else none)
+    upright = 5 * (0.0,)
     event = QTabletEvent(
-        kind,
-        PEN,
-        at,
-        view.mapToGlobal(at),
-        pressure,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        Qt.KeyboardModifier.NoModifier,
-        button,
-        buttons,
+        kind, PEN, at, view.mapToGlobal(at), pressure, *upright, Qt.KeyboardModifier.NoModifier, button, buttons
     )
     QApplication.sendEvent(view, event)
 
@@ -50,6 +39,17 @@ def view(request, screens: Screens) -> Plane:
     screens.hear(opened(), running())
     screens.participant.show()
     return screens.participant.view if request.param == "participant" else screens.run.workspace.view
+
+
+def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves(screens: Screens, view: Plane) -> None:
+    aimed = screens.client.aimed
+    for leaves in (lambda: QApplication.sendEvent(view, QEvent(ON.Leave)), lambda: point(view, QPointF(-20.0, 50.0))):
+        point(view, view.to_screen(PLACE))
+        assert aimed[-1] == pytest.approx(PLACE, abs=1e-6)
+        leaves()  # or is dragged out, with a button held down
+        assert np.isnan(aimed[-1]).all()
+    QTest.mouseClick(view, Qt.MouseButton.LeftButton, pos=view.to_screen(PLACE).toPoint())
+    assert not np.isnan(aimed[-1]).any() and screens.client.grips[-1] == 1.0  # a mouse is seen without its button, too
 
 
 def test_a_pens_pressure_is_the_grip_and_in_the_air_it_holds_nothing(screens: Screens, view: Plane) -> None:

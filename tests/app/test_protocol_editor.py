@@ -160,10 +160,9 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
     editing.type("gap of controller 3", "7.5")
     editing.type("Break after trials", "10")
     editing.type("Shortest break (s)", "30")
-    editing.editor.form.setFocus()
-    QTest.keyClicks(editing.editor.form, "handedness: right, left; age: number")
-    editing.editor.instructions.setPlainText("Follow the line.\n---\nRest when you like.")
-    editing.editor.consent.setPlainText("You may stop at any time.")
+    editing.type("Form", "handedness: right, left; age: number")
+    editing.editor.fields["instruction"].setPlainText("Follow the line.\n---\nRest when you like.")
+    editing.editor.fields["consent.text"].setPlainText("You may stop at any time.")
     editing.type("Seed", "7")
     editing.type("Participants", "P1, P2")
     editing.type("Longest move (s)", "12,5")
@@ -180,9 +179,13 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
     assert replace(saved.trial, time_out_s=30.0) == load_protocol().trial, "what the editor does not show stays"
     editing.editor.open(str(tmp_path / "pilot.toml"))
     editing.type("Seed", "8")
+    many = [f"{number:03d}" for number in range(1, 61)]
+    editing.field("Participants").selectAll()
+    editing.field("Participants").insert(", ".join(many))
     editing.read("60 trials")
     editing.editor.save_now()  # Ctrl+S: into the file that was opened, without a dialog
-    assert len(editing.asked) == 1 and load_protocol(tmp_path / "pilot.toml").seed == 8
+    again = load_protocol(tmp_path / "pilot.toml")
+    assert len(editing.asked) == 1 and (again.seed, list(again.participants)) == (8, many)
 
 
 def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_path: Path) -> None:

@@ -136,7 +136,8 @@ def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
         assert 0 < reached < 300
 
 
-def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot) -> None:
+def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot, monkeypatch) -> None:
+    monkeypatch.setattr("tests.benchmarks.screen_cost.WARM_UP_S", 0.1)
     before, frozen = set(QApplication.topLevelWidgets()), gc.get_freeze_count()
     cost = measure(0.3, 1280, 720, both=True)
     assert (cost.width, cost.height) == (1280, 720) and cost.platform == "offscreen"

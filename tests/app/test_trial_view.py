@@ -16,7 +16,7 @@ from sessions import closed_session
 
 from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
 from app.window.widgets import theme
-from app.window.widgets.parts import wide
+from app.window.widgets.parts import texts_width
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
@@ -190,7 +190,7 @@ def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024
     trace.labels = dict(zip(JOINTS, JOINTS, strict=True))
     trace.show_currents(0.001 * np.arange(3000), np.ones((4, 3000)), hidden=False)
     trace.show_cursor(1500)
-    assert trace.value.count("1.00 on 100 %") == 4 and wide([trace.value], theme.SMALL) < trace.figures.width()
+    assert trace.value.count("1.00 on 100 %") == 4 and texts_width([trace.value], theme.SMALL) < trace.figures.width()
 
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:

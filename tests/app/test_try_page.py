@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from fake_client import PATHS, before, movement, opened, paper, ready
 from page_driver import PageDriver
-from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
-from screens import point, settle
+from screens import settle
 from texts_on_screen import faults
 from tried import INITIAL, ended, tried
 
@@ -212,16 +212,6 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     assert len(page.canvas.trail) == 1510  # to be looked at until the next movement
     page.show_ticks(rows[:1], True)
     assert len(page.canvas.trail) == 1
-
-
-def test_the_pointer_over_the_canvas_is_the_hand_and_lets_go_when_it_leaves(held: Held) -> None:
-    aimed, left, canvas = [], [], held.page.canvas
-    held.page.pointer_moved.connect(lambda x, y: aimed.append((x, y)))
-    held.page.pointer_left.connect(lambda: left.append(True))
-    point(canvas, canvas.to_screen((0.02, 0.41)))
-    assert aimed[-1] == pytest.approx((0.02, 0.41), abs=1e-6)
-    QApplication.sendEvent(canvas, QEvent(QEvent.Type.Leave))
-    assert left
 
 
 def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:

@@ -40,7 +40,8 @@ class Ink(NamedTuple):
 
 def faults(window: QWidget) -> list[str]:
     """A sentence for each text that is cut, or that another one covers."""
-    seen = [ink for ink in inks(window) if not _covered(ink, window)]
+    over = [card for kind in (OverlayCard, Banner) for card in window.findChildren(kind) if card.isVisible()]
+    seen = [ink for ink in inks(window) if not _covered(ink, window, over)]
     found = [f"cut: {ink.text!r} of {_name(ink.owner)}" for ink in seen if ink.cut]
     for place, ink in enumerate(seen):
         for other in seen[place + 1 :]:
@@ -54,9 +55,8 @@ def faults(window: QWidget) -> list[str]:
 
 def inks(window: QWidget) -> list[Ink]:
     """Every text on a window."""
+    settle(window)
     with _painted(window) as painted:
-        settle(window)
-        painted.clear()  # the last time is the one that is seen
         for plane in window.findChildren(Plane):
             plane.repaint_still()
         for graph in window.findChildren(pg.PlotWidget):
@@ -184,11 +184,12 @@ def _painted(window: QWidget) -> Iterator[list[Ink]]:
         yield found
 
 
-def _covered(ink: Ink, window: QWidget) -> bool:
-    """Whether a card or the banner lies over most of a text: it is hidden then, not cut."""
+def _covered(ink: Ink, window: QWidget, over: list[QWidget]) -> bool:
+    """Whether one of the cards, or the banner, lies over a text: it is hidden then, not cut."""
     box, owner = ink.box.toAlignedRect(), ink.owner
-    over = (over for kind in (OverlayCard, Banner) for over in window.findChildren(kind) if over.isVisible())
-    return any(_place(one, window).intersects(box) for one in over if one is not owner and not one.isAncestorOf(owner))
+    return any(
+        _place(card, window).intersects(box) for card in over if card is not owner and not card.isAncestorOf(owner)
+    )
 
 
 def _place(widget: QWidget, window: QWidget) -> QRect:

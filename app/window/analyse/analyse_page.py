@@ -111,12 +111,12 @@ class AnalysePage(Page):
         report = "A PDF of each session: who, when, plan, measures, timing, faults, figures"
         self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
         self.export_button = button("Export", self.export, "main", "What is shown as PNG, SVG, PDF and CSV: Ctrl+E")
-        self.bar, self.cancel_button = QProgressBar(textVisible=False), button("Cancel", self.cancel_export, "small")
+        self.export_task, self.bar = VerbProcess(self._exported), QProgressBar(textVisible=False)
+        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
+        self.cancel_button = button("Cancel", lambda: self.export_task.stop(wait=True), "small")
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
         self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
-        self.export_task, self._cancelled = VerbProcess(self._exported), False
-        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self._lay_out()
         self.cards = Cards(self)
         self._show_busy()
@@ -346,7 +346,6 @@ class AnalysePage(Page):
         self._make_room()
 
     def _ring(self) -> None:
-        """Ring the open trial in every chart."""
         for plot in self.plots:
             plot.show_ring(trial_of(self.chosen))
 
@@ -415,15 +414,9 @@ class AnalysePage(Page):
         self._job = ResultsJob(
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
-        self._cancelled = False
         self.export_task.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
         self._show_busy()
         self.show_message(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
-
-    def cancel_export(self) -> None:
-        """Stop now; nothing is left behind."""
-        self._cancelled = True
-        self.export_task.stop(wait=True)
 
     def _exported(self, end: str | InputError) -> None:
         folder = self._job.folder
@@ -431,7 +424,7 @@ class AnalysePage(Page):
         if not done:  # killed: what it had begun is removed in its place
             shutil.rmtree(partial_name(self._job.folder), ignore_errors=True)
         self._show_busy()
-        failed = CANCELLED if self._cancelled else f"Nothing was written: {end}"
+        failed = CANCELLED if self.export_task.stopped else f"Nothing was written: {end}"
         self.show_message(str(end) if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
 
@@ -455,7 +448,7 @@ class AnalysePage(Page):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self.side.end()
-        self.cancel_export()
+        self.export_task.stop(wait=True)
         super().closeEvent(event)
 
 

@@ -67,9 +67,9 @@ class Chips(QWidget):
         return menu
 
     def _count(self) -> None:
-        chosen, there = len(self.chosen), len(self._names)
+        chosen, choices = len(self.chosen), len(self._names)
         if self.menu is not None:
-            self.menu.setText(f"{self._title}: {'all' if chosen == there else chosen} of {there}  ▾")
+            self.menu.setText(f"{self._title}: {'all' if chosen == choices else chosen} of {choices}  ▾")
 
     def _switch(self, choices: set[str], on: bool) -> None:
         """Show these, or leave them out; all of them together change the charts once."""

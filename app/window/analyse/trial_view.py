@@ -230,7 +230,7 @@ class TrialView(Panel):
         near = int(np.searchsorted(t, t[at] - NEAR_S))
         first = tuple(ticks[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
         self.workspace.view.show_trial(trial.device, trial.way, first)
-        self.workspace.view.show_until(ticks[: at + 1], near)
+        self.workspace.view.add(ticks[: at + 1], read_from=near)
         self._numbers = RefreshClock()
         self._show_place(trial, at)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF
-from PySide6.QtGui import QKeySequence, QPainter, QResizeEvent, QShortcut
+from PySide6.QtGui import QPainter, QResizeEvent
 from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
@@ -14,6 +14,7 @@ from app.window.canvas.marks import arrow_of, paint_arrow
 from app.window.canvas.plane import Plane, Sizes
 from app.window.canvas.small_view import SmallView
 from app.window.widgets import theme
+from app.window.widgets.keys import add_key
 from app.window.widgets.parts import Flow, Panel, column, row, toggle
 from app.window.widgets.theme import COLOURS, pen
 from core import tick_log
@@ -64,7 +65,6 @@ class ForceView(Plane):
         self.force_texts: dict[str, str] = {}  # HAND, BRAKES -> how large its force is
         self._ticks: np.ndarray | None = None  # since the text was made (n, WIDTH), n > 0; none between trials
         self._text_current = False  # the text is of these
-        self._went = False  # the movement of the running trial has begun
         self.inset = SmallView(INSET_SIZES)
         self.inset.setParent(self)
 
@@ -88,42 +88,24 @@ class ForceView(Plane):
 
     def begin(self) -> None:
         """Another trial: the next ticks are its first. The trail stays to be looked at until its movement begins."""
-        self.phase, self._went = -1, False
+        self.phase = -1
 
-    def add(self, rows: np.ndarray, taken: bool | None = None) -> None:
+    def add(self, rows: np.ndarray, taken: bool | None = None, read_from: int = 0) -> None:
         """The next ticks (n, WIDTH) of the running trial, n > 0: all are on its way, and the newest is drawn.
 
-        taken: as in `show_handle`.
+        taken: as in `show_handle`. read_from: the read-outs are of these rows from that one on.
         """
         if self.instant is None:
             return
         way = way_of(rows)
-        if len(way) and not self._went:
-            self._went = True
+        if len(way) and self.phase not in (tick_log.MOVE, tick_log.END):  # the movement begins
             self.clear_trail()
         self.extend_trail(way)
-        before = None if self._text_current else self._ticks
-        self._show_newest(rows, rows.copy() if before is None else np.concatenate((before, rows)), taken)
-
-    def show_until(self, ticks: np.ndarray, near: int) -> None:
-        """As if these ticks (n, WIDTH) of a trial, its first among them, had just been added; n > 0.
-
-        The read-outs are of those from `near` on.
-        """
-        way = way_of(ticks)
-        self.begin()
-        self._went = len(way) > 0
-        self.show_way(way)
-        self._show_newest(ticks, ticks[near:])
-
-    def _show_newest(self, rows: np.ndarray, read_of: np.ndarray, taken: bool | None = None) -> None:
-        """The last of some ticks; read_of: those that the read-outs are to be of."""
-        if self.instant is None:
-            return
         if (phase := int(rows[-1, tick_log.PHASE])) != self.phase:
             self.phase, self.began_s = phase, float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
         tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-        self._show(self.instant.device, tip, read_of, taken)
+        unread = rows[:0] if self._text_current or self._ticks is None else self._ticks
+        self._show(self.instant.device, tip, np.concatenate((unread, rows[read_from:])), taken)
 
     def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         self._ticks, self._text_current = ticks, False
@@ -140,7 +122,6 @@ class ForceView(Plane):
 
     @property
     def whole_in_corner(self) -> bool:
-        """Whether the whole linkage is to be seen in a corner."""
         return LINKAGE in self.shown
 
     def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
@@ -220,5 +201,5 @@ class Layered(Panel):
         button = toggle(f"{layer}  {key}", show, on, shows)
         button.setMinimumHeight(26)  # half of it holds the round ends
         button.setFont(theme.font(theme.SMALL))
-        QShortcut(QKeySequence(key), self, button.toggle).setAutoRepeat(False)
+        add_key(key, self, button.toggle)
         return button

@@ -76,11 +76,9 @@ class LinkageView(ForceView):
         self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
         super().show_trial(device, path, tip)
 
-    def _rest(self, device: Device, tip: layers.Point) -> None:
-        self.show_text("", "")
-        super()._rest(device, tip)
-
     def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
+        if ticks is None:
+            self.show_text("", "")
         if self._path is not None:
             if ticks is not None and ticks[-1, tick_log.TRAVEL_SENSE] != self.sense:
                 self.sense = float(ticks[-1, tick_log.TRAVEL_SENSE])

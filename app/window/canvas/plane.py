@@ -158,23 +158,16 @@ class Plane(QWidget):
         if self.trail_shown and self._still:
             self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
 
-    def show_way(self, tips: np.ndarray) -> None:
-        """The whole trail so far at once: tips (n, 2), m."""
-        self._trail = [tips]
-        self.repaint_still()
-
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
         self._beside = (tips, colour) if len(tips) else None
         self.repaint_still()
 
     def clear_trail(self) -> None:
-        """Begin the trail anew."""
         self._trail.clear()
         self.repaint_still()
 
     def show_trail(self, shown: bool) -> None:
-        """Draw the trail or leave it out."""
         self.trail_shown = shown
         self.repaint_still()
 

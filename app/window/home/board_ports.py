@@ -2,17 +2,15 @@
 
 from functools import partial
 
-from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, wrapped_label
-from app.window.widgets.work import BackgroundTask
+from app.window.widgets.work import Watch
 from hardware.discovery import BoardFound, scan_ports
 
-LOOK_MS = 2000  # between two looks at the ports
 OPENING = "Opening …"
 
 
@@ -29,9 +27,7 @@ class BoardPorts(QWidget):
         self._mine = ""  # the port that was chosen ..
         self._state = m.Check("Device", m.WAITING, OPENING)  # .. and how its board is
         self._opening = ""  # the port that comes next
-        self._looking = BackgroundTask(self._show_found)
-        self._timer = QTimer(self, interval=LOOK_MS)
-        self._timer.timeout.connect(self._look)
+        self._looking = Watch(self, lambda: scan_ports(self._found, self._mine), self._show_found)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(self._connect_typed)
         self.again = button("Look again", self._look_anew)
@@ -50,23 +46,10 @@ class BoardPorts(QWidget):
             self._mine, self._state, self._opening = port, device, opening
             self._fill()
 
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
-        self._timer.start()
-        self._look()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        super().hideEvent(event)
-        self._timer.stop()
-
-    def _look(self) -> None:
-        if not self._looking.busy:
-            self._looking.ask(scan_ports, self._found, self._mine)
-
     def _look_anew(self) -> None:
         """Ask every port, those that did not answer too."""
         self._found = ()
-        self._look()
+        self._looking.look()
 
     def _show_found(self, found: tuple[BoardFound, ...]) -> None:
         if found != self._found:
@@ -77,8 +60,8 @@ class BoardPorts(QWidget):
         clear(self._rows)
         if self._mine:
             own = button("Device page  F3", self.device_page_asked.emit)
-            there = self._state.state not in (m.BAD, m.WAITING)
-            words = wrapped_label("connected" if there else self._state.text, "good" if there else "caution")
+            connected = self._state.state not in (m.BAD, m.WAITING)
+            words = wrapped_label("connected" if connected else self._state.text, "good" if connected else "caution")
             self._rows.addLayout(row_of(self._mine, words, own))
         for found in (board for board in self._found if board.port != self._mine):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))

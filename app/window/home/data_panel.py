@@ -5,9 +5,8 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QHideEvent, QShowEvent
-from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton  # fmt: skip
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton
 
 from app.window.widgets import memory, theme
 from app.window.widgets.page import ANALYSE
@@ -28,14 +27,13 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home, show_folder
-from app.window.widgets.work import BackgroundTask, VerbProcess
+from app.window.widgets.work import VerbProcess, Watch
 from core.files import InputError
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free
 from experiments.session.files import recordings_in
 from experiments.session.overview import DataOverview, SessionOverview, scan_folder
 
-LOOK_MS = 2000  # between two looks at the folder
 RECENT_MOST = 6
 FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}
 
@@ -68,9 +66,9 @@ class DataPanel(Panel):
         super().__init__()
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
-        self._folder: Path | None = None
+        self._folder = Path()  # until the session server says which
         self.recent = Recent("folders")
-        self._looking = BackgroundTask(self.show_overview)
+        self._looking = Watch(self, lambda: scan_folder(self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …")
@@ -85,8 +83,6 @@ class DataPanel(Panel):
         self.cancel = button("Cancel", self.export_task.stop, "small")
         self.show_export = button("Show", lambda: show_folder(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self.look)
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
         self._lay_out()
 
@@ -100,15 +96,6 @@ class DataPanel(Panel):
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
             absent.hide()
 
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
-        self._timer.start(LOOK_MS)
-        self.look()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        super().hideEvent(event)
-        self._timer.stop()
-
     def show_folder(self, folder: Path) -> None:
         """The data folder of the session server."""
         if folder != self._folder:
@@ -116,7 +103,7 @@ class DataPanel(Panel):
             self.recent.add(str(folder))
             self.where.setText(from_home(folder))
             self._looking.forget()
-            self.look()
+            self._looking.look()
 
     def show_session(self, participant: str, why_not: str, can_leave: bool, opening: str = "") -> None:
         """Whose session is open and whether it can be closed, why no other one can be opened now, whose is opening."""
@@ -127,14 +114,8 @@ class DataPanel(Panel):
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
-        """A participant's session in this folder, if there is one."""
         sessions = self.overview.sessions if self.overview else ()
         return next((session for session in sessions if session.participant == participant), None)
-
-    def look(self) -> None:
-        """See what is in the folder now; a slow disk is not asked again before it has answered."""
-        if self._folder is not None and not self._looking.busy:
-            self._looking.ask(scan_folder, self._folder)
 
     def show_overview(self, overview: DataOverview) -> None:
         if overview != self.overview:
@@ -191,12 +172,12 @@ class DataPanel(Panel):
         if session.declined:
             bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
-        made = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
+        lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
         if session.lacking:
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)
-            made.addWidget(lacking)
-        return made
+            lines.addWidget(lacking)
+        return lines
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
@@ -226,7 +207,7 @@ class DataPanel(Panel):
         self._entry(menu, "Another folder …", self.browse)
 
     def browse(self) -> None:
-        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder or Path.home()))
+        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder))
         if chosen:
             self._choose(Path(chosen))
 
@@ -242,8 +223,6 @@ class DataPanel(Panel):
 
     def export(self, form: str, into: Path) -> None:
         """Write all sessions for other programs into a new folder in this one."""
-        if self._folder is None:
-            return
         self._out = first_free(into, f"{self._folder.name}-{form}")
         self.exporting.setText(f"Exporting as {FORMS[form]} …")
         self.bar.setValue(0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog, QGridLayout, QLineEdit, QSizePolicy, QWidget  # fmt: skip
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
@@ -43,6 +43,7 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
+    grid,
     holder,
     panel,
     printed,
@@ -128,25 +129,21 @@ class HomePage(Page):
         self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
         about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
         try_it = panel("Try it", about, (holder(column(self._picture)), 1), self.try_it)
-        grid = QGridLayout()
-        grid.setContentsMargins(0, 0, 6, 0)
-        grid.setHorizontalSpacing(12)
-        grid.setVerticalSpacing(9)
-        grid.setColumnStretch(1, 1)
+        choices = grid(12, 9, stretched=1, margins=(0, 0, 6, 0))
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.show_plan, self.edit)), ("", self.summary, ()),
             ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
             ("Hand", self.hand, (self.hand_words,)), ("Participant", self.participant, (self.standing, 1)),
             ("", self.form, ()), ("Blind", self.blind, ()), ("Ready?", self.checks, ()),
         )  # fmt: skip
-        for at, (name, first, others) in enumerate(lines):
+        for place, (name, first, others) in enumerate(lines):
             if name:
                 label = text_label(name, "quiet")
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
-                grid.addWidget(label, at, 0, Qt.AlignmentFlag.AlignTop)
-            grid.addLayout(row(first, *others), at, 1)
-        grid.setRowStretch(grid.rowCount(), 1)
-        self.area = scrolled(holder(grid))
+                choices.addWidget(label, place, 0, Qt.AlignmentFlag.AlignTop)
+            choices.addLayout(row(first, *others), place, 1)
+        choices.setRowStretch(choices.rowCount(), 1)
+        self.area = scrolled(holder(choices))
         session = panel("Run a session", (self.area, 1), self.why, self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
             large.setFont(theme.font(size, bold=True))
@@ -263,7 +260,6 @@ class HomePage(Page):
         self._refresh()
 
     def _load(self) -> None:
-        """Read the chosen protocol."""
         self.loaded = None
         self._loading.ask(load, self.chosen._replace(participant=self._named))
         self._refresh()

@@ -22,13 +22,12 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLayout,
     QLineEdit,
-    QPlainTextEdit,
     QWidget,
-)  # fmt: skip
+)
 
 from app.window.canvas.path_drawing import PathDrawing
 from app.window.widgets import theme
-from app.window.widgets.fields import Field, NumberField, TextField, Tick, is_number, make_field
+from app.window.widgets.fields import Field, LongText, NumberField, TextField, Tick, is_number, make_field
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     Choice,
@@ -62,6 +61,7 @@ WAIT_MS = 200  # after the last change, before the content is read
 TOML = "TOML files (*.toml)"
 WHERE = "protocol"  # begins the reader's sentences
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
+LONGEST = 10_000  # letters of a field: a form, or the labels of many participants
 POINT_PX = 78  # wide, a coordinate, at a text size of 1: -93.969 has room
 
 #: key of the file -> what stands at its field
@@ -83,6 +83,9 @@ LABELS = {
     "show_linkage": "The participant sees the linkage",
     "questionnaire.on": "A questionnaire after each block",
     "tones": "Tones at “go” and at the end of a trial",
+    "consent.text": "Consent",
+    "form": "Form",
+    "instruction": "Instructions",
 }
 CHOICES: dict[str, tuple[str, ...]] = {
     "rules": tuple(RULE_SETS), "feedback": FEEDBACK, "language": tuple(shipped_languages())
@@ -91,7 +94,11 @@ DEFAULTS = Settings(name="")
 HINTS = {
     "participants": "01, 02, 03; none named: anybody",
     "trial.approach_time_out_s": "of a simulated operator; a person has 10 minutes",
+    "consent.text": "What the participant agrees to before the form; empty: consent is not asked.",
+    "form": "handedness: right, left; age: number",
+    "instruction": "What the participant reads first; a line of --- begins another page.",
 }
+TEXTS, LONG_TEXTS = ("name", "participants", "form"), ("consent.text", "instruction")  # keys that are typed as text
 
 
 class ProtocolEditor(Panel):
@@ -108,31 +115,33 @@ class ProtocolEditor(Panel):
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
-        sections = ("", "devices", "controller", "path", "consent", "form", "instruction", *LABELS)
+        sections = ("", "devices", "controller", "path", *LABELS)
         self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
         self.fields = {key: self._field(key) for key in LABELS}
         self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
         self.plan = printed("No plan: the sentence in red says why.")
         self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
-        self.form, self.consent, self.instructions = QLineEdit(), QPlainTextEdit(), QPlainTextEdit()
         self._points: list[list[NumberField]] = []  # of each path: x and y of its points, mm
         self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._read)
         self.drawing.drawn.connect(self._drawn)
         self.drawing.moved.connect(self._moved)
-        self.form.textEdited.connect(lambda text: self._put("form", form_of(text)))
-        self.consent.textChanged.connect(self._consent_changed)
-        self.instructions.textChanged.connect(self._instructions_changed)
         self._lay_out()
 
     def _field(self, key: str) -> Field:
         choices = {choice: choice for choice in CHOICES.get(key, ())}
-        texts = ("name", "participants")
-        field = make_field(LABELS[key], str if key in texts else type(default_of(key)), choices)
+        field: Field
+        if key in LONG_TEXTS:
+            field = LongText(LABELS[key])
+            field.setFixedHeight(90)
+        else:
+            field = make_field(LABELS[key], str if key in TEXTS else type(default_of(key)), choices)
         if isinstance(field, TextField):
+            field.setMaxLength(LONGEST)
+        if isinstance(field, TextField | LongText):
             field.setPlaceholderText(HINTS.get(key, ""))
-        field.changed.connect(lambda value: self._put(key, from_text(key, value)))
+        field.changed.connect(lambda value: self._put(key, from_text(key, value, self._get(key))))
         return field
 
     def _lay_out(self) -> None:
@@ -162,15 +171,6 @@ class ProtocolEditor(Panel):
         add("Paths, in mm", "path", self._paths, row(*draw, button("Add a file …", self._add_drawing, small), 1))
         for key, field in list(self.fields.items())[1:]:
             add("" if isinstance(field, Tick) else LABELS[key], key, field)
-        self.form.setPlaceholderText("handedness: right, left; age: number")
-        self.consent.setPlaceholderText("What the participant agrees to before the form; empty: consent is not asked.")
-        self.instructions.setPlaceholderText("What the participant reads first; a line of --- begins another page.")
-        for text in (self.consent, self.instructions):
-            text.setFixedHeight(90)
-            text.setTabChangesFocus(True)
-        add("Consent", "consent", self.consent)
-        add("Form", "form", self.form)
-        add("Instructions", "instruction", self.instructions)
         self.form_area = scrolled(inside)
         self.save.setToolTip("Ctrl+S. Comments of a file are not kept.")
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
@@ -195,12 +195,7 @@ class ProtocolEditor(Panel):
         except (InputError, ValueError):
             self.content = {}  # the reader names each key that is missing
         for key, field in self.fields.items():
-            value = self._get(key)
-            field.show_value(", ".join(map(str, value)) if isinstance(value, list | tuple) else value)
-        self.consent.setPlainText(str(self.content.get("consent", {}).get("text", "")))
-        self.form.setText(form_text(self.content.get("form", {})))
-        pages = [str(page.get("text", "")) for page in self.content.get("instruction", [])]
-        self.instructions.setPlainText(PAGE_BREAK.join(pages))
+            field.show_value(to_text(key, self._get(key)))
         self._show_lists()
         self._name, self._as_read = name, deepcopy(self.content)
 
@@ -214,6 +209,8 @@ class ProtocolEditor(Panel):
 
     def _put(self, key: str, value: Any) -> None:
         """Another value for a key; None: the file does not have it any more."""
+        if key == "consent.text" and value is None:
+            key = "consent"  # nor the words of its answers
         table, _, inner = key.rpartition(".")
         of = self.content.setdefault(table, {}) if table else self.content
         of[inner] = value
@@ -222,18 +219,6 @@ class ProtocolEditor(Panel):
         if table and not of:
             del self.content[table]
         self._timer.start()
-
-    def _consent_changed(self) -> None:
-        text, before = self.consent.toPlainText().strip(), self.content.get("consent", {})
-        if text != str(before.get("text", "")).strip():
-            self._put("consent", {**before, "text": text} if text else None)
-
-    def _instructions_changed(self) -> None:
-        texts = filter(None, (text.strip() for text in self.instructions.toPlainText().split(PAGE_BREAK)))
-        before = self.content.get("instruction", [])
-        pages = [{**(before[i] if i < len(before) else {}), "text": text} for i, text in enumerate(texts)]
-        if pages != before:
-            self._put("instruction", pages or None)
 
     def _show_lists(self) -> None:
         """Devices, controllers and paths, a row each."""
@@ -376,7 +361,6 @@ class ProtocolEditor(Panel):
                 field.show_value(in_mm(value))
 
     def _points_typed(self, place: int) -> None:
-        """A number of a path was typed."""
         values = [field.value() for field in self._points[place]]
         try:
             if not all(map(is_number, values)):
@@ -489,10 +473,25 @@ def preview(text: str, folder: Path) -> tuple[str, str, np.ndarray]:
     return plan_summary(protocol), print_plan(protocol, "01"), np.column_stack((x[free], y[free]))
 
 
-def from_text(key: str, value: Any) -> Any:
-    """The value of a key from that of its field."""
+def to_text(key: str, value: Any) -> Any:
+    """What the field of a key shows for its value."""
+    if key == "form":
+        return form_text(value)
+    if key == "instruction":
+        return PAGE_BREAK.join(str(page.get("text", "")) for page in value)
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else value
+
+
+def from_text(key: str, value: Any, before: Any) -> Any:
+    """The value of a key from that of its field; before: its value so far."""
     if key == "participants":
         return [label.strip() for label in str(value).split(",") if label.strip()] if value else None
+    if key == "form":
+        return form_of(value or "")
+    if key == "instruction":  # a page keeps its picture
+        texts = filter(None, map(str.strip, (value or "").split(PAGE_BREAK)))
+        pages = itertools.zip_longest(before, texts)
+        return [{**(page or {}), "text": text} for page, text in pages if text] or None
     return "" if value is None and key == "name" else value
 
 

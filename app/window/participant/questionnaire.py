@@ -238,7 +238,6 @@ class Instructions(QWidget):
         return True
 
     def leave(self) -> None:
-        """Skip what is left of them."""
         self.at = len(self._pages)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:

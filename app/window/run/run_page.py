@@ -4,7 +4,6 @@ of the trial that has just ended."""
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtGui import QResizeEvent
@@ -34,9 +33,6 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 
-if TYPE_CHECKING:
-    from experiments.session.playback import Playback
-
 #: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
 RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
@@ -64,9 +60,9 @@ class RunPage(Page):
         self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
         self._judged: set[int] = set()  # runs whose card was answered
-        self._asked, self._looked_at = 0, 0  # runs, 0 for none: whose cell of the plan was clicked; of the card of such
-        self._read: np.ndarray | None = None  # its ticks (n, tick_log.WIDTH)
-        self._reading = BackgroundTask(self._show_read)  # its recording
+        #: run and ticks (n, tick_log.WIDTH) of an earlier trial whose cell of the plan was clicked; None: no such trial
+        self._earlier: tuple[int, np.ndarray] | None = None
+        self._reading = BackgroundTask(self._show_earlier)  # its recording
         self._numbers = RefreshClock()
         self.can = Actions()  # what can be done now
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
@@ -127,7 +123,7 @@ class RunPage(Page):
 
     def _go_on(self) -> None:
         """Keep the trial on the card, and start the next one unless an earlier trial was looked at."""
-        earlier = self._looked_at != 0
+        earlier = self._earlier is not None
         self._keep()
         if self.can.start and not earlier:
             if self.participant_reads:
@@ -161,7 +157,7 @@ class RunPage(Page):
             self.cards.ask(EXCLUDE.of_trial(place(row, self.opened.plan)), lambda why: self._exclude(row.run, why))
 
     def _exclude(self, run: int, reason: str) -> None:
-        self._looked_at = 0
+        self._earlier = None
         self._command(m.Exclude(run, reason), self.card.exclude, WRITING)
 
     def skip(self) -> None:
@@ -194,24 +190,21 @@ class RunPage(Page):
 
     def _keep(self) -> None:
         if self.card_shown and self.card.row is not None:
-            if not self._looked_at:
+            if self._earlier is None:
                 self._judged.add(self.card.row.run)
-            self._looked_at = 0
+            self._earlier = None
             self._refresh()
 
     def _show_cell(self, row: TrialRow) -> None:
         """The card of an earlier trial, once its recording is read."""
-        from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
-
         if self.opened is not None and self.snapshot.running is None:
-            self._asked = row.run
-            self._reading.ask(read_playback, Path(self.opened.folder) / row.recording)
+            self._reading.ask(read_ticks, row.run, Path(self.opened.folder) / row.recording)
 
-    def _show_read(self, trial: "Playback | InputError") -> None:
+    def _show_earlier(self, trial: tuple[int, np.ndarray] | InputError) -> None:
         if isinstance(trial, InputError):
             self.cards.show_message("The recording cannot be read", str(trial))
         elif self.snapshot.running is None:
-            self._looked_at, self._read = self._asked, trial.ticks
+            self._earlier = trial
             self._refresh()
 
     @property
@@ -261,7 +254,7 @@ class RunPage(Page):
         if now is None and coming is not None and other_device:
             now, begins = coming, True
         if begins and now is not None:
-            self._shown, self._looked_at = now, 0
+            self._shown, self._earlier = now, None
             self._waiting.clear()
             self._ticks.clear()
             device = opened.protocol.device(now.configuration)
@@ -340,7 +333,7 @@ class RunPage(Page):
         self.panel.show_session(opened, snapshot, can, self.participant_reads)
         self.panel.start.setEnabled(can.start and not self.card_shown)  # one button for Space
         self.panel.start.key.setVisible(not self.card_shown)
-        keep = CLOSE if self._looked_at else KEEP_AND_START if can.start else KEEP
+        keep = CLOSE if self._earlier is not None else KEEP_AND_START if can.start else KEEP
         self.card.offer(can, keep, has_space=snapshot.card is None and snapshot.stage != m.FINISHED)
         if self._asked_by is not None:
             button, waits = self._asked_by
@@ -359,17 +352,24 @@ class RunPage(Page):
         """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""
         snapshot = self.snapshot
         rows = [row for row in snapshot.rows if row.block > 0]
-        looked_at = next((row for row in rows if row.run == self._looked_at), None)
-        row = looked_at or (rows[-1] if rows else None)
+        run, ticks = self._earlier or (0, None)
+        earlier = next((row for row in rows if row.run == run), None)
+        row = earlier or (rows[-1] if rows else None)
         judged = row is None or row.run in self._judged or row.status not in ("done", "timeout", "aborted")
-        wanted = snapshot.running is None and (looked_at is not None or not judged)
+        wanted = snapshot.running is None and (earlier is not None or not judged)
         if wanted and row is not None and (row != self.card.row or not self.card_shown):
-            newest = np.concatenate(self._ticks) if self._ticks else None
-            ticks = newest if looked_at is None else self._read
+            if earlier is None and self._ticks:
+                ticks = np.concatenate(self._ticks)
             self.card.show_row(row, rows, ticks, opened, snapshot)
         self._right.setCurrentIndex(1 if wanted else 0)
 
 
+def read_ticks(run: int, recording: Path) -> tuple[int, np.ndarray]:
+    """A run, and its ticks (n, tick_log.WIDTH)."""
+    from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
+
+    return run, read_playback(recording).ticks
+
+
 def same_places(a: Protocol, b: Protocol) -> bool:
-    """Whether two protocols have the same devices and paths."""
     return [device.text for device in a.devices] == [device.text for device in b.devices] and a.paths == b.paths

@@ -91,7 +91,6 @@ class SessionPanel(Panel):
             self.note.setFocus()
 
     def _keep_note(self) -> None:
-        """Send what was typed as a note."""
         if text := self.note.text().strip():
             self.noted.emit(text)
         self.note.clear()

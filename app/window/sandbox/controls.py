@@ -13,7 +13,6 @@ from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
 from app.window.widgets.fields import Field, make_field
 from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Part, button, panel, row, text_label, wrapped_label
-from app.window.widgets.theme import COLOURS
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
 from experiments.assumptions import SENSINGS
@@ -60,7 +59,7 @@ class GuideButton(QPushButton):
         super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
         self.key, self.feel, bar = key, text_label("", bold=True), QFrame()
         bar.setFixedWidth(5)
-        bar.setStyleSheet(f"background: {theme.CONTROLLER.get(number, COLOURS.quiet)}")
+        bar.setStyleSheet(f"background: {theme.colour_of(number)}")
         self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
         self.setLayout(row(bar, self.feel, self._beside, text_label(key, "quiet"), margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
@@ -116,10 +115,10 @@ class Controls(QScrollArea):
             self.segments[field] = segments
         self.segments["sensing"].setToolTip(SENSING)
         for dial in dials_of(protocol):
-            made = self.dials[dial.name] = DialRow(dial)
-            self._names.append(made.name)
-            made.changed.connect(partial(self._turn, dial.name))
-            parts.append(made)
+            dial_row = self.dials[dial.name] = DialRow(dial)
+            self._names.append(dial_row.name)
+            dial_row.changed.connect(partial(self._turn, dial.name))
+            parts.append(dial_row)
         self.changes = OneLine("", "quiet", theme.NORMAL)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)

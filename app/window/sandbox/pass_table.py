@@ -84,23 +84,23 @@ class PassTable(QTableWidget):
         alike = [ended for ended in whole if ended.settings.same_conditions(passes[-1].settings)]
         dials, controllers = dials_of(protocol), protocol.controllers
         self.setRowCount(len(passes))
-        for at, one in enumerate(reversed(passes)):
-            s, preset = one.settings, preset_of(one.settings, controllers)
-            colour = theme.CONTROLLER.get(s.controller, COLOURS.text)
-            noted = " · changed" if one.changed else " · time-out" if one.status == "timeout" else ""
+        for line, ended in enumerate(reversed(passes)):
+            s, preset = ended.settings, preset_of(ended.settings, controllers)
+            colour = theme.colour_of(s.controller)
+            noted = " · changed" if ended.changed else " · time-out" if ended.status == "timeout" else ""
             set_to = (f"{dial.label.lower()} {grouped(dial.setting(s) * dial.scale)} {dial.unit}" for dial in dials)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"
-            texts = [str(one.number), feel(preset, controllers) + noted, brakes_of(s.device)]
+            texts = [str(ended.number), feel(preset, controllers) + noted, brakes_of(s.device)]
             for across, text in enumerate(texts):
                 item = QTableWidgetItem(text)
                 item.setToolTip(about)
                 if across == 1:
                     item.setForeground(shade(colour))
-                self.setItem(at, across, item)
+                self.setItem(line, across, item)
             for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
-                value = one.measures[field]
+                value = ended.measures[field]
                 most = max((other.measures[field] or 0.0 for other in alike), default=0.0)
                 item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
-                if one in alike and value is not None and most > 0.0 and field != "duration_s":
+                if ended in alike and value is not None and most > 0.0 and field != "duration_s":
                     item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))
-                self.setItem(at, across, item)
+                self.setItem(line, across, item)

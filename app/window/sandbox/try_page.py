@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFileDialog, QGridLayout
 
 from app.ipc import messages as m
@@ -15,6 +15,7 @@ from app.window.sandbox.controls import Controls
 from app.window.sandbox.pass_table import PassTable
 from app.window.sandbox.pass_view import LAYERS, PassView
 from app.window.widgets import theme, words
+from app.window.widgets.keys import add_key
 from app.window.widgets.page import Page
 from app.window.widgets.parts import NO_FOCUS, Figures, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
@@ -56,7 +57,7 @@ class TryPage(Page):
             "Bring it back  B", self._bring_back, "small", "The handle to the start, from wherever it is"
         )
         self.bring.setFocusPolicy(NO_FOCUS)
-        QShortcut(QKeySequence("B"), self, self.bring.click).setAutoRepeat(False)
+        add_key("B", self, self.bring.click)
         self.clear = button("Clear", self._clear, "small")
         self.save = button("Save as protocol …", self._save, "small")
         self._lay_out()

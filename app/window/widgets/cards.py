@@ -1,13 +1,14 @@
 """Cards over a part of the window: a message, or a question that is answered by a button, a reason or own words."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.window.widgets import theme
+from app.window.widgets.keys import add_key
 from app.window.widgets.parts import (
     KeyButton,
     Panel,
@@ -15,14 +16,12 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
-    holder,
     row,
-    scrolled,
     text_label,
     wrapped_label,
 )
 
-WIDTH_PX, KEYS_PX, KEYS_FOOT_PX = 400, 960, 180  # at a text size of 1; what else a card of keys needs, high
+WIDTH_PX = 400  # at a text size of 1
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -57,22 +56,20 @@ class OverlayCard(Panel):
     buttons: words -> what it does; Enter presses the first.
     """
 
-    wide = WIDTH_PX  # where there is room
+    wide_px, kind = WIDTH_PX, ""  # how wide it is where there is room; what it asks
 
     def __init__(self, title: str, text: str, buttons: Sequence[tuple[str, Callable[[], object]]], parent: QWidget):
         super().__init__("card", parent)
         self._around = parent
-        self.title, self.text = (
-            wrapped_label(title, size=theme.HEAD, bold=True),
-            wrapped_label(breakable(text), "quiet"),
-        )
+        self.title = wrapped_label(title, size=theme.HEAD, bold=True)
+        self.text = wrapped_label(breakable(text), "quiet")
         self.text.setVisible(bool(text))
         self.inside = column(self.title, self.text, spacing=8)
-        self.buttons = [button(words, do, "" if at else "main") for at, (words, do) in enumerate(buttons)]
-        for at, made in enumerate(self.buttons):
-            made.setFont(theme.font(theme.NORMAL, bold=at == 0))
-            made.setMinimumHeight(34)
-            made.setAutoDefault(True)
+        self.buttons = [button(words, do, "" if place else "main") for place, (words, do) in enumerate(buttons)]
+        for place, answer in enumerate(self.buttons):
+            answer.setFont(theme.font(theme.NORMAL, bold=place == 0))
+            answer.setMinimumHeight(34)
+            answer.setAutoDefault(True)
         many = len(self.buttons) > 2  # no room for them side by side
         foot = column(*self.buttons, spacing=12) if many else row(1, *reversed(self.buttons))
         self.setLayout(column(self.inside, foot, spacing=12, margins=(20, 16, 20, 18)))
@@ -99,15 +96,11 @@ class OverlayCard(Panel):
     def place(self) -> None:
         """Stand in the middle of the parent."""
         around = self._around
-        wide = max(theme.text_px(self.wide), self.minimumSizeHint().width())  # its buttons are never cut
-        self.setFixedWidth(min(wide, max(around.width() - 2 * theme.GAP, 280)))
+        width = max(theme.text_px(self.wide_px), self.minimumSizeHint().width())  # its buttons are never cut
+        self.setFixedWidth(min(width, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
         self.move((around.width() - self.width()) // 2, max((around.height() - self.height()) // 2, 4))
-
-    def key(self, key: str, do: Callable[[], object]) -> None:
-        """Let a key act while the card is there."""
-        QShortcut(QKeySequence(key), self, do).setAutoRepeat(False)
 
     def focusNextPrevChild(self, forwards: bool) -> bool:
         """Tab goes round on the card, so that Enter always means what its buttons say."""
@@ -151,10 +144,10 @@ class Question(OverlayCard):
             self.inside.addWidget(self.choices)
             self.inside.addWidget(text_label("Why?", "quiet"))
         for number, reason in enumerate(ask.reasons, start=1):
-            made = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
-            made.clicked.connect(lambda _=False, reason=reason: answered(reason))
-            self.key(f"Alt+{number}", made.click)
-            self.inside.addWidget(made)
+            answer = KeyButton(reason[0].upper() + reason[1:], f"Alt+{number}")
+            answer.clicked.connect(lambda _=False, reason=reason: answered(reason))
+            add_key(f"Alt+{number}", self, answer.click)
+            self.inside.addWidget(answer)
         self.own = QLineEdit(placeholderText=ask.own, accessibleName=ask.own, maxLength=200)
         self.own.textChanged.connect(lambda text: self.confirm.setEnabled(bool(text.strip())))
         self.own.returnPressed.connect(self._answer)
@@ -177,12 +170,11 @@ class Cards:
     def __init__(self, parent: QWidget) -> None:
         self._parent = parent
         self.question: OverlayCard | None = None
-        self._kind = ""  # of the question
 
     def put(self, question: OverlayCard, kind: str = "") -> None:
-        """Show a question, in place of another one."""
+        """Show a question, in place of another one; kind: for `withdraw`."""
         self.leave()
-        self.question, self._kind = question, kind
+        self.question, question.kind = question, kind
         question.appear()
 
     def ask(self, ask: Ask, then: Callable[..., object]) -> None:
@@ -197,31 +189,11 @@ class Cards:
         self.put(question, ask.kind)
 
     def show_message(self, title: str, text: str) -> None:
-        """Show what the user has to read."""
         self.put(OverlayCard(title, text, [("Close  Enter", self.leave)], self._parent))
-
-    def show_keys(self, groups: Mapping[str, Mapping[str, str]]) -> None:
-        """Title of a group -> key -> what it does."""
-        card = OverlayCard("Keys", "", [("Close  Enter", self.leave)], self._parent)
-        card.wide = KEYS_PX
-        columns = row(spacing=24)
-        for title, keys in groups.items():
-            grid = QGridLayout()
-            grid.setHorizontalSpacing(14)
-            grid.setVerticalSpacing(4)
-            grid.setColumnStretch(1, 1)
-            for down, (key, does) in enumerate(keys.items()):
-                grid.addWidget(text_label(key, bold=True), down, 0, Qt.AlignmentFlag.AlignTop)
-                grid.addWidget(wrapped_label(does, "quiet"), down, 1)
-            columns.addLayout(column(text_label(title, size=theme.TITLE), grid, 1), 1)
-        area = scrolled(holder(columns))
-        area.setMinimumHeight(min(columns.sizeHint().height(), self._parent.height() - KEYS_FOOT_PX))
-        card.inside.addWidget(area)
-        self.put(card)
 
     def leave(self) -> bool:
         """Take the question away; whether there was one."""
-        question, self.question, self._kind = self.question, None, ""
+        question, self.question = self.question, None
         if question is None:
             return False
         question.hide()
@@ -237,7 +209,7 @@ class Cards:
 
     def withdraw(self, kinds: set[str]) -> None:
         """Take the question away if it is one of these."""
-        if self._kind in kinds:
+        if self.question is not None and self.question.kind in kinds:
             self.leave()
 
     def press_main(self) -> bool:

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from PySide6.QtCore import QPointF, QRectF, Signal
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QCheckBox, QLineEdit, QStyle, QStyleOptionButton
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QStyle, QStyleOptionButton
 
 from app.window.widgets.parts import Segments
 from app.window.widgets.theme import COLOURS, pen
@@ -38,6 +38,23 @@ class NumberField(TextField):
         return number_of(self.text())
 
 
+class LongText(QPlainTextEdit):
+    """A text of several lines."""
+
+    changed = Signal(object)
+
+    def __init__(self, label: str) -> None:
+        super().__init__(accessibleName=label, tabChangesFocus=True)
+        self.textChanged.connect(lambda: self.changed.emit(self.value()))
+
+    def value(self) -> str | None:
+        return self.toPlainText().strip() or None
+
+    def show_value(self, value: Any) -> None:
+        with QSignalBlocker(self):
+            self.setPlainText("" if value is None else str(value))
+
+
 class Tick(QCheckBox):
     """Yes or no; a tick in its box, which colour alone would not say."""
 
@@ -67,7 +84,7 @@ class Tick(QCheckBox):
         self.setChecked(bool(value))
 
 
-Field = TextField | Tick | Segments
+Field = TextField | LongText | Tick | Segments
 
 
 def make_field(label: str, kind: type, choices: Mapping[Any, str] | None = None) -> Field:

@@ -46,9 +46,12 @@ KEYS = SESSION | WINDOW
 
 
 def bind(window: QWidget, commands: Mapping[str, Callable[[], object]]) -> None:
-    """Let the keys of these commands act in a window; a key held down acts once, a text field keeps its letters."""
+    """Let the keys of these commands act in a window; a text field keeps its letters."""
     for command, do in commands.items():
         for key in KEYS[command].keys:
-            shortcut = QShortcut(QKeySequence(key), window)
-            shortcut.setAutoRepeat(False)
-            shortcut.activated.connect(do)
+            add_key(key, window, do)
+
+
+def add_key(key: str, widget: QWidget, do: Callable[[], object]) -> None:
+    """Let a key act where a widget is seen; held down it acts once."""
+    QShortcut(QKeySequence(key), widget, do).setAutoRepeat(False)

@@ -54,9 +54,9 @@ def text_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: b
 
 def printed(hint: str = "") -> QPlainTextEdit:
     """A text in columns, to be read. hint: what stands in its place while there is none."""
-    made = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
-    made.setFont(theme.mono())
-    return made
+    text = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+    text.setFont(theme.mono())
+    return text
 
 
 class Panel(QFrame):
@@ -78,9 +78,8 @@ class OneLine(QLabel):
     """
 
     def __init__(self, text: str = "", name: str = "", size: int = theme.SMALL, bold: bool = False) -> None:
-        super().__init__("", objectName=name)
+        super().__init__(objectName=name, textFormat=Qt.TextFormat.PlainText)
         self.setFont(theme.font(size, bold))
-        self.setTextFormat(Qt.TextFormat.PlainText)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.setText(text)
 
@@ -101,7 +100,7 @@ class OneLine(QLabel):
         text, metrics, room = self.text(), self.fontMetrics(), self.width()
         parts = text.split(PART)
         shorter = (PART.join([*parts[:n], "…"]) for n in range(len(parts) - 1, 0, -1))
-        fitting = (one for one in (text, *shorter) if metrics.horizontalAdvance(one) <= room)
+        fitting = (words for words in (text, *shorter) if metrics.horizontalAdvance(words) <= room)
         shown = next(fitting, None) or metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
 
@@ -139,17 +138,17 @@ class Figures(QWidget):
         painter, texts = QPainter(self), [text for text, _ in self.parts]
         room = self.width()
         sizes = range(self._size, theme.LEAST_PX * self._size // theme.text_px(self._size) - 1, -1)
-        size = next((fitting for fitting in sizes if wide(texts, fitting, self._bold) <= room), sizes[-1])
+        size = next((fitting for fitting in sizes if texts_width(texts, fitting, self._bold) <= room), sizes[-1])
         painter.setFont(theme.font(size, self._bold))
-        x = max(room - wide(texts, size, self._bold), 0.0) if self._right else 0.0
+        x = max(room - texts_width(texts, size, self._bold), 0.0) if self._right else 0.0
         for text, colour in self.parts:
             shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
             painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
-            x += wide([text, ""], size, self._bold)
+            x += texts_width([text, ""], size, self._bold)
 
 
-def wide(texts: Sequence[str], size: int, bold: bool = False) -> float:
+def texts_width(texts: Sequence[str], size: int, bold: bool = False) -> float:
     """How wide (px) texts are, with a gap between two."""
     gaps = (len(texts) - 1) * theme.text_width(" ", size, bold)
     return sum(theme.text_width(text, size, bold) for text in texts) + gaps
@@ -212,9 +211,9 @@ class KeyButton(QPushButton):
 
 def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
     """A button that does something. name: "main" or "small"; hint: its tooltip."""
-    made = QPushButton(text, objectName=name, toolTip=hint)
-    made.clicked.connect(lambda: do())
-    return made
+    pressed = QPushButton(text, objectName=name, toolTip=hint)
+    pressed.clicked.connect(lambda: do())
+    return pressed
 
 
 def show_wait(pressed: QPushButton, text: str) -> None:
@@ -225,9 +224,9 @@ def show_wait(pressed: QPushButton, text: str) -> None:
 
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
     """A chip that is lit while it is on; it never takes the keyboard."""
-    made = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
-    made.toggled.connect(do)
-    return made
+    pressed = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
+    pressed.toggled.connect(do)
+    return pressed
 
 
 Margins = tuple[int, int, int, int]  # px, as Qt has them: left, top, right, bottom
@@ -264,20 +263,43 @@ def fill(layout: Box, parts: Sequence[Part], spacing: int, margins: Margins) -> 
     return layout
 
 
+def grid(across: int, down: int, stretched: int, margins: Margins = (0, 0, 0, 0)) -> QGridLayout:
+    """An empty grid: px between its columns and its rows; `stretched` is the column that takes the free width."""
+    layout = QGridLayout()
+    layout.setHorizontalSpacing(across)
+    layout.setVerticalSpacing(down)
+    layout.setColumnStretch(stretched, 1)
+    layout.setContentsMargins(*margins)
+    return layout
+
+
+def described(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
+    """Name -> what stands beside it, and a quiet line below that."""
+    layout = grid(14, 4, stretched=1)
+    for name, (part, hint) in lines.items():
+        down = layout.rowCount()
+        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+        layout.addWidget(text_label(name, bold=True), down, 0, level)
+        layout.addWidget(part, down, 1)
+        if hint:
+            layout.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+    return layout
+
+
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
-    made = QWidget()
-    made.setObjectName("clear")
-    made.setLayout(layout)
-    return made
+    widget = QWidget()
+    widget.setObjectName("clear")
+    widget.setLayout(layout)
+    return widget
 
 
 def stack(*pages: QWidget) -> QStackedWidget:
     """One page at a time, at first the first."""
-    made = QStackedWidget()
+    widget = QStackedWidget()
     for page in pages:
-        made.addWidget(page)
-    return made
+        widget.addWidget(page)
+    return widget
 
 
 def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:

@@ -187,7 +187,6 @@ class Trace(TimePlot):
 
     @property
     def newest(self) -> tuple[float, ...]:
-        """The last value of each curve."""
         return tuple(self.values[:, -1].tolist()) if len(self.t) else ()
 
     def hide_values(self, hidden: bool) -> None:

@@ -2,29 +2,20 @@
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, row, text_label, wrapped_label
-from app.window.widgets.theme import COLOURS
+from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
 
-STATE_COLOUR = {
-    m.GOOD: COLOURS.good, m.CAUTION: COLOURS.caution, m.DUE: COLOURS.caution, m.BAD: COLOURS.bad,
-    m.WAITING: COLOURS.brake_off,
+#: state -> shape and look of its mark: said by shape too, not by colour alone
+MARKS = {
+    m.GOOD: ("●", "good"), m.CAUTION: ("▲", "caution"), m.DUE: ("▲", "caution"), m.BAD: ("✕", "bad"),
+    m.WAITING: ("○", "off"),
 }  # fmt: skip
-#: Said by shape too, not by colour alone.
-MARKS = {m.GOOD: "●", m.CAUTION: "▲", m.DUE: "▲", m.BAD: "✕", m.WAITING: "○"}
 DEVICE = "Device"  # the check that leads to the device page
 URGENT = (m.BAD, m.DUE, m.CAUTION, m.WAITING, m.GOOD)  # whose words have room first
 GAP_PX = 4  # in a pill and between two
-
-
-def mark_of(check: m.Check, size: int) -> QLabel:
-    """The shape and colour of a check's state."""
-    mark = text_label(MARKS[check.state], size=size)
-    mark.setStyleSheet(f"color: {STATE_COLOUR[check.state]}")
-    return mark
 
 
 class Pill(Panel):
@@ -34,7 +25,8 @@ class Pill(Panel):
 
     def __init__(self, check: m.Check) -> None:
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
-        self.mark, name = mark_of(check, theme.SMALL), text_label(check.name, size=theme.SMALL, bold=True)
+        self.mark = text_label(*MARKS[check.state], theme.SMALL)
+        name = text_label(check.name, size=theme.SMALL, bold=True)
         short = check.text.partition(",")[0] if check.state == m.GOOD else check.text
         self.state, self.text = check.state, text_label(short, "quiet", theme.SMALL)
         self.text.hide()
@@ -174,10 +166,8 @@ class Checklist(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self.shown: tuple[m.Check, ...] = ()
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setVerticalSpacing(6)
-        self._grid.setColumnStretch(2, 1)
+        self._grid = grid(6, 6, stretched=2)
+        self.setLayout(self._grid)
 
     def show_checks(self, checks: tuple[m.Check, ...]) -> None:
         if checks == self.shown:
@@ -186,7 +176,7 @@ class Checklist(QWidget):
         clear(self._grid)
         for at, check in enumerate(checks):
             text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
-            self._grid.addWidget(mark_of(check, theme.NORMAL), at, 0, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(text_label(*MARKS[check.state]), at, 0, Qt.AlignmentFlag.AlignTop)
             words = wrapped_label(breakable(text), "quiet")
             if check.name:
                 self._grid.addWidget(text_label(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)

@@ -19,6 +19,7 @@ QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
 QLabel#good { color: $good; }
 QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
+QLabel#off { color: $brake_off; }
 QLabel#banner { background: $bad_ground; color: $bad_text; border: 1px solid $bad; border-radius: ${radius}px;
     padding: 8px 12px; }
 QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 10px; color: $quiet; }

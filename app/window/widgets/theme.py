@@ -14,7 +14,6 @@ from app.window.widgets.sheet import SHEET
 
 COLOURS = palette.chosen
 JOINT = dict(zip("AEBC", COLOURS.joints, strict=True))
-CONTROLLER = dict(enumerate(COLOURS.controllers, start=1))
 STATUS = {
     "done": COLOURS.good, "timeout": COLOURS.caution, "aborted": COLOURS.bad, "redone": COLOURS.quiet,
     "recovered": COLOURS.caution, "skipped": COLOURS.quiet, "stopped": COLOURS.bad, "excluded": COLOURS.quiet,
@@ -74,18 +73,17 @@ def set_text_size(size: float) -> None:
     memory.remember(memory.TEXT_SIZE, str(size))
     for cached in (font, text_width, laid_out):
         cached.cache_clear()
+    widgets = sorted(QApplication.allWidgets(), key=_depth)  # outer ones first: they hand their font on to inner ones
+    sizes = [widget.property("px") or widget.font().pixelSize() / before for widget in widgets]  # px, at 1
     QApplication.setFont(font())
-    do_more: list[QWidget] = []
-    for widget in QApplication.allWidgets():
+    for widget, px in zip(widgets, sizes, strict=True):
         now = widget.font()
-        size = widget.property("px") or now.pixelSize() / before  # px at a text size of 1
-        widget.setProperty("px", size)
-        now.setPixelSize(text_px(size))
+        now.setPixelSize(text_px(px))
+        widget.setProperty("px", px)
         widget.setFont(now)
+    for widget in reversed(widgets):
         if hasattr(widget, "follow_text"):
-            do_more.append(widget)
-    for widget in sorted(do_more, key=_depth, reverse=True):
-        widget.follow_text()  # type: ignore[attr-defined]
+            widget.follow_text()
 
 
 def _depth(widget: QWidget) -> int:
@@ -147,10 +145,10 @@ SHADES = 32  # of the spring
 @cache
 def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
     """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
-    made = QPen(shade(name, alpha), width)
-    made.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
-    made.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
-    return made
+    line = QPen(shade(name, alpha), width)
+    line.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
+    line.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
+    return line
 
 
 @cache
@@ -158,9 +156,9 @@ def spring_pen(width: float, step: int) -> QPen:
     """From green (step 0) over yellow to red (SHADES - 1)."""
     share = 2.0 * step / (SHADES - 1)
     ends = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
-    made = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
-    made.setCapStyle(Qt.PenCapStyle.FlatCap)
-    return made
+    line = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
+    line.setCapStyle(Qt.PenCapStyle.FlatCap)
+    return line
 
 
 @lru_cache(maxsize=4096)
@@ -172,19 +170,19 @@ def text_width(text: str, size: int, bold: bool = False) -> float:
 @lru_cache(maxsize=1024)
 def laid_out(text: str, size: int, bold: bool) -> QStaticText:
     """A text whose letters have their places already: drawing it takes a third of the time."""
-    made = QStaticText(text)
-    made.setTextFormat(Qt.TextFormat.PlainText)
-    made.prepare(QTransform(), font(size, bold))
-    return made
+    letters = QStaticText(text)
+    letters.setTextFormat(Qt.TextFormat.PlainText)
+    letters.prepare(QTransform(), font(size, bold))
+    return letters
 
 
 def write(painter: QPainter, middle: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
     """A short text about its middle (px)."""
-    made = laid_out(text, size, bold)
+    letters = laid_out(text, size, bold)
     painter.setFont(font(size, bold))
     painter.setPen(shade(colour))
-    left, top = middle.x() - 0.5 * made.size().width(), middle.y() - 0.5 * made.size().height()
-    painter.drawStaticText(QPointF(round(left), round(top)), made)
+    left, top = middle.x() - 0.5 * letters.size().width(), middle.y() - 0.5 * letters.size().height()
+    painter.drawStaticText(QPointF(round(left), round(top)), letters)
 
 
 def write_from(painter: QPainter, left: QPointF, text: str, size: int, bold: bool, colour: str) -> None:
@@ -210,4 +208,4 @@ def colour_of(controller: int | str) -> str:
     """Table I's five colours, which begin again for further controllers; a code has none of its own."""
     if isinstance(controller, str):
         return COLOURS.quiet
-    return CONTROLLER[(controller - 1) % len(CONTROLLER) + 1]
+    return COLOURS.controllers[(controller - 1) % len(COLOURS.controllers)]

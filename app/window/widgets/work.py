@@ -6,11 +6,14 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
+from PySide6.QtWidgets import QWidget
 
 from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
+
+LOOK_MS = 2000  # between two looks of a `Watch`
 
 
 class BackgroundTask(QObject):
@@ -51,6 +54,31 @@ class BackgroundTask(QObject):
             self.done.emit(result)
 
 
+class Watch(BackgroundTask):
+    """Looks at something again and again while a widget is shown; an answer that takes long is waited for."""
+
+    def __init__(self, widget: QWidget, look: Callable[[], Any], done: Callable[[Any], object]) -> None:
+        """look: in a thread, every `LOOK_MS`."""
+        super().__init__(done)
+        self._look = look
+        self._timer = QTimer(self, interval=LOOK_MS)
+        self._timer.timeout.connect(self.look)
+        widget.installEventFilter(self)
+
+    def look(self) -> None:
+        """Now, unless the answer before is still to come."""
+        if not self.busy:
+            self.ask(self._look)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show:
+            self._timer.start()
+            self.look()
+        elif event.type() == QEvent.Type.Hide:
+            self._timer.stop()
+        return super().eventFilter(watched, event)
+
+
 class VerbProcess(BackgroundTask):
     """A verb of `phd`, or another module's `main`, in a process of its own; its result is what it prints."""
 
@@ -59,16 +87,16 @@ class VerbProcess(BackgroundTask):
     def __init__(self, done: Callable[[Any], object]) -> None:
         super().__init__(done)
         self._process: subprocess.Popen | None = None
-        self._stopped = False
+        self.stopped = False  # it was ended before its end
 
     def begin(self, *arguments: str, module: str = "app.cli", given: bytes = b"") -> None:
         """Run it. given: what it reads from its standard input."""
-        self._stopped = False
+        self.stopped = False
         self.ask(self._through, arguments, module, given)
 
     def stop(self, wait: bool = False) -> None:
         """End it; what it had begun to write is removed by itself. wait: until that has been done."""
-        self._stopped = True
+        self.stopped = True
         if self._process is not None:
             self._process.terminate()
             if wait:
@@ -77,7 +105,7 @@ class VerbProcess(BackgroundTask):
     def _through(self, arguments: tuple[str, ...], module: str, given: bytes) -> str:
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
         self._process = process = start_python(module, *arguments, environment={PROGRESS: "lines"}, **pipes)
-        if self._stopped:
+        if self.stopped:
             process.terminate()
         text = trouble = ""
         assert process.stdin and process.stdout and process.stderr  # all three are pipes
