@@ -13,6 +13,7 @@ from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
+from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.verbs.common import label_of_key, summary_text
 from app.window.run.energy_panel import small_energy
@@ -119,9 +120,13 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
 @pytest.mark.parametrize(
     ("status", "block", "said"),
     [
-        ("aborted", 1, "Run 18 was aborted: the participant asked."),
-        ("stopped", 1, "Run 18: the participant asked. It is repeated next; it can be skipped."),
-        ("stopped", 0, "Run 18: the participant asked. It is repeated next."),  # practice cannot be skipped
+        ("aborted", 1, "Trial 3 was aborted: the participant asked."),
+        ("stopped", 1, "Trial 3 stopped: the participant asked. It is repeated next; it can be skipped."),
+        (
+            "stopped",
+            0,
+            "The practice trial stopped: the participant asked. It is repeated next.",
+        ),  # practice cannot be skipped
     ],
 )
 def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
@@ -129,11 +134,12 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
 ) -> None:
     monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
     heard: list[str] = []
-    row = replace(result(PLAN[0], status), block=block)
+    row = replace(result(PLAN[2], status), block=block, run=62)  # a repetition, whose run the plan does not show
     storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
-    storage.progress = SimpleNamespace(
-        session=None, trial_ended=lambda row: None, update_next=lambda: None, without_valid_trial=lambda: ""
-    )
+    storage.progress = SessionProgress.__new__(SessionProgress)
+    storage.progress.session = SimpleNamespace(plan=PLAN)
+    for name in ("trial_ended", "update_next", "without_valid_trial"):
+        monkeypatch.setattr(SessionProgress, name, lambda *_: "")
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.store_trial(SimpleNamespace(name="Run 18", trial=trial, finish=lambda session: row, again="never"))
+    storage.store_trial(SimpleNamespace(name="Run 62", trial=trial, finish=lambda session: row, again="never"))
     assert heard == [said]
