@@ -33,7 +33,10 @@ _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
 
-#: Called before each kernel that is compiled with its number, of how many and its name; at the end with an empty name.
+LINKING = "linking"  # what a watcher is told in place of a name
+
+#: Called before each kernel that is compiled with its number, of how many and its name; with `LINKING` before all are
+#: made one, which takes as long again; at the end with an empty name.
 watchers: list[Callable[[int, int, str], None]] = []
 
 #: Called with one sentence, the first time of each kind, where the cache is not what it should be.

@@ -26,7 +26,7 @@ from numba.core.serialize import dumps
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
-from core.kernels.cache import cache_folder, keep, read_kept, watchers
+from core.kernels.cache import LINKING, cache_folder, keep, read_kept, watchers
 
 
 class _Count:
@@ -296,6 +296,8 @@ class EntryCompiler:
     def compile_extra(self, function: Callable) -> Any:
         _Count.done, _Count.of = 0, len(self.part.to_compile())
         self.part.compile(self.args)
+        _Count.done = _Count.of  # others may have been found on disk
+        _Count.tell(LINKING)
         result = self.link(self.part.overloads[self.args])
         _Count.tell("")
         return result

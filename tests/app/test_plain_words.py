@@ -15,6 +15,7 @@ from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
+from app.session_server.trial_runner import TrialRunner
 from app.verbs.common import label_of_key, summary_text
 from app.window.run.energy_panel import small_energy
 from app.window.widgets import words
@@ -47,6 +48,22 @@ def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
     assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed")
     assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
     assert check_loop(None, False, None, LATE).state == m.WAITING
+
+
+def test_a_loop_that_compiles_says_how_far_and_that_it_is_once(monkeypatch) -> None:
+    loop = SimpleNamespace(closed=False, hung=False, receive=lambda wait_s: [m.Compiling(45, 252, False)])
+    runner = TrialRunner(SimpleNamespace(), loop, real_time=False)
+    assert runner.check.text == "preparing"
+    runner.watch()
+    assert (runner.check.state, runner.check.text) == (m.WAITING, "compiling, 45 of 252")
+    assert "once on a computer" in runner.check.advice
+    loop.receive = lambda wait_s: [m.Compiling(252, 252, True)]
+    runner.watch()
+    assert runner.check.text == "compiling, 252 of 252, linking"
+    monkeypatch.setattr("app.session_server.trial_runner.leave_core", lambda core: None)
+    loop.receive, loop.send = (lambda wait_s: [m.Prepared(DEFAULT)]), lambda job: None
+    runner.watch()
+    assert runner.check.text == "preparing"
 
 
 def test_ticks_that_were_missed_do_not_stand_beside_a_percentile_of_no_lateness() -> None:

@@ -86,15 +86,15 @@ def test_a_watcher_is_told_which_of_how_many_kernels_is_compiled(tmp_path):
         "watchers.append(lambda number, of, name: print(number, of, name))\n"
         "from core.caller import outer\nouter(1.0)"
     )
-    assert run(tree, code) == "1 2 outer\n2 2 inner\n2 2 \n"
+    assert run(tree, code) == "1 2 outer\n2 2 inner\n2 2 linking\n2 2 \n"
 
 
 def test_a_process_finds_the_parts_that_another_compiled(tmp_path):
     tree = small_tree(tmp_path)
     (tree / "core" / "caller.py").write_text(CALLER + "\n\n@kernel\ndef beside(x):\n    return 3.0 * inner(x)\n")
     watching = "from core.kernels import cache\ncache.watchers.append(lambda done, of, name: print(name))\n"
-    assert run(tree, watching + "from core.caller import outer\nprint(outer(1.0))") == "outer\ninner\n\n11.0\n"
-    assert run(tree, watching + "from core.caller import beside\nprint(beside(1.0))") == "beside\n\n33.0\n"
+    assert run(tree, watching + "from core.caller import outer\nprint(outer(1.0))") == "outer\ninner\nlinking\n\n11.0\n"
+    assert run(tree, watching + "from core.caller import beside\nprint(beside(1.0))") == "beside\nlinking\n\n33.0\n"
 
 
 def test_a_kernel_is_another_one_where_what_it_calls_or_a_number_that_it_names_is_another():
