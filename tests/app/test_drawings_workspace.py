@@ -350,6 +350,7 @@ def test_where_four_read_outs_have_no_room_they_take_two_lines_and_are_not_small
     theme.scale_text(3)
     try:
         workspace = shown(qtbot, workspace_of(FOUR), 478, 500)
+        workspace.view.show_trial(FOUR, ALONG, TIP)
         add(workspace, quiet())
         drawn.clear()
         workspace.view.grab()
