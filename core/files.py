@@ -79,6 +79,7 @@ _TYPE = re.compile(r"^Expected `([^`]*)`, got `([^`]*)`$")
 _BOUND = re.compile(r"^Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)$")
 _INVALID = re.compile(r"^Invalid value '(.*)'$")
 _LENGTH = re.compile(r"^Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?$")
+_IN_LIST = re.compile(r"(?P<list>\w+)\[(?P<index>\d+)\](?:\.(?P<key>.+))?")
 _FORMS: dict[str, str] = {}  # msgspec's message -> what the text must be (`text_of_form`)
 _BOUND_WORDS = {">": "greater than", ">=": "at least", "<": "less than", "<=": "at most"}
 
@@ -126,7 +127,7 @@ def parse_toml(text: str, kind: type[T], where: str) -> T:
 
 def from_plain(content: Any, kind: Any, where: str) -> Any:
     """Plain dicts, lists and numbers as the given kind; `where` begins every refusal."""
-    _refuse_not_finite(content, "", where)
+    _refuse_not_finite(content, "", where, content)
     try:
         found = msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
@@ -187,15 +188,15 @@ def choice(*words: str) -> msgspec.Meta:
     return text_of_form("|".join(words), f"one of {', '.join(words)}")
 
 
-def _refuse_not_finite(value: Any, key: str, where: str) -> None:
+def _refuse_not_finite(value: Any, key: str, where: str, content: Any) -> None:
     if isinstance(value, dict):
         for name, inner in value.items():
-            _refuse_not_finite(inner, f"{key}.{name}" if key else name, where)
+            _refuse_not_finite(inner, f"{key}.{name}" if key else name, where, content)
     elif isinstance(value, list):
         for i, inner in enumerate(value):
-            _refuse_not_finite(inner, f"{key}[{i}]", where)
+            _refuse_not_finite(inner, f"{key}[{i}]", where, content)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{where}: {key}{' ' if key else ''}must be finite, not {value}")
+        raise InputError(f"{where}: {_told(key, content)}{' ' if key else ''}must be finite, not {value}")
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
@@ -203,25 +204,34 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
     match = _AT.match(message)
     assert match is not None  # the pattern matches any text
     reason, key = match["message"], match["key"] or ""
-    inside = f"{key}." if key else ""
+    inside, at = f"{key}." if key else "", _told(key, content)
     if found := _MISSING.match(reason):
-        return f"the required key {inside}{found[1]} is missing"
+        return f"the required key {_told(inside + found[1], content)} is missing"
     if found := _UNKNOWN.match(reason):
         known = _keys(kind, key)
         there = f" (there are: {', '.join(known)})" if known else ""
-        return f"unknown key {inside}{found[1]}{did_you_mean(found[1], known)}{there}"
+        return f"unknown key {_told(inside + found[1], content)}{did_you_mean(found[1], known)}{there}"
     if found := _TYPE.match(reason):
         wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
-        return f"{key} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
+        return f"{at} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
     if found := _BOUND.match(reason):
-        return f"{key} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+        return f"{at} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
     if words := _FORMS.get(reason.replace(" | null", "")):
-        return f"{key} must be {words}, not {_value(content, key)!r}"
+        return f"{at} must be {words}, not {_value(content, key)!r}"
     if found := _INVALID.match(reason):
-        return f"{key} {found[1]!r} is not known"
+        return f"{at} {found[1]!r} is not known"
     if found := _LENGTH.match(reason):
-        return f"{key} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
-    return f"{key}: {reason}" if key else reason
+        return f"{at} must hold {found[1]} value{'s' if found[1] != '1' else ''}, not {len(_value(content, key))}"
+    return f"{at}: {reason}" if key else reason
+
+
+def _told(key: str, content: Any) -> str:
+    """A key for people, who count the tables of a list from 1: controller[2].gap_m is gap_m of controller 3."""
+    match = _IN_LIST.fullmatch(key)
+    if match is None or not isinstance(content[match["list"]][int(match["index"])], dict):
+        return key
+    table = f"{match['list']} {int(match['index']) + 1}"
+    return f"{match['key']} of {table}" if match["key"] else table
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
