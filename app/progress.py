@@ -14,7 +14,7 @@ from importlib import import_module
 from types import ModuleType
 
 from core.files import InputError
-from core.kernels.cache import watchers
+from core.kernels.cache import LINKING, watchers
 from experiments.numbers import percent
 
 #: On Linux one of these names where a window can be.
@@ -77,7 +77,8 @@ class ProgressBar:
         if share <= at_first:
             return ""
         minutes = round((1.0 - share) / (share - at_first) * (time.perf_counter() - begun) / 60.0)
-        return f", {minutes // 60} h {minutes % 60:02d} min left" if minutes >= 1 else ""
+        hours = f"{minutes // 60} h " if minutes >= 60 else ""
+        return f", {hours}{minutes % 60} min left" if minutes >= 1 else ""
 
     def close(self) -> None:
         """Remove the bar from the terminal and stop the lines."""
@@ -93,16 +94,23 @@ class ProgressBar:
 class CompileProgress:
     """Shows which kernel of how many is being compiled or linked, and adds up the time (s)."""
 
+    FEW = 20  # kernels that are compiled so soon that no bar need show them
+
     def __init__(self) -> None:
         self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
-        """As `watchers` of the cache are called."""
+        """As `watchers` of the cache are called. The first half of the bar: compiling; the other: linking."""
         if self._began is None:
             self._began = time.perf_counter()
+        if name == LINKING:
+            if of > self.FEW:
+                self._bar(0.5, f"{of} of {of}, linking")
+            return
         if name:
-            self._bar(number / max(of, 1), f"{number} of {of}, {name}")
+            if of > self.FEW:
+                self._bar(0.5 * number / of, f"{number} of {of}")
             return
         self._bar.close()
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None

@@ -449,6 +449,14 @@ LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset | BringUp
 # -------------------------------------------------------------------------------------- answers: loop -> session server
 
 
+class Compiling(NamedTuple):
+    """The loop compiles its kernels, which it does once on a computer."""
+
+    number: int  # of the kernel
+    of: int
+    linking: bool  # all are compiled, and are made one
+
+
 class Prepared(NamedTuple):
     """The loop can run trials."""
 
@@ -529,5 +537,14 @@ class NotDone(NamedTuple):
 
 
 LoopAnswer = (
-    Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | BroughtUp | NotDone
+    Compiling
+    | Prepared
+    | TimingChecked
+    | TrialReturned
+    | DeviceStatus
+    | ConnectEnded
+    | HomeSet
+    | Zeroed
+    | BroughtUp
+    | NotDone
 )

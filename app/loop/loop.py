@@ -33,6 +33,7 @@ from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice
 from core.faults import after, cause_of
 from core.files import InputError
+from core.kernels.cache import LINKING, watchers
 from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import new_record
@@ -81,6 +82,7 @@ class Loop:
 
     def prepare(self, real_time: bool) -> None:
         """Compile and touch everything that a trial needs, then take the best scheduling that is allowed."""
+        watchers[:] = [self._tell_compiling]
         if self.port:
             import_module("app.loop.guided_bring_up")  # seconds that no board waits for, nor a simulated device
             load_kernels()
@@ -92,7 +94,12 @@ class Loop:
             run_stopped_trial()
         scheduling = take_scheduling(real_time)._replace(timer=timer_words(self._timer))
         self.ring.control.core, self.ring.control.pid = scheduling.core, os.getpid()
+        watchers.clear()
         self._answer(m.Prepared(scheduling))
+
+    def _tell_compiling(self, number: int, of: int, name: str) -> None:
+        if name:
+            self._answer(m.Compiling(number, of, name == LINKING))
 
     def work(self, jobs: BinaryIO) -> None:
         """Jobs from a pipe, until it ends."""

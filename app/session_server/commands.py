@@ -141,19 +141,18 @@ def _abort(state: ServerState, command: m.Abort) -> None:
 
 def _redo(state: ServerState, command: m.Redo) -> None:
     row = state.storage.open.session.redo(command.run, command.reason)
-    state.storage.update_tables(f"The trial of run {row.run} is repeated next; its recording is kept.")
+    state.storage.update_tables(f"{state.storage.open.name_of(row)} is repeated next; its recording is kept.")
 
 
 def _exclude(state: ServerState, command: m.Exclude) -> None:
     row = state.storage.open.session.exclude(command.run, command.reason)
-    state.storage.update_tables(f"Run {row.run} is excluded from the results; its recording is kept.")
+    name = state.storage.open.name_of(row)
+    state.storage.update_tables(f"{name} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: ServerState, command: m.Skip) -> None:
     row = state.storage.open.session.skip(command.reason)
-    state.storage.update_tables(
-        f"The trial of run {row.run} is skipped." if row.block else "A practice trial is skipped."
-    )
+    state.storage.update_tables(f"{state.storage.open.name_of(row)} is skipped.")
 
 
 def _pause(state: ServerState, command: m.Pause) -> None:

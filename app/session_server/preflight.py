@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import IO
 
-from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, DeviceStatus, Setup, Timing
+from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice, after
 from experiments.inputs import INPUTS, OPERATOR
@@ -88,6 +88,12 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
     return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
+
+
+def check_compiling(now: Compiling) -> Check:
+    """The kernels of the loop are not on this computer yet."""
+    how_far = f"{now.number} of {now.of}" + (", linking" if now.linking else "")
+    return Check("Loop", WAITING, f"compiling, {how_far}", "This is done once on a computer, in a minute or two.")
 
 
 def check_disk(folder: Path) -> Check:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
 from experiments.inputs import is_person
 from experiments.plan import PlannedTrial, break_after
-from experiments.session.files import cell, open_trials
+from experiments.session.files import cell, open_trials, place
 from experiments.session.journal import (
     ANSWERS,
     BREAK_ENDED,
@@ -73,6 +73,10 @@ class SessionProgress:
             self.paused_s = time.perf_counter()
         elif event is RESUMED_AFTER_PAUSE:
             self.paused_s = self.last_end_s = None
+
+    def name_of(self, trial: PlannedTrial | TrialRow) -> str:
+        """For the experimenter, by the plan that they see: "Trial 12"."""
+        return f"Trial {place(trial, self.session.plan)}" if trial.block else "The practice trial"
 
     def update_next(self) -> None:
         """Find the next trial after one was added, skipped or marked."""

@@ -26,6 +26,8 @@ from experiments.session.in_memory import refuse_place
 from experiments.session.journal import LOOP_LOST, Event, now
 
 RETRY_S = 5.0  # between two attempts to write, and between two checks of the folder
+#: Status of a trial that did not go to its end -> words after its name; the reason alone does not say so.
+HOW_ENDED = {"aborted": " was aborted", "stopped": " stopped"}
 
 
 class Storage:
@@ -203,14 +205,12 @@ class Storage:
     def _finish_trial(self, run: TrialRun) -> None:
         """Add the row of a trial and tell the experimenter. InputError or OSError: recording or row is not written."""
         reason = run.trial.outcome()["reason"]
-        notice = with_advice(run.name, reason)
         row = run.finish(self.open.session)
+        notice = with_advice(f"{self.open.name_of(row)}{HOW_ENDED.get(row.status, '')}", reason)
         self.verified = run.name.lower() if row.recording else self.verified
-        if row.status == "aborted":  # the experimenter decided so: their reason alone does not show that
-            notice = with_advice(f"{run.name} was aborted", reason)
-            if run.again != "never" and row.block:
-                self.open.session.redo(row.run, reason, at_end=run.again == "end")
-                notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
+        if row.status == "aborted" and run.again != "never" and row.block:
+            self.open.session.redo(row.run, reason, at_end=run.again == "end")
+            notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
         if row.status == "stopped":
             notice += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
         if row.recording.endswith(STREAM_SUFFIX):

@@ -5,6 +5,7 @@ import contextlib
 from app.ipc.messages import (
     Check,
     CheckTiming,
+    Compiling,
     LoopAnswer,
     LoopJob,
     Prepared,
@@ -16,7 +17,7 @@ from app.ipc.messages import (
 from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, LET_GO, RING_FULL, SERVER_SILENT, STOPPED, UNTOUCHED, Ring
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_process import LoopProcess
-from app.session_server.preflight import check_loop
+from app.session_server.preflight import check_compiling, check_loop
 from app.session_server.recorder import OnTicks, Recorder, timing_of
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
@@ -136,6 +137,7 @@ class TrialRunner:
         self._ring, self._loop, self._real_time, self._port = ring, loop, real_time, port
         self._starts = 1
         self.scheduling: Scheduling | None = None  # that the loop got; None: it is not ready yet
+        self._compiling: Compiling | None = None  # what it last said of its kernels
         self._idle_timing: Timing | None = None
         self._last_timing: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
@@ -187,6 +189,8 @@ class TrialRunner:
         ended = None
         for answer in self._loop.receive(HAND_BACK_S if self.run and self.run.is_handed_back else 0.0):
             match answer:
+                case Compiling():
+                    self._compiling = answer
                 case Prepared(scheduling):
                     self.scheduling, self._starts = scheduling, 0
                     leave_core(scheduling.core)
@@ -224,6 +228,8 @@ class TrialRunner:
 
     @property
     def check(self) -> Check:
+        if self.scheduling is None and self._compiling is not None and not self._loop.closed:
+            return check_compiling(self._compiling)
         return check_loop(self._idle_timing, self._loop.closed, self.scheduling, self._last_timing)
 
     def close(self) -> None:

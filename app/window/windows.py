@@ -292,7 +292,7 @@ def compile_kernels() -> None:
     """On the first start on a computer: a bar in a window and one in the terminal, until the kernels are compiled."""
     if is_compiled("run_ticks"):
         return
-    bar = QProgressDialog("Setting up for this computer: once, about half a minute.", "", 0, 100)
+    bar = QProgressDialog("Setting up for this computer, once: a minute, or a few if it is busy.", "", 0, 100)
     bar.setBar(QProgressBar(textVisible=False))
     bar.setCancelButton(None)
     bar.setWindowTitle("PHD")

@@ -35,8 +35,10 @@ _PACKAGES = ("core", "experiments", "hardware", "app")
 _OURS = rf"(?:{'|'.join(_PACKAGES)})[.\w]*"
 _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re.M)
 
-#: Called before each kernel is compiled, with its number, how many there are, and its name; before they are linked with
-#: "linking NAME" in its place, and at the end with "".
+LINKING = "linking"  # what a watcher is told in place of a name
+
+#: Called before each kernel is compiled, with its number, how many there are, and its name; with `LINKING` before all of
+#: them are linked, which takes as long again; at the end with an empty name.
 watchers: list[Callable[[int, int, str], None]] = []
 
 #: Called with one sentence at the first problem of each kind.

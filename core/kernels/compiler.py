@@ -33,7 +33,7 @@ from numba.core.serialize import dumps
 from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
-from core.kernels.cache import cache_folder, read_file, watchers, write_file
+from core.kernels.cache import LINKING, cache_folder, read_file, watchers, write_file
 from core.kernels.decorators import Kernel
 
 #: LLVM may do the same arithmetic on several numbers at once, which numba leaves out: a trial takes 5 % less time. Each
@@ -308,7 +308,7 @@ class EntryCompiler:
         """Called by numba: the compile result of the entry. function: that of the part."""
         _Progress.done, _Progress.of = 0, len(self.part.not_compiled())
         self.part.compile(self.args)
-        _Progress.tell(_Progress.of, f"linking {function.__name__}")
+        _Progress.tell(_Progress.of, LINKING)
         result = self.link(self.part.overloads[self.args])
         _Progress.tell(_Progress.of, "")
         return result

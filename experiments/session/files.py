@@ -261,6 +261,11 @@ def cell(trial: PlannedTrial | TrialRow) -> tuple:
     return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
 
 
+def place(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial]) -> int:
+    """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
+    return next((number for number, planned in enumerate(plan, start=1) if cell(planned) == cell(trial)), trial.run)
+
+
 def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
     """The cells of the plan that need no further trial, and those of them without a result."""
     rows = list(rows)

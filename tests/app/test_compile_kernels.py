@@ -10,7 +10,7 @@ import pytest
 from protocols import short
 
 from app.progress import watch_compiling
-from core.kernels.cache import watchers
+from core.kernels.cache import LINKING, watchers
 
 SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
 COUNTED = """
@@ -70,11 +70,13 @@ def test_the_window_compiles_nothing(set_up) -> None:
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 2.0, 3.5)).__next__))
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 2.0, 3.0, 3.5)).__next__))
     compiling = watch_compiling()
     try:
         watchers[0](45, 156, "advance_event")
         assert "45 of 156" in capsys.readouterr().err
+        watchers[0](156, 156, LINKING)
+        assert "[###############...............] 156 of 156, linking" in capsys.readouterr().err
         watchers[0](156, 156, "")
         assert capsys.readouterr().err == "\r\033[K" and compiling.seconds == 2.5
     finally:

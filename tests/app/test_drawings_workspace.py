@@ -10,6 +10,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 
+from app.window.canvas import linkage_view
 from app.window.canvas.force_view import BRAKES, HAND
 from app.window.canvas.layers import (
     OFF,
@@ -29,6 +30,7 @@ from app.window.canvas.layers import (
 from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, WHOLE, Readout, Workspace
 from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
+from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.control.rule_sets import SETTLED
@@ -327,6 +329,22 @@ def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
             boxes.append(view.readout_box)
             assert not any(boxes[-1].contains(view.to_screen(place)) for place in view.outline)
     assert len(set(map(QRectF.getRect, boxes))) == 1 and QRectF(view.rect()).contains(boxes[0])
+
+
+def test_where_four_read_outs_have_no_room_they_take_two_lines_and_are_not_smaller(qtbot, monkeypatch) -> None:
+    drawn: list[tuple[float, int]] = []
+    monkeypatch.setattr(linkage_view, "write_from", lambda painter, at, text, size, *how: drawn.append((at.y(), size)))
+    theme.scale_text(3)
+    try:
+        workspace = shown(qtbot, workspace_of(FOUR), 478, 500)
+        workspace.view.show_trial(FOUR, ALONG, TIP)
+        add(workspace, quiet())
+        drawn.clear()
+        workspace.view.grab()
+        assert {size for _, size in drawn} == {theme.SMALL} and len({y for y, _ in drawn}) == 3
+        assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(drawn)[0]
+    finally:
+        theme.scale_text(-3)
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

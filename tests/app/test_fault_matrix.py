@@ -163,7 +163,7 @@ them to real processes over a pseudo-terminal, `tests/app/test_net_ft.py` over a
   link counts as silent after 200 ms, and the window gets a report every 100 ms.
 - *Again*: s from the end of the fault until the next trial could start, without a restart: with brakes allowed, homed.
 - In all rows the recording is whole (or recovered) with every tick, and `phd verify` finds nothing.
-- "Run 7: " and, for what comes after a trial's end, "after its end: " stand before the words.
+- "Trial 7 stopped: " and, for what comes after a trial's end, "after its end: " stand before the words.
 
 | fault | phase | zero, ms | seen, ms | again, s | what the experimenter reads | trial |
 |---|---|---|---|---|---|---|
@@ -198,7 +198,7 @@ def table(folder: Path) -> str:
             case.use_again()
             case.close()
             goes_on = phase in fault.goes_on or fault in SOFT
-            words = case.words.partition(": ")[2] if case.words.startswith("Run ") else case.words
+            words = case.words.partition(": ")[2] if case.words.startswith("Trial ") else case.words
             said = words.removeprefix("after its end: ")
             then = f" Then: {case.afterwards}" if case.afterwards and case.afterwards != case.words else ""
             cells = [

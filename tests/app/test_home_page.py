@@ -82,6 +82,7 @@ def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Sho
     assert not page.start.isEnabled() and "Device: no answer for 3 s" in page.why.text()
     assert RED[3].advice in shown.texts()
     page.show_snapshot(m.Snapshot(m.PREPARING))
+    assert "the session server is starting" in shown.texts()
     assert not page.start.isEnabled() and page.why.text().startswith("Waiting for the session server")
     page.show_snapshot(before(notice="participant 01: exists already", notice_bad=True))
     assert "participant 01: exists already" in page.why.text()

@@ -44,7 +44,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
 
     # unplugged in the middle of a movement, and plugged in again
     lost = session.cut_short(lambda: emulated.order(fault="unplug"), says="")
-    assert lost.status == "stopped" and window.snapshot.notice.startswith(f"Run {lost.run}: ")
+    assert lost.status == "stopped" and " stopped: " in window.snapshot.notice
     assert read_recording(session.folder / lost.recording).whole
     wait_until(lambda: not any(emulated.order()["currents_mA"]))  # the board has a watchdog of its own
     assert to_zero_s(emulated.order(), "unplug begins") <= 0.0515

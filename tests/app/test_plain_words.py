@@ -13,7 +13,9 @@ from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.ipc.scheduling import Scheduling
 from app.session_server.preflight import check_loop, check_real, check_sensor
+from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
+from app.session_server.trial_runner import TrialRunner
 from app.verbs.common import label_of_key, summary_text
 from app.window.run.energy_panel import small_energy
 from app.window.widgets import words
@@ -46,6 +48,22 @@ def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
     assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed")
     assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
     assert check_loop(None, False, None, LATE).state == m.WAITING
+
+
+def test_a_loop_that_compiles_says_how_far_and_that_it_is_once(monkeypatch) -> None:
+    loop = SimpleNamespace(closed=False, hung=False, receive=lambda wait_s: [m.Compiling(45, 252, False)])
+    runner = TrialRunner(SimpleNamespace(), loop, real_time=False)
+    assert runner.check.text == "preparing"
+    runner.watch()
+    assert (runner.check.state, runner.check.text) == (m.WAITING, "compiling, 45 of 252")
+    assert "once on a computer" in runner.check.advice
+    loop.receive = lambda wait_s: [m.Compiling(252, 252, True)]
+    runner.watch()
+    assert runner.check.text == "compiling, 252 of 252, linking"
+    monkeypatch.setattr("app.session_server.trial_runner.leave_core", lambda core: None)
+    loop.receive, loop.send = (lambda wait_s: [m.Prepared(DEFAULT)]), lambda job: None
+    runner.watch()
+    assert runner.check.text == "preparing"
 
 
 def test_ticks_that_were_missed_do_not_stand_beside_a_percentile_of_no_lateness() -> None:
@@ -119,9 +137,13 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
 @pytest.mark.parametrize(
     ("status", "block", "said"),
     [
-        ("aborted", 1, "Run 18 was aborted: the participant asked."),
-        ("stopped", 1, "Run 18: the participant asked. It is repeated next; it can be skipped."),
-        ("stopped", 0, "Run 18: the participant asked. It is repeated next."),  # practice cannot be skipped
+        ("aborted", 1, "Trial 3 was aborted: the participant asked."),
+        ("stopped", 1, "Trial 3 stopped: the participant asked. It is repeated next; it can be skipped."),
+        (
+            "stopped",
+            0,
+            "The practice trial stopped: the participant asked. It is repeated next.",
+        ),  # practice cannot be skipped
     ],
 )
 def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
@@ -129,11 +151,12 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
 ) -> None:
     monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
     heard: list[str] = []
-    row = replace(result(PLAN[0], status), block=block)
+    row = replace(result(PLAN[2], status), block=block, run=62)  # a repetition, whose run the plan does not show
     storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
-    storage.progress = SimpleNamespace(
-        session=None, trial_ended=lambda row: None, update_next=lambda: None, without_valid_trial=lambda: ""
-    )
+    storage.progress = SessionProgress.__new__(SessionProgress)
+    storage.progress.session = SimpleNamespace(plan=PLAN)
+    for name in ("trial_ended", "update_next", "without_valid_trial"):
+        monkeypatch.setattr(SessionProgress, name, lambda *_: "")
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.store_trial(SimpleNamespace(name="Run 18", trial=trial, finish=lambda session: row, again="never"))
+    storage.store_trial(SimpleNamespace(name="Run 62", trial=trial, finish=lambda session: row, again="never"))
     assert heard == [said]

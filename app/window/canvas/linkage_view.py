@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter
+from PySide6.QtGui import QPainter, QResizeEvent
 
 from app.window.canvas import layers, marks
 from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
@@ -24,6 +24,7 @@ NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 #: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
+MOST_BRAKES = 4  # of a device: their read-outs have room on one line, or on two
 FOOT_PX = 20.0  # high, of the line below, at a text size of 1
 WIDEST_READOUT = "A slips 88.8 N m "
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
@@ -57,9 +58,13 @@ class LinkageView(ForceView):
     def follow_text(self) -> None:
         """The plane keeps clear of its scale and of the lines above and below it."""
         if self._worded_view:
-            top = READOUT_TOP_PX + 2.0 * READOUT_STEP_PX
-            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, text_px(FOOT_PX))
+            top, foot = self.readout_box.bottom(), text_px(FOOT_PX)
+            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), top, 44.0, foot)
             self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self.follow_text()  # the read-outs may need more lines, or fewer
+        super().resizeEvent(event)
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
@@ -168,13 +173,21 @@ class LinkageView(ForceView):
         return forces, brakes
 
     @property
+    def _brakes_a_line(self) -> int:
+        """How many brakes' read-outs stand side by side, at the size of the text."""
+        room = self.width() - 32.0
+        return MOST_BRAKES if MOST_BRAKES * text_width(WIDEST_READOUT, theme.SMALL, bold=True) <= room else 2
+
+    @property
     def readout_box(self) -> QRectF:
-        """Two lines above the path, px."""
-        return QRectF(8.0, text_px(READOUT_TOP_PX), self.width() - 16.0, 2.0 * text_px(READOUT_STEP_PX))
+        """The lines above the path, px: one for the forces, one or two for the brakes."""
+        lines = 1 + MOST_BRAKES // self._brakes_a_line
+        return QRectF(8.0, text_px(READOUT_TOP_PX), self.width() - 16.0, lines * text_px(READOUT_STEP_PX))
 
     def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
-        box = self.readout_box
-        for down, line in enumerate(self.readouts(labels)):
+        box, most = self.readout_box, self._brakes_a_line
+        forces, brakes = self.readouts(labels)
+        for down, line in enumerate((forces, brakes[:most], brakes[most:])):
             apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
             size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
             for across, (name, text, colour) in enumerate(line):

@@ -22,6 +22,7 @@ from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
     NO_BOARD,
+    STARTING,
     Loaded,
     Wanted,
     load,
@@ -319,9 +320,10 @@ class HomePage(Page):
     @property
     def _checks(self) -> tuple[m.Check, ...]:
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
+        checks = self.snapshot.checks or ((STARTING,) if self.snapshot.stage == m.PREPARING else ())
         if self._same_setup and not self._no_board:
-            return self.snapshot.checks
-        others = tuple(check for check in self.snapshot.checks if check.name not in ("Device", "Hand"))
+            return checks
+        others = tuple(check for check in checks if check.name not in ("Device", "Hand"))
         none = opening_board(self._opening) if self._opening else NO_BOARD
         return (none, *others) if self._no_board else others
 

@@ -14,6 +14,9 @@ from experiments.session.overview import SessionOverview, scan_folder
 
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
 
+#: What a session waits for before the session server has looked at anything.
+STARTING = m.Check("Start", m.WAITING, "the session server is starting …")
+
 
 def opening_board(port: str) -> m.Check:
     """The check of a board whose port was chosen, while the session server before ends."""

@@ -9,9 +9,10 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import describe, place, same_cell
+from app.window.widgets.words import describe
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
+from experiments.session.files import cell, place
 
 HEAD_PX, ROW_PX, SPACE_PX, LABEL_PX = 20, 20, 6, 52
 LEAST_SHARE = 0.7  # where there is little room, rows are so much lower before the grid must be scrolled
@@ -131,21 +132,21 @@ class PlanGrid(QWidget):
         for text, box, head in words:
             painter.setFont(theme.font(theme.SMALL, bold=head))
             painter.drawText(box, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, text)
-        for run, cell in cells.items():
-            self._paint_cell(painter, cell, run)
+        for run, box in cells.items():
+            self._paint_cell(painter, box, run)
 
-    def _paint_cell(self, painter: QPainter, cell: QRectF, run: int) -> None:
+    def _paint_cell(self, painter: QPainter, box: QRectF, run: int) -> None:
         status = self.statuses.get(run)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.shade(theme.STATUS[status], 0.55) if status else theme.shade(COLOURS.line, 0.6))
         if run == self.marked:
             painter.setPen(QPen(theme.shade(COLOURS.text if self.running else COLOURS.accent), 2.0))
             painter.setBrush(theme.shade(COLOURS.accent if self.running else COLOURS.accent_ground))
-        painter.drawRoundedRect(cell, 3.0, 3.0)
+        painter.drawRoundedRect(box, 3.0, 3.0)
         if status in MARKS:
             painter.setFont(theme.font(theme.SMALL, bold=True))
             painter.setPen(theme.shade(COLOURS.text))
-            painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, MARKS[status])
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, MARKS[status])
 
 
 def newest_rows(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[int, TrialRow]:
@@ -156,7 +157,7 @@ def newest_rows(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[
     for row in rows:
         planned = by_run.get(row.run)
         if planned is None:  # a redo or a resumed trial has a run number of its own
-            planned = next((trial for trial in plan if same_cell(trial, row)), None)
+            planned = next((trial for trial in plan if cell(trial) == cell(row)), None)
         if planned is not None:
             found[planned.run] = row
     return found

@@ -25,13 +25,14 @@ from app.window.widgets.page import Page
 from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import describe, feedback, hand_is_mouse, place
+from app.window.widgets.words import describe, feedback, hand_is_mouse
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
+from experiments.session.files import place
 
 #: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
 RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560

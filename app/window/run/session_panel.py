@@ -25,8 +25,8 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.preflight import advice
-from app.window.widgets.words import LACKING, cell, done_of, minutes, place
-from experiments.session.files import finished_cells
+from app.window.widgets.words import LACKING, cell, done_of, minutes
+from experiments.session.files import finished_cells, place
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan

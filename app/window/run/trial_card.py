@@ -17,10 +17,11 @@ from app.window.widgets import theme
 from app.window.widgets.parts import OneLine, Panel, column, row, text_label, wrapped_label
 from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of
-from app.window.widgets.words import SHORT, in_colour, place
+from app.window.widgets.words import SHORT, in_colour
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
+from experiments.session.files import place
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5

@@ -5,6 +5,7 @@ newest tick until it is zoomed or moved; a double click, or the next trial, lets
 """
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -298,6 +299,11 @@ def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
     return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)
 
 
+def lateness_words(us: float) -> str:
+    """ "402" in µs, as the title says, or "13 ms"."""
+    return grouped(round(us)) if us < 1e4 else f"{grouped(round(1e-3 * us))} ms"
+
+
 class TimingStrip(Trace):
     """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
 
@@ -330,14 +336,15 @@ class TimingStrip(Trace):
         self.show_newest()
 
     def show_newest(self) -> None:
-        missed, foot, colour = NO_TRIAL, "", COLOURS.quiet
+        missed, foot, kind, colour = NO_TRIAL, "", "", COLOURS.quiet
         if (now := self.timing) is not None:
-            p50, p99, most = (grouped(round(us)) for us in (now.p50_us, now.p99_us, now.max_us))
-            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} µs · {now.scheduling}"
+            p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
+            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} · "
+            kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
             colour = COLOURS.caution if now.missed else COLOURS.quiet
         self.figures.show_parts((missed, colour))
-        self.foot.show_parts((foot, COLOURS.quiet))
-        self.foot.setToolTip(foot)
+        self.foot.show_parts((f"{foot}{kind}", COLOURS.quiet))
+        self.foot.setToolTip(f"{foot}{now.scheduling}" if now is not None else "")
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"

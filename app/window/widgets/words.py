@@ -1,6 +1,5 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
-from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -46,7 +45,6 @@ RESUME = "Close this window, start again and resume the session"
 SERVER_DIED = f"The session server has stopped: the brakes are off and the recordings are kept. {RESUME}."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
-CELL = ("configuration", "block", "segment", "controller", "repetition")  # what makes two trials the same
 
 #: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
 SHORT = {
@@ -151,16 +149,6 @@ def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
 
 def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
-
-
-def place(planned: PlannedTrial, plan: Sequence[PlannedTrial]) -> int:
-    """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
-    return next((i for i, trial in enumerate(plan, start=1) if same_cell(trial, planned)), planned.run)
-
-
-def same_cell(a: PlannedTrial | TrialRow, b: PlannedTrial | TrialRow) -> bool:
-    """Whether two trials are of one cell of the plan."""
-    return all(getattr(a, field) == getattr(b, field) for field in CELL)
 
 
 def done_of(done: int, planned: int, lacking: int) -> str:
