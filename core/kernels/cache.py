@@ -37,8 +37,8 @@ _IMPORT = re.compile(rf"^\s*from ({_OURS}) import (.+)|^\s*import ({_OURS})", re
 
 LINKING = "linking"  # what a watcher is told in place of a name
 
-#: Called before each kernel is compiled, with its number, how many there are, and its name; with `LINKING` before all of
-#: them are linked, which takes as long again; at the end with an empty name.
+#: Called before each kernel is compiled, with its number, how many there are, and its name; with `LINKING` before they
+#: are linked, which takes as long again; at the end with an empty name.
 watchers: list[Callable[[int, int, str], None]] = []
 
 #: Called with one sentence at the first problem of each kind.
