@@ -44,7 +44,7 @@ class Solution(NamedTuple):
 
     acceleration: np.ndarray  # (10,) m/s2, rad/s2
     multipliers: np.ndarray  # (8,) N: x, y of the forces at E (on AE), at D (on ED), at C (on BC), at D (on CD)
-    torque: np.ndarray  # (4,) N m: what each joint torque is, given or holding
+    torque: np.ndarray  # (4,) N m of each brake, given or holding
 
 
 def bodies_of(device: Device) -> Bodies:
@@ -151,19 +151,14 @@ def rates(bodies: Bodies, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     return np.append(np.linalg.solve(a[:, :HANDLE], -a[:, HANDLE:] @ velocity), velocity)
 
 
-def solve(  # noqa: PLR0913
-    bodies: Bodies,
-    q: np.ndarray,
-    rate: np.ndarray,
-    hand_force: np.ndarray,
-    torque: np.ndarray,
+def solve(
+    bodies: Bodies, q: np.ndarray, rate: np.ndarray, hand_force: np.ndarray, torque: np.ndarray,
     stuck: tuple[int, ...] = (),
-    hold: np.ndarray | None = None,
-) -> Solution:
+) -> Solution:  # fmt: skip
     """Accelerations and multipliers, Eq. (5), with each stuck brake (indices into A, E, B, C) as one more constraint.
 
-    `torque` (4,) acts on the brakes that are not stuck. `hold` (4,), N m: what each brake can hold at most; several
-    stuck brakes then share the load so that the sum of (torque / hold)^2 is least (core/simulator/load_sharing.py).
+    `torque` (4,), N m, acts on the brakes that are not stuck. Several stuck brakes share the load so that the sum of
+    their torques' squares is least, as core/simulator/load_sharing.py for brakes that can hold the same.
     """
     given = np.where(np.isin(np.arange(4), stuck), 0.0, torque)
     force = generalised_forces(bodies, hand_force, given)
@@ -178,19 +173,15 @@ def solve(  # noqa: PLR0913
     acceleration, multipliers, torques = found[:COORDINATES], found[COORDINATES : COORDINATES + CONSTRAINTS], given
     if stuck:
         exerted = mass @ acceleration - force  # by all constraints together
-        torques = given + _share(bodies, closure, exerted, stuck, np.ones(4) if hold is None else hold)
+        torques = given + _share(bodies, closure, exerted, stuck)
         rest = exerted - bodies.rates.T @ (torques - given)
         multipliers = np.linalg.lstsq(closure.T, rest, rcond=None)[0]
     return Solution(acceleration, multipliers, torques)
 
 
-def _share(
-    bodies: Bodies, closure: np.ndarray, exerted: np.ndarray, stuck: tuple[int, ...], hold: np.ndarray
-) -> np.ndarray:
-    """Torques (4,) of the stuck joints: with the closure forces they make up `exerted`, sum (torque / hold)^2 least."""
+def _share(bodies: Bodies, closure: np.ndarray, exerted: np.ndarray, stuck: tuple[int, ...]) -> np.ndarray:
+    """Torques (4,), N m, of the stuck joints: with the closure forces they add up to `exerted`; least squares."""
     free = np.linalg.svd(closure)[2][CONSTRAINTS:].T  # (10, 2): the motions that the linkage allows
-    joints = list(stuck)
-    weighted = (bodies.rates[joints] @ free).T * hold[joints]
-    torque = np.zeros(4)
-    torque[joints] = hold[joints] * np.linalg.lstsq(weighted, free.T @ exerted, rcond=1e-12)[0]
+    joints, torque = list(stuck), np.zeros(4)
+    torque[joints] = np.linalg.lstsq((bodies.rates[joints] @ free).T, free.T @ exerted, rcond=1e-12)[0]
     return torque

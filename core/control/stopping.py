@@ -126,7 +126,7 @@ def fill_brakes(stopping, brakes):
 
 @kernel
 def assume_brakes(stopping, held, turns):
-    """Assume that each brake holds at least held (4,), N m, and that its joint turns back in its play `turns` times.
+    """Assume that each brake holds at least held (4,), N m, and its joint turns back in its play `turns` times at most.
 
     The lags stay as they are: what holds for more energy holds for less.
     """
@@ -250,7 +250,7 @@ def set_edge(stopping, i):
 def set_largest_lags(stopping, energy, radius):
     """Set the lags for the largest kinetic energy (J) on any way of at most `radius` (m).
 
-    The energy that the lags at one bound let through is a smaller bound; a few times over.
+    The energy that the lags at one bound let through is a smaller bound; this is repeated a few times.
     """
     most = energy + stopping.push * radius
     set_lags(stopping, most)

@@ -21,11 +21,11 @@ _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW"
 
 
 def hold(folder: Path) -> None:
-    """Date a folder as used now, and lock it until this process ends. OSError: it is gone."""
-    os.utime(folder)
-    if fcntl is not None:
-        opened = os.open(folder, _FOLDER)  # stays open: the lock is the process's
-        with contextlib.suppress(OSError):  # a file system without locks
+    """Date a folder as used now, and lock it until this process ends."""
+    with contextlib.suppress(OSError):  # a disk that can only be read, a file system without locks
+        os.utime(folder)
+        if fcntl is not None:
+            opened = os.open(folder, _FOLDER)  # stays open: the lock is the process's
             fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
 
 

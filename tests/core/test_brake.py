@@ -17,6 +17,7 @@ from core.simulator.simulation import MR, STATIC, Grid, Schedule, Simulation, ap
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import set_costs
 
+FILE = THREE.device.brake_files["A"]
 BRAKES = pack_brakes(THREE.device.brakes, backlash=True)[0]
 RPM = 1.0 / RPM_PER_RAD_S
 START = (0.05, 0.40)
@@ -31,9 +32,9 @@ def after(current, start, rate, elapsed, brakes=BRAKES):
 
 @pytest.mark.nojit
 def test_gain_is_the_off_torque_at_no_current_and_passes_the_assumed_points():
-    """Eq. (2): K = 0.35, 1.0, 3.4, 5.3 N m at 0, 0.2, 0.6, 1 A, continuous at the knee, rising throughout."""
+    """Eq. (2), of file and kernel: 0.35, 1, 3.4, 5.3 N m at 0, 0.2, 0.6, 1 A, continuous at the knee, rising."""
     for current, torque in ((0.0, 0.35), (0.2, 1.0), (0.6, 3.4), (1.0, 5.3)):
-        assert torque_gain(BRAKES, 0, current) == pytest.approx(torque, rel=1e-12)
+        assert torque_gain(BRAKES, 0, current) == FILE.torque_gain(current) == pytest.approx(torque, rel=1e-12)
     below, above = torque_gain(BRAKES, 0, 0.2 - 1e-12), torque_gain(BRAKES, 0, 0.2)
     assert below == pytest.approx(above, abs=1e-9)
     gains = [torque_gain(BRAKES, 0, i) for i in np.linspace(0, 1, 1001)]
@@ -57,6 +58,8 @@ def test_time_constant_has_its_form_below_omega_0_is_constant_above_and_at_rest_
     for rpm in (0.125, 0.5, 1.0, 4.0, 7.99):
         for current in (0.0, 0.3, 1.0):
             bow = (math.log2(rpm) - 3) ** 2 * (1 + current)
+            assert FILE.rise.below_omega_0(current, math.log2(rpm)) == pytest.approx(0.030 + 0.004 * bow, rel=1e-9)
+            assert FILE.fall.below_omega_0(current, math.log2(rpm)) == pytest.approx(0.020 + 0.002 * bow, rel=1e-9)
             for rate in (rpm * RPM, -rpm * RPM):
                 rising, falling = (time_constant(BRAKES, 0, current, rate, up) for up in (True, False))
                 assert rising == pytest.approx(0.030 + 0.004 * bow, rel=1e-9)

@@ -320,17 +320,6 @@ def test_a_theta_stop_means_the_same_in_every_turn():
     assert stops_of(across, *tips).min() >= -1e-12
 
 
-def test_shipped_brake_follows_its_gain_and_time_constants_as_printed_beside_them():
-    brake = parse_brake(BRAKE, "brake")
-    gains = [brake.torque_gain(current) for current in (0.0, 0.2, 0.6, 1.0)]
-    assert gains == pytest.approx([0.35, 1.0, 3.4, 5.3])
-    for w in (-3.0, 0.0, 2.9):
-        for current in (0.0, 0.5, 1.0):
-            square = (w - 3.0) ** 2 * (1.0 + current)
-            assert brake.rise.below_omega_0(current, w) == pytest.approx(0.030 + 0.004 * square)
-            assert brake.fall.below_omega_0(current, w) == pytest.approx(0.020 + 0.002 * square)
-
-
 def test_the_er_brake_rises_with_the_square_of_the_field_and_follows_in_4_ms_at_any_speed():
     brake = parse_brake((BRAKE_FOLDER / "er-disc.toml").read_text(), "brake")
     assert [brake.torque_gain(field) for field in (0.0, 1.0, 2.0, 4.0)] == pytest.approx([0.2, 0.5, 1.4, 5.0])

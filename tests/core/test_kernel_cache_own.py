@@ -153,6 +153,13 @@ def test_where_nothing_can_be_written_kernels_are_not_kept_and_all_goes_on(
 
 
 @posix
+def test_kernels_on_a_disk_that_can_only_be_read_are_used(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert place().folder is not None  # made while it could be written
+    monkeypatch.setattr(old_versions.os, "utime", lambda *_: os.open("/nowhere/at/all", os.O_RDONLY))
+    assert place().folder == home / cache.source_hash() and not cache.problems
+
+
+@posix
 def test_a_new_version_removes_the_folders_of_others_that_were_not_used_for_sixty_days_and_are_not_in_use(home: Path):
     unused, in_use, lately = folders = [home / name for name in ("unused", "in use", "lately")]
     for folder, days in zip(folders, (61, 61, 59), strict=True):
