@@ -25,7 +25,8 @@ from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis import steering
-from experiments.analysis.metrics import METRICS, along_path, trial_metrics
+from experiments.analysis.metrics import METRICS, trial_metrics
+from experiments.analysis.movement import along_path
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
 from experiments.progress import Progress, no_progress
