@@ -43,8 +43,8 @@ from experiments.study.replay_motion import (
     recorded_arm,
     run_replay,
 )
+from experiments.trial.decisions import Decisions, decide_again
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
-from experiments.trial.tick import Decisions, decide_again
 from experiments.trial.trial import Conditions
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."
