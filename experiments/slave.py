@@ -14,12 +14,12 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from core.control.stopping import TICK_S
 from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
 from core.kernels import kernel
 from core.ranges import Place
 
-TICK_S = 1e-3  # of a trial
 LONGEST_DELAY_S = 0.5
 _RING = 512  # ticks, a power of two above the longest delay
 _LAST = _RING - 1

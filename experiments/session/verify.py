@@ -158,7 +158,7 @@ class _SessionCheck:
             self.stored = stored = files.read_stored(self.session)
             if not stored.has_checksum:
                 self.notes.append((file, NO_CHECKSUM))
-            files.person_of(self.session, stored)
+            files.stored_person(self.session, stored)
             folder = self.session.parent.name
             if folder.startswith("sub-") and folder != f"sub-{stored.participant}":
                 self._fault(file, f"is of participant {stored.participant}, the folder is {folder}")

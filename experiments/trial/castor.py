@@ -11,6 +11,7 @@ import numpy as np
 from core import tick_log as log
 from core.cobot import UNSTEERED, advance, path_goal, place, velocity
 from core.control.algorithm import STEER
+from core.control.stopping import TICK_S
 from core.control.velocity_field import Field
 from core.device import Device
 from core.device_file import Castor
@@ -19,8 +20,6 @@ from core.simulator.hand import hand_force
 from core.simulator.stick_slip_mode import update_kinematics
 from core.stops import stop_gap
 from experiments.numbers import significant
-
-TICK_S = 1e-3  # of a trial
 
 
 def set_castor(cobot: np.record, device: Device, tip: np.ndarray, arm_kg: float) -> None:

@@ -15,13 +15,13 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from core.control.stopping import TICK_S
 from core.kernels import kernel
 from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at, size_of
 from core.simulator.state import new_record
 from core.tick_log import APPROACH, HOLD, MOVE
 from experiments.trial.normals import Normals
 
-TICK_S = 1e-3
 _RING = 256  # ticks of history (a power of two), longer than the longest delay and a glance
 _GLANCE = 50  # ticks over which it is felt whether the handle moves
 _LAST = _RING - 1  # mask of the ring
