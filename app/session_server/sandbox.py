@@ -34,7 +34,8 @@ from core.path import build_path, outline
 from core.simulator.simulated_device import SimulatedDevice
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
-from experiments.analysis.metrics import Metrics, tip_acceleration, trial_metrics
+from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.analysis.movement import tip_acceleration
 from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial

@@ -16,7 +16,8 @@ import numpy as np
 from core.control.controllers import PARAMETERS
 from core.files import InputError
 from core.own_files import NAME, run_own, what_failed
-from experiments.analysis.metrics import BY_NAME, MeasureFailed, Metric, Movement
+from experiments.analysis.metrics import BY_NAME, MeasureFailed, Metric
+from experiments.analysis.movement import Movement
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 

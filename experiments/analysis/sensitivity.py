@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # its parts, of a second each, are loaded where they are first used
 
-from experiments.analysis.metrics import (
-    BY_NAME,
-    METRICS,
+from experiments.analysis.metrics import BY_NAME, METRICS
+from experiments.analysis.movement import (
     SAMPLE_RATE_HZ,
     amplitude_sum,
     columns,

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core.files import InputError
-from experiments.analysis.metrics import SAMPLE_RATE_HZ
+from experiments.analysis.movement import SAMPLE_RATE_HZ
 from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, DictionaryEntry, TrialRow, table_bytes
 from experiments.export.files import (
     PHASE_LEVELS,

@@ -11,7 +11,7 @@ import numpy as np
 from core.files import InputError
 from core.path import Segment, build_path
 from core.tick_log import APPROACH, END, HOLD, MOVE, PHASES, TICK_S
-from experiments.analysis.metrics import check_samples
+from experiments.analysis.movement import check_samples
 from experiments.inputs import OPERATOR, SENSOR
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording

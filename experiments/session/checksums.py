@@ -22,6 +22,7 @@ import json
 import re
 import zlib
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,23 +98,22 @@ def read_lines(journal: bytes) -> Lines:
     wholes = [i for i, text in enumerate(texts) if _is_whole(text)]
     read = Lines({}, [], [], [texts[i][-_TAIL:-2].decode() for i in wholes], len(texts))
     without_checksum: list[int] = []
-    before = None  # the last whole line
-    for i in [*wholes, None]:
-        between = range(0 if before is None else before + 1, len(texts) if i is None else i)
-        linked = i is not None and _link(texts[i]) == _digits(b"\n".join(texts[before or 0 : i]))
-        named = len(read.faults)
-        for j in between:
-            unfinished = j == len(texts) - 1 and not journal.endswith((b"\n", b"\r"))
-            changed = before is not None and not linked and i is not None
-            if _take_without_checksum(read, j, texts[j], changed, linked or unfinished or not wholes):
+    is_cut = bool(texts) and not journal.endswith((b"\n", b"\r"))  # the last line
+    for before, i in pairwise((None, *wholes, None)):  # two whole lines; None: the start or the end of the journal
+        first, end = 0 if before is None else before + 1, len(texts) if i is None else i
+        follows = i is not None and _link(texts[i]) == _digits(b"\n".join(texts[before or 0 : i]))
+        is_changed = before is not None and i is not None and not follows
+        faults = len(read.faults)
+        for j in range(first, end):  # the lines between them
+            may_be_cut = follows or not wholes or (is_cut and j == len(texts) - 1)
+            if _take_without_checksum(read, j, texts[j], is_changed, may_be_cut):
                 without_checksum.append(j)
         if i is None:
             break
-        if not linked and len(read.faults) == named:
+        if not follows and len(read.faults) == faults:
             read.faults.append(_break_of_chain(texts, i, before))
-        if linked or texts[i] not in texts[:i]:
+        if follows or texts[i] not in texts[:i]:
             _add_valid(read, i, texts[i])
-        before = i
     if without_checksum:
         read.notes.append(f"{_lines(without_checksum)}: {NO_CHECKSUM}")
     return read

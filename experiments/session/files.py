@@ -218,7 +218,7 @@ def refuse_trial(trial: PlannedTrial | TrialRow, protocol: Protocol, where: str)
         raise InputError(f"{where}: the {protocol.name} protocol of the session has no {missing}")
 
 
-def person_of(session: Path, stored: StoredSession) -> Person | None:
+def stored_person(session: Path, stored: StoredSession) -> Person | None:
     """The simulated operator of a stored session; None: a person. InputError: it cannot be read."""
     about = stored.about["person"]
     with reading_stored(session / STORED):

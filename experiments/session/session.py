@@ -137,7 +137,7 @@ class Session:
         folder = files.session_folder(data_dir, participant)
         stored = files.read_stored(folder)
         session = cls.__new__(cls)
-        operator = files.person_of(folder, stored)
+        operator = files.stored_person(folder, stored)
         refuse_without_consent(folder, stored.protocol, stored.about)
         with reading_stored(folder / files.STORED):
             who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))

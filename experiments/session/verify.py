@@ -94,14 +94,24 @@ class _SessionCheck:
         self._rounded: set[int] = set()  # runs whose numbers differ from their recordings in the last digits
         self._check_journal()
         self._check_stored()
-        on_disk = files.runs_on_disk(session)
-        recordings = [found for of_run in on_disk.values() if (found := self._check_files(of_run)) is not None]
-        practised = files.runs_on_disk(session, files.PRACTICE).values()
-        for recording in filter(None, map(self._check_files, practised)):
+        right_rows = self._check_recordings()
+        self._check_table(right_rows)
+        self._check_begun()
+
+    def _check_recordings(self) -> list[TrialRow]:
+        """Check every recording; the rows that those of trials must have."""
+        found = {
+            folder: list(filter(None, map(self._check_files, files.runs_on_disk(self.session, folder).values())))
+            for folder in (files.TRIALS, files.PRACTICE)
+        }
+        for recording in found[files.PRACTICE]:
             self._right_row(recording)
-        right_rows = [row for recording in recordings if (row := self._right_row(recording)) is not None]
+        return [row for recording in found[files.TRIALS] if (row := self._right_row(recording)) is not None]
+
+    def _check_table(self, right_rows: Sequence[TrialRow]) -> None:
+        """Compare trials.csv with the recordings and the journal."""
         try:
-            rows = files.rows_of(session)
+            rows = files.rows_of(self.session)
             self.rows = {row.run: row for row in rows}
             self._check_each_once(rows)
         except InputError as error:
@@ -116,8 +126,11 @@ class _SessionCheck:
                 "numbers differ in their last digits from what the recordings give here: rounding, or a changed digit"
             )
             self.notes.append((files.TABLE, f"{text} ({counted(len(self._rounded), 'run')})"))
-        for run in sorted(set(self.journal.begun) - set(on_disk) - set(self.rows)):
-            if not any(session.glob(f"trials/run-{run:03d}.*")):
+
+    def _check_begun(self) -> None:
+        """Name trials that the journal says were begun and that left neither recording nor row."""
+        for run in sorted(set(self.journal.begun) - set(files.runs_on_disk(self.session)) - set(self.rows)):
+            if not any(self.session.glob(f"trials/run-{run:03d}.*")):
                 self._fault(f"trials/run-{run:03d}", "missing: the journal says that this trial was begun")
             elif not self.live:
                 self._fault(files.TABLE, f"has no row for run {run}, which the journal says was begun")
@@ -145,7 +158,7 @@ class _SessionCheck:
             self.stored = stored = files.read_stored(self.session)
             if not stored.has_checksum:
                 self.notes.append((file, NO_CHECKSUM))
-            files.person_of(self.session, stored)
+            files.stored_person(self.session, stored)
             folder = self.session.parent.name
             if folder.startswith("sub-") and folder != f"sub-{stored.participant}":
                 self._fault(file, f"is of participant {stored.participant}, the folder is {folder}")

@@ -240,12 +240,9 @@ def power(
 
 
 def _answers_of(
-    protocol: Protocol,
-    question: Question,
-    people_from: Mapping[str, Population] | Path,
-    people: int,
+    protocol: Protocol, question: Question, people_from: Mapping[str, Population] | Path, people: int,
     progress: Progress,
-) -> list[Answer]:
+) -> list[Answer]:  # fmt: skip
     if isinstance(people_from, Path):
         return answers(pilot_trials(people_from, protocol), str(people_from), protocol, question, True)
     found: list[Answer] = []

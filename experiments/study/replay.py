@@ -25,7 +25,8 @@ from core.simulator.simulation import EVENT, MR
 from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis import steering
-from experiments.analysis.metrics import METRICS, along_path, trial_metrics
+from experiments.analysis.metrics import METRICS, trial_metrics
+from experiments.analysis.movement import along_path
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
 from experiments.progress import Progress, no_progress
@@ -42,8 +43,8 @@ from experiments.study.replay_motion import (
     recorded_arm,
     run_replay,
 )
+from experiments.trial.decisions import Decisions, decide_again
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
-from experiments.trial.tick import Decisions, decide_again
 from experiments.trial.trial import Conditions
 
 A_PERSON_WOULD_REACT = "A person would feel the difference and react: this is the recorded hand alone."

@@ -35,7 +35,7 @@ from core.simulator.simulation import start
 from core.simulator.solver_numbers import RATE_ROUNDING
 from core.tick_log import TICK_S
 from core.workspace import arm_pose
-from experiments.analysis.metrics import check_samples
+from experiments.analysis.movement import check_samples
 from experiments.analysis.trials_table import TrialRow, row_of
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress

@@ -28,8 +28,7 @@ from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
 from experiments.recording.schema import recording_of
-from experiments.session.files import person_of as stored_person
-from experiments.session.files import read_stored
+from experiments.session.files import read_stored, stored_person
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Population

@@ -57,12 +57,7 @@ class RealTrial(Trial):
 
     def _device_report(self) -> dict[str, Any]:
         report = self._connected.end_record() if self._connected else self._end.device_report
-        return {"ledger": LEDGER, "filled": self.filled} | report
-
-    @property
-    def filled(self) -> int:
-        """How many samples were lost and interpolated."""
-        return self._end.filled
+        return {"ledger": LEDGER, "filled": self._end.filled} | report
 
     def __getstate__(self) -> dict[str, Any]:
         """To another process: the device stays where it is."""

@@ -100,7 +100,7 @@ def test_a_bad_wire_is_survived_through_all_phases(fault: Fault, place: Place) -
     assert case.row.status == "done" and case.words == ""
     check_kept(case)
     assert all(case.recording.in_phase(phase).any() for phase in tick_log.PHASES)
-    assert bool(case.running.filled) == fault.text.startswith(("drop", "corrupt"))
+    assert bool(case.running.outcome()["filled"]) == fault.text.startswith(("drop", "corrupt"))
     case.use_again()
     case.close()
     between = Case(place, fault, BETWEEN, TcpWire)

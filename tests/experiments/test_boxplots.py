@@ -77,19 +77,6 @@ def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
     assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
 
-def test_a_trial_that_was_not_done_is_in_no_box_and_a_timed_out_one_only_if_asked_for():
-    rows = study()
-    for i, status in ((0, "timeout"), (2, "aborted"), (4, "redone"), (6, "excluded")):
-        rows[i] = replace(rows[i], status=status, path_error_m=0.065)
-    assert [rows[i].controller for i in (0, 2, 4, 6)] == [1, 2, 3, 4]
-    found = boxes(rows, DRAWN[0], BOTH)
-    assert [found[controller, "three-brake"].n for controller in (1, 2, 3, 4, 5)] == [17, 17, 17, 17, 18]
-    assert max(max(box.high, *box.outliers, 0.0) for box in found.values()) < 65.0
-    asked = boxes(rows, DRAWN[0], BOTH, timeouts=True)
-    assert asked[1, "three-brake"].n == 18 and 65.0 in asked[1, "three-brake"].outliers
-    assert {key: box for key, box in asked.items() if key != (1, "three-brake")}.items() <= found.items()
-
-
 @pytest.mark.parametrize("timeouts", [False, True])
 def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_timed_out(timeouts):
     rows = study(controllers=(1, 2))

@@ -7,7 +7,7 @@ from people import somebody
 from core import tick_log
 from core.path import HOLD_M, build_path
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.metrics import along_path
+from experiments.analysis.movement import along_path
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.trial import Conditions, SimulatedTrial

@@ -254,13 +254,15 @@ def test_similarity_gets_no_easier_with_fewer_people():
     similar in at most 2.5 %, however few they are; those without a difference the more often the more they are.
     """
     draws = np.random.default_rng(1).normal(0.0, 1.0, (1000, 12))
-    for kind in (SIMILAR, AT_MOST):
-        right = []
-        for n in (2, 3, 5, 8, 12):
-            wrong = np.mean([answer(kind, mean_interval(1.0 + group[:n]), 1.0) is True for group in draws])
+    right = {SIMILAR: [], AT_MOST: []}
+    for n in (2, 3, 5, 8, 12):
+        same = [mean_interval(group[:n]) for group in draws]
+        apart = [Interval(n, *(1.0 + end for end in found[1:])) for found in same]
+        for kind, shares in right.items():
+            wrong = np.mean([answer(kind, found, 1.0) is True for found in apart])
             assert wrong <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / len(draws))
-            right.append(np.mean([answer(kind, mean_interval(group[:n]), 1.0) is True for group in draws]))
-        assert right == sorted(right) and right[0] < 0.15 < 0.6 < right[-1]
+            shares.append(np.mean([answer(kind, found, 1.0) is True for found in same]))
+    assert all(shares == sorted(shares) and shares[0] < 0.15 < 0.6 < shares[-1] for shares in right.values())
 
 
 @pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (9, "")])

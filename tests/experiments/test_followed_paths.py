@@ -9,7 +9,7 @@ from paths import turtle
 from core.control.rule_sets import SETTLED
 from core.control.velocity_field import PIECE, Seen, field_at, new_memory
 from core.path import Arc, Polyline, build_path, outline, point_at
-from experiments.analysis.metrics import along_path, mean_over_progress
+from experiments.analysis.movement import along_path, mean_over_progress
 
 pytestmark = pytest.mark.nojit
 TURN = 2.0 * math.pi

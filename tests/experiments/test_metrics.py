@@ -18,9 +18,18 @@ from core.control import controllers as control
 from core.device import load_device
 from core.files import InputError
 from core.path import Arc, Polyline, build_path, line, point_at
-from experiments.analysis import metrics as m
-from experiments.analysis import steering
+from experiments.analysis import metrics, steering
 from experiments.analysis.findings import IN_BOXES
+from experiments.analysis.movement import (
+    along_path,
+    amplitude_rms,
+    amplitude_sum,
+    mean_over_progress,
+    sparc,
+    tip_acceleration,
+    weighted_amplitudes,
+    without_ramp,
+)
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
 from experiments.recording.reader import read_recording
@@ -51,14 +60,14 @@ def hand_made(x=None, y=None, braked="AEB", n=5200, **columns):
 
 
 def measured(recording, path=PATH):
-    return SimpleNamespace(**m.trial_metrics(recording, path))
+    return SimpleNamespace(**metrics.trial_metrics(recording, path))
 
 
 def test_what_each_figure_shows_is_the_definition_of_one_thing():
-    assert [metric.stands_for for metric in m.DRAWN] == ["accuracy", "force", "smoothness"]
-    assert [metric.name for metric in m.DRAWN] == [names[0] for names in DEFINITIONS.values()]
-    assert set(m.DRAWN) < set(m.FIGURES)
-    assert all(metric.compared for metric in m.FIGURES)
+    assert [metric.stands_for for metric in metrics.DRAWN] == ["accuracy", "force", "smoothness"]
+    assert [metric.name for metric in metrics.DRAWN] == [names[0] for names in DEFINITIONS.values()]
+    assert set(metrics.DRAWN) < set(metrics.FIGURES)
+    assert all(metric.compared for metric in metrics.FIGURES)
 
 
 ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
@@ -134,7 +143,10 @@ def test_measures_of_the_way_do_not_depend_on_where_the_path_lies(angle, dx, dy,
     start, end = (-0.1, 0.02), (0.2, 0.05)
     start_turned, end_turned = (tuple(np.array(p) @ np.array([[c, s], [-s, c]]) + (dx, dy)) for p in (start, end))
     assert np.allclose(
-        m.along_path(turned, line(start_turned, end_turned)), m.along_path(tip, line(start, end)), 0, 1e-12
+        along_path(turned, line(start_turned, end_turned)),
+        along_path(tip, line(start, end)),
+        0,
+        1e-12,
     )
 
 
@@ -145,13 +157,13 @@ def test_round_a_corner_progress_runs_through_and_a_cut_corner_counts_with_its_l
     way = np.linspace(0.0, 0.2, 8000)  # 8 mm before the corner straight to 8 mm behind it
     cut = np.interp(way, [0.0, 0.092, 0.108, 0.2], [-0.1, -0.008, 0.0, 0.0])
     tip = np.column_stack([cut, 0.3 + np.interp(way, [0.0, 0.092, 0.108, 0.2], [0.0, 0.0, 0.008, 0.1])])
-    progress, deviation = m.along_path(tip, CORNER)
+    progress, deviation = along_path(tip, CORNER)
     assert progress[-1] == pytest.approx(CORNER.length) and np.all(np.diff(progress) >= 0.0)
     assert deviation.max() == pytest.approx(0.004, rel=1e-2)
-    error = m.mean_over_progress(deviation, progress)
+    error = mean_over_progress(deviation, progress)
     assert error == pytest.approx(0.00024, rel=0.1), "2 mm on 8 mm of the 20 cm, up to 4 mm on a leap of 8 mm"
     away = np.array([-0.1, 0.3]) + 0.1 * np.linspace(0.0, 1.0, 4000)[:, None]  # straight to the end
-    assert m.along_path(away, CORNER)[1].max() > 0.08, "so long a part was left out: the first leg counts on"
+    assert along_path(away, CORNER)[1].max() > 0.08, "so long a part was left out: the first leg counts on"
 
 
 def test_force_is_averaged_over_time_and_over_progress():
@@ -211,7 +223,7 @@ def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero(
 def test_a_trial_that_never_came_to_move_has_no_measures():
     recording = hand_made()
     recording.columns["phase"][:] = tick_log.HOLD
-    assert m.trial_metrics(recording, PATH) == dict.fromkeys(m.BY_NAME)
+    assert metrics.trial_metrics(recording, PATH) == dict.fromkeys(metrics.BY_NAME)
 
 
 @pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])
@@ -238,7 +250,7 @@ def test_missing_or_uneven_ticks_are_refused():
         else:
             measured(recording)
     with pytest.raises(InputError, match="no ticks"):
-        m.trial_metrics(Recording(Path("empty")), PATH)
+        metrics.trial_metrics(Recording(Path("empty")), PATH)
     interrupted = hand_made()
     interrupted.columns["phase"][3000] = tick_log.HOLD
     with pytest.raises(InputError, match="interrupted"):
@@ -265,10 +277,10 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
     deviation = np.abs(tip[move, 1] - 0.4)
     assert from_file.path_error_time_m == pytest.approx(deviation.mean(), rel=1e-12)
-    assert from_file.acceleration_dft_sum == m.amplitude_sum(m.weighted_amplitudes(m.tip_acceleration(tip)[move]))
-    exact = m.amplitude_sum(m.weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
+    assert from_file.acceleration_dft_sum == amplitude_sum(weighted_amplitudes(tip_acceleration(tip)[move]))
+    exact = amplitude_sum(weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert from_file.acceleration_exact_dft_sum == exact
-    assert from_file.sparc == m.sparc(rows[move, tick_log.TIP_VX])
+    assert from_file.sparc == sparc(rows[move, tick_log.TIP_VX])
     assert all(value is not None for value in vars(from_file).values())
 
 
@@ -285,8 +297,8 @@ def test_dft_sum_of_sinusoids_is_that_of_their_frequencies_times_amplitudes(tone
     t = np.arange(3000) / 1000.0
     wave = sum(a * np.cos(2 * np.pi * f * t) for f, a in tones)
     for acceleration in (np.column_stack([wave, 0 * t]), np.column_stack([5.0 - 0.6 * wave, 0.8 * wave - 3.0])):
-        assert m.amplitude_sum(m.weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-9)
-        assert m.amplitude_rms(m.weighted_amplitudes(acceleration)) == pytest.approx(root / 2**0.5, rel=1e-9)
+        assert amplitude_sum(weighted_amplitudes(acceleration)) == pytest.approx(total, rel=1e-9)
+        assert amplitude_rms(weighted_amplitudes(acceleration)) == pytest.approx(root / 2**0.5, rel=1e-9)
 
 
 def test_locked_and_released_ticks_are_counted_apart_and_not_without_a_controller():
@@ -307,9 +319,9 @@ def test_a_ramp_adds_nothing_to_the_sum_without_it_and_its_jump_times_100_over_p
     t = np.arange(2001) / 1000.0
     wave = np.column_stack([amplitude * np.sin(2 * np.pi * f * t), 0.0 * t])
     ramp = jump * (t / 2.0)[:, None] * np.array([[0.6, -0.8]])
-    calm, without = (m.amplitude_sum(m.weighted_amplitudes(m.without_ramp(a))) for a in (wave, wave + ramp))
+    calm, without = (amplitude_sum(weighted_amplitudes(without_ramp(a))) for a in (wave, wave + ramp))
     assert without == pytest.approx(calm, rel=1e-9)
-    alone = m.amplitude_sum(m.weighted_amplitudes(ramp))
+    alone = amplitude_sum(weighted_amplitudes(ramp))
     assert alone == pytest.approx(100.0 / np.pi * abs(jump), rel=0.02, abs=1e-9)
 
 
@@ -341,9 +353,9 @@ def test_a_real_device_without_an_accelerometer_has_no_exact_acceleration_and_is
 def test_longer_noise_raises_the_dft_sum_but_not_the_weighted_rms():
     noise = np.random.default_rng(4).normal(size=(16000, 2))
     short, long = noise[:4000], noise
-    long, short = m.weighted_amplitudes(long), m.weighted_amplitudes(short)
-    assert m.amplitude_sum(long) / m.amplitude_sum(short) == pytest.approx(2.0, rel=0.05)
-    assert m.amplitude_rms(long) / m.amplitude_rms(short) == pytest.approx(1.0, rel=0.05)
+    long, short = weighted_amplitudes(long), weighted_amplitudes(short)
+    assert amplitude_sum(long) / amplitude_sum(short) == pytest.approx(2.0, rel=0.05)
+    assert amplitude_rms(long) / amplitude_rms(short) == pytest.approx(1.0, rel=0.05)
 
 
 def test_acceleration_of_the_tip_is_that_of_a_slow_motion_and_forgets_steps_of_an_encoder():
@@ -352,10 +364,10 @@ def test_acceleration_of_the_tip_is_that_of_a_slow_motion_and_forgets_steps_of_a
     tip = np.column_stack([0.05 * np.sin(w * t), 0.3 + 0.02 * np.cos(w * t)])
     true = -w * w * (tip - (0.0, 0.3))
     inside = slice(500, 5500)
-    assert m.tip_acceleration(tip)[inside] == pytest.approx(true[inside], abs=1e-3 * w * w * 0.05)
+    assert tip_acceleration(tip)[inside] == pytest.approx(true[inside], abs=1e-3 * w * w * 0.05)
     coarse = np.round(tip / 20e-6) * 20e-6
-    assert m.tip_acceleration(coarse)[inside] == pytest.approx(true[inside], abs=0.1)
-    assert m.tip_acceleration(tip[:10]) is None
+    assert tip_acceleration(coarse)[inside] == pytest.approx(true[inside], abs=0.1)
+    assert tip_acceleration(tip[:10]) is None
 
 
 def test_acceleration_filter_halves_the_power_twice_at_20_hz():
@@ -366,13 +378,13 @@ def test_acceleration_filter_halves_the_power_twice_at_20_hz():
     step = 2e-3
     two_differences = -((2 * np.sin(w * step / 2) / step) ** 2) * tip  # exact gain of two central differences
     inside = slice(1000, 7000)
-    assert m.tip_acceleration(tip)[inside, 0] == pytest.approx(0.5 * two_differences[inside, 0], abs=1e-3)
+    assert tip_acceleration(tip)[inside, 0] == pytest.approx(0.5 * two_differences[inside, 0], abs=1e-3)
 
 
 def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
     """A sum over more than 10,000 ticks is shared out among threads by OpenBLAS, unless it is kept from it."""
     code = (
-        "import app; from experiments.analysis.metrics import mean_over_progress; import numpy as np; "
+        "import app; from experiments.analysis.movement import mean_over_progress; import numpy as np; "
         "r = np.random.default_rng(1); progress = np.cumsum(r.random(50_000)); "
         "print([mean_over_progress(r.random(50_000), progress) for _ in range(5)])"
     )
@@ -394,7 +406,7 @@ def test_sparc_agrees_with_monalysa():
         bell = 30 * (t / 4) ** 2 * (1 - t / 4) ** 2 + 0.01
         for speed in (bell, np.abs(bell + 0.2 * generator.normal(size=n)), bell * (1 + 0.5 * np.sin(40 * t))):
             oracle, _, _ = smoothness.sparc(speed, fs=1000.0, padlevel=4, fc=10.0, amp_th=0.05)
-            assert m.sparc(speed) == pytest.approx(oracle, rel=1e-9)
+            assert sparc(speed) == pytest.approx(oracle, rel=1e-9)
 
 
 def test_sparc_of_a_minimum_jerk_motion_is_that_of_the_literature_and_shaking_worsens_it():
@@ -403,11 +415,11 @@ def test_sparc_of_a_minimum_jerk_motion_is_that_of_the_literature_and_shaking_wo
     for duration in (1.0, 2.0, 4.0):
         r = np.arange(int(1000 * duration)) / (1000 * duration)
         speed = 30 * r**2 * (1 - r) ** 2
-        values.append(m.sparc(speed))
-        assert m.sparc(7.0 * speed) == pytest.approx(values[-1], rel=1e-12)
-        assert m.sparc(speed * (1 + 0.5 * np.sin(2 * np.pi * 4 * r * duration))) < values[-1] - 0.1
+        values.append(sparc(speed))
+        assert sparc(7.0 * speed) == pytest.approx(values[-1], rel=1e-12)
+        assert sparc(speed * (1 + 0.5 * np.sin(2 * np.pi * 4 * r * duration))) < values[-1] - 0.1
     assert np.ptp(values) < 0.02 and all(-1.5 < value < -1.38 for value in values)
-    assert m.sparc(np.zeros(100)) is None
+    assert sparc(np.zeros(100)) is None
 
 
 def test_energy_per_metre_is_work_over_progress_and_chatter_counts_steps_of_current():

@@ -10,7 +10,7 @@ from core.device import load_device
 from core.path import Arc, Polyline, Segment, build_path
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.analysis.metrics import along_path, mean_over_progress
+from experiments.analysis.movement import along_path, mean_over_progress
 from experiments.plan import PlannedTrial
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, SimulatedTrial

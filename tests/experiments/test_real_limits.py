@@ -165,7 +165,7 @@ def test_a_silent_board_gets_no_current_after_50_ms_and_the_trial_ends(held: Rea
 def test_a_long_gap_ends_the_recording_and_is_not_made_up(held: RealBench) -> None:
     trial, link, n = told_trial(held)
     link.next = sample(n + 10_000)
-    assert trial.exchange() == [] and trial.finished and trial.filled == 0
+    assert trial.exchange() == [] and trial.finished and trial.outcome()["filled"] == 0
     assert "no sample came" in trial.outcome()["reason"]
 
 

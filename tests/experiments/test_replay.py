@@ -17,7 +17,7 @@ from sessions import closed_session, crash_in_trial, files, new_session, run, ru
 
 from app.cli import main
 from core.device import load_device
-from experiments.analysis.metrics import Movement
+from experiments.analysis.movement import Movement
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import recording_columns
 from experiments.study.replay import A_PERSON_WOULD_REACT, Replacement, replay

@@ -14,7 +14,7 @@ from scipy import stats
 
 from core import tick_log
 from core.tick_log import PHASES
-from experiments.analysis.metrics import amplitude_sum, tip_acceleration, weighted_amplitudes, without_ramp
+from experiments.analysis.movement import amplitude_sum, tip_acceleration, weighted_amplitudes, without_ramp
 from experiments.analysis.report import write_report
 from experiments.analysis.report_sentences import sentences
 from experiments.analysis.sensitivity import (
