@@ -206,7 +206,8 @@ class DiskWatch:
     def check(self) -> Check:
         if self._overdue:
             waited_s = self._waited_s
-            advice = f"Waiting for the disk of {self._folder}: {waited_s:.0f} s so far for {WRITES} short writes."
+            took = f"{WRITES} short writes have taken {waited_s:.0f} s so far"
+            advice = f"Waiting for the disk of {self._folder}: {took}."
             return Check("Disk", BAD if waited_s > TOO_LONG_S else WAITING, f"waiting, {waited_s:.0f} s", advice)
         return self._check or Check("Disk", WAITING, "being measured")
 

@@ -47,7 +47,7 @@ from experiments.recording.schema import TEXT_COLUMNS
 from experiments.session.blind import HIDDEN
 from experiments.session.checksums import read_sealed
 from experiments.session.consent import agreed
-from experiments.session.files import STORED, TABLE, recordings_in, relative_to, rows_of
+from experiments.session.files import STORED, TABLE, recordings_in, refuse_no_folder, relative_to, rows_of
 from experiments.session.journal import BEGUN, read_events
 
 #: What an export shows of a trial while its session is blind.
@@ -70,6 +70,7 @@ def export(
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
     """
     folder = Path(folder)
+    refuse_no_folder(folder)
     homes = sorted(folder.glob("sub-*/ses-*"))
     paths = [path for home in homes for path in recordings_in(home)]
     if not paths:

@@ -23,7 +23,7 @@ from experiments.export.files import answers_and_notes
 from experiments.protocol import Protocol, label
 from experiments.recording.atomic_files import reading_stored
 from experiments.session.checksums import read_sealed
-from experiments.session.files import STORED, TABLE, read_stored, rows_of, sessions_in
+from experiments.session.files import STORED, TABLE, read_stored, refuse_no_folder, rows_of, sessions_in
 from experiments.session.journal import journal_summary
 
 
@@ -81,8 +81,7 @@ def read_results(folder: Path) -> Results:
 
     What cannot be read is left out and named in `problems`. InputError if there is no such folder.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+    refuse_no_folder(folder)
     with contextlib.suppress(InputError):  # it holds other files as well, maybe a table
         if sessions := sessions_in(folder):
             return _of_sessions(folder, sessions)

@@ -1,8 +1,6 @@
 """Figs. 6 to 8 of the paper from measured steps: torque gain, time constants, and the surfaces fitted to them."""
 
 import math
-import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +10,18 @@ from matplotlib.figure import Figure
 
 from experiments.analysis.sheet import (
     BLUE,
-    LINE,
     MIDDLE,
     ORANGE,
     PAGE_IN,
     QUIET,
-    SMALL,
     STYLE,
     TEXT,
-    TITLE,
     figure_bytes,
-    new_figure,
+    heading,
+    plain,
+    plain_3d,
+    sheet,
+    title,
 )
 from experiments.identify.fit import surface_row, torque_change
 from experiments.identify.identification import Identification
@@ -52,9 +51,17 @@ def draw_identification(found: Identification, folder: Path) -> dict[Path, bytes
 @matplotlib.rc_context(STYLE)
 def draw_torque_gain(found: Identification) -> Figure:
     """Fig. 6: steady torque of each averaged step, its mean at each current, and Eq. (2); residuals below."""
-    figure = new_figure(PAGE_IN, 5.4)
-    top = figure.add_axes((0.14, 0.45, 0.82, 0.47))
-    below = figure.add_axes((0.14, 0.23, 0.82, 0.17), sharex=top)
+    numbers = ", ".join(
+        f"{row.name} {significant(row.value, 4)} ± {significant(row.half_width or 0.0, 1)}"
+        for row in found.parameters()[:5]
+    )
+    text = f"{_origin(found)} {numbers} (half-widths of 95 % intervals)."
+    figure, [[top], [below]] = sheet(
+        text, (PAGE_IN, 5.4), (0.7, 0.2, 0.5, 0.4), (2, 1), (0.0, 0.2), height_ratios=(2.8, 1), sharex=True
+    )
+    plain(top)
+    plain(below)
+    title(top, "Torque gain")
     current = np.array([measured.step.current_to for measured in found.measured])
     torque = np.array([measured.steady_torque for measured in found.measured])
     _, slowness = np.unique([measured.step.speed_rpm for measured in found.measured], return_inverse=True)
@@ -72,19 +79,9 @@ def draw_torque_gain(found: Identification) -> Figure:
     top.plot([], [], "o", ms=4, color=QUIET, mew=0, label="one averaged step, dark: slow, light: fast")
     top.legend(frameon=False, loc="upper left", fontsize=MIDDLE)
     top.set(ylabel="Steady torque (N m)", ylim=(min(0.0, torque.min()), None))
-    top.tick_params(labelbottom=False)
     below.axhline(0.0, color=FITTED, linewidth=1.0)
     below.scatter(beside, found.gain.fit.residuals, **dots)
     below.set(xlabel="Current (A)", ylabel="Residual (N m)")
-    for axes in (top, below):
-        axes.grid(color=LINE, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-    words = [
-        f"$k_{i}$ {significant(row.value, 4)} ± {significant(row.half_width or 0.0, 1)}"
-        for i, row in enumerate(found.parameters()[:5], 1)
-    ]
-    lines = ["   ".join(words[:3]), "   ".join(words[3:]) + " (half-widths of 95 % intervals)"]
-    _write(figure, 0.14, "Torque gain", lines, found)
     return figure
 
 
@@ -94,7 +91,7 @@ def draw_time_constants(found: Identification, direction: str) -> Figure:
     aside = [measured for measured in found.set_aside if measured.direction == direction]
     more = f" Not drawn: {len(aside)} without a clear transient." if aside else ""
     text = f"Dots: time constants of averaged steps, Eq. (3).{more}"
-    figure, axes, points, currents, logs = _surface_figure(found, direction, "measured", [text])
+    figure, axes, points, currents, logs = _surface_figure(found, direction, "measured", text)
     x, y = np.meshgrid(currents, logs)
     z = np.array([[points.get((c, w), math.nan) for c in currents] for w in logs])  # a hole where nothing is known
     axes.plot_surface(
@@ -114,11 +111,11 @@ def draw_surface(found: Identification, direction: str) -> Figure:
     half_ms = significant(fits.average.half_widths[0] * 1e3, 1)
     interval = f" ± {half_ms} ms (95 %)" if found.transients.exponential else " ms"
     text = (
-        f"$a_{{avg}}$ {significant(fits.average.values[0] * 1e3, 4)}{interval} from $ω_0$ = {found.omega_0_rpm:g} rpm "
+        f"a_avg {significant(fits.average.values[0] * 1e3, 4)}{interval} from omega_0 = {found.omega_0_rpm:g} rpm "
         "on. Dots: measured, with their distance from the fit, small where the torque changes little; "
         f"rms residual {significant(rms, 2)} ms."
     )
-    figure, axes, _, currents, logs = _surface_figure(found, direction, "Eq. (4)", textwrap.wrap(text, 115))
+    figure, axes, _, currents, logs = _surface_figure(found, direction, "Eq. (4)", text)
     every = [*fits.at_surface, *fits.at_average]
     edge = math.log2(found.omega_0_rpm)
     i = np.linspace(currents[0], currents[-1], 11)
@@ -143,16 +140,15 @@ def draw_surface(found: Identification, direction: str) -> Figure:
 
 
 def _surface_figure(
-    found: Identification, direction: str, words: str, lines: Sequence[str]
+    found: Identification, direction: str, words: str, text: str
 ) -> tuple[Figure, Any, dict[tuple[float, float], float], list[float], list[float]]:
     """A figure with three axes: current (A), log2 of the speed labelled in rpm, time constant (ms).
 
     Returns figure, axes, mean time constants by (current, log2 of speed), the currents and the logs of the speeds.
     """
-    figure = new_figure(PAGE_IN, 5.6)
-    with matplotlib.rc_context({"grid.color": LINE, "grid.linewidth": 0.6}):
-        axes: Any = figure.add_axes((0.05, 0.11, 0.92, 0.88), projection="3d")
-    axes.computed_zorder = False  # dots over surfaces, also those just below
+    projection = {"projection": "3d", "computed_zorder": False}  # dots over surfaces, also those just below
+    size, margins = (PAGE_IN, 5.6), (0.2, 0.2, 0.0, 0.1)
+    figure, [[axes]] = sheet(f"{_origin(found)} {text}", size, margins, subplot_kw=projection)
     axes.set_box_aspect((4, 4, 3), zoom=0.92)
     fits = found.constants[direction]
     groups: dict[tuple[float, float], list[float]] = {}
@@ -165,18 +161,12 @@ def _surface_figure(
     axes.set_ylabel("Speed (rpm)", labelpad=6)
     axes.set_yticks(logs, [f"{2.0**w:g}" for w in logs])
     axes.set_zlim(0.0, 1.05 * max(points.values()))
-    axes.view_init(elev=24, azim=35)
     axes.tick_params(labelsize=8)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.pane.set_facecolor("white")
-        axis.pane.set_edgecolor(LINE)
-    _write(figure, 0.06, f"Time constant, {DIRECTION_WORDS[direction]} current, {words}", lines, found)
+    plain_3d(axes)
+    heading(figure, f"Time constant, {DIRECTION_WORDS[direction]} current, {words}")
     return figure, axes, points, currents, logs
 
 
-def _write(figure: Figure, left: float, title: str, lines: Sequence[str], found: Identification) -> None:
-    """The title, and at the foot some lines and where the numbers come from."""
-    figure.text(left, 0.955, title, fontsize=TITLE, color=TEXT)
-    origin = f"{found.source}: {found.steps} steps averaged to {len(found.measured)}."
-    for k, text in enumerate(reversed([*lines, origin])):
-        figure.text(left, 0.025 + 0.035 * k, text, fontsize=SMALL, color=QUIET)
+def _origin(found: Identification) -> str:
+    """Where the numbers come from, a sentence."""
+    return f"{found.source}: {found.steps} steps averaged to {len(found.measured)}."

@@ -20,7 +20,6 @@ from core.workspace import Array
 from experiments.analysis.sheet import (
     BLUE,
     BROWN,
-    LINE,
     MIDDLE,
     ORANGE,
     PAGE_IN,
@@ -28,6 +27,7 @@ from experiments.analysis.sheet import (
     TEXT,
     TITLE,
     plain,
+    plain_3d,
     sheet,
     title,
 )
@@ -158,12 +158,9 @@ def draw_time_constants(brake: Brake) -> Figure:
         axes.set_ylabel("speed (rpm)", labelpad=5)
         axes.set_zlabel("time constant (ms)", labelpad=3)
         axes.tick_params(labelsize=7.5, pad=1)
-        axes.view_init(elev=24, azim=35)
+        plain_3d(axes)
         left, above = axes.get_position().x0, 1.0 - 0.3 / figure.get_figheight()
         axes.set_box_aspect((1.0, 1.25, 0.85), zoom=0.86)
-        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_pane_color("white")
-            axis._axinfo["grid"].update(color=LINE, linewidth=0.6)
         words = f"{way.capitalize()} time constant, Eq. (4), {brake.name}"
         figure.text(left, above, words, fontsize=TITLE, parse_math=False)
     return figure

@@ -105,13 +105,18 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
     raise InputError(f"{data_dir}: every participant of the protocol has a session ({', '.join(participants)})")
 
 
+def refuse_no_folder(folder: Path) -> None:
+    """InputError unless there is such a folder."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+
+
 def sessions_in(folder: Path) -> list[Path]:
     """Every session of a data folder; or the folder itself, if it is a session.
 
     InputError if there is no such folder, or it holds files but no study or session.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+    refuse_no_folder(folder)
     if (folder / STORED).exists() or (folder / TRIALS).is_dir():
         return [folder]
     sessions = sorted(path for path in (*folder.glob("sub-*/ses-*"), *folder.glob("ses-*")) if path.is_dir())

@@ -34,7 +34,7 @@ from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.recording.reader import read_recording
 from experiments.session.blind import read_key, unblinded
-from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, relative_to
+from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, refuse_no_folder, relative_to
 from experiments.session.journal import (
     KEY_OPENED,
     NAME,
@@ -96,6 +96,7 @@ def analyze(
     InputError if there is nothing to analyze.
     """
     folder = Path(folder)
+    refuse_no_folder(folder)
     sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
     recordings = sum(map(len, sessions.values()))
     if not recordings:

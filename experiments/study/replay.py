@@ -29,6 +29,7 @@ from experiments.analysis.metrics import METRICS, trial_metrics
 from experiments.analysis.movement import along_path
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
+from experiments.numbers import percent
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, load_protocol, middle_of
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
@@ -245,7 +246,7 @@ def short_ways(common: float | None, ways: tuple[float, float], status: str) -> 
     if common is None or ways[0] == ways[1]:
         return []
     short = f"the replay ({status})" if ways[1] < ways[0] else "the recorded trial"
-    return [f"{short} made {common:.1%} of the way: both are measured from the start to there, and no further"]
+    return [f"{short} made {percent(common, 1)} of the way: both are measured from the start to there, and no further"]
 
 
 def compare_metrics(

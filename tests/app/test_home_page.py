@@ -343,7 +343,7 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
     assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
     data.show_folder(tmp_path / "none")
     export("Nothing was exported: ")
-    assert "holds no recordings" in shown.texts() and not data.show_export.isVisible()
+    assert "there is no such folder" in shown.texts() and not data.show_export.isVisible()
 
 
 def test_nothing_is_wider_than_the_page(shown: Shown) -> None:

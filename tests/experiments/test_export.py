@@ -310,6 +310,7 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
         "nothing to write": ["export", str(study)],
         "--compress: is for --csv": ["export", str(study), "--bids", "out", "--compress"],
         "holds no recordings": ["export", str(full), "--csv", "out"],
+        "nowhere: there is no such folder": ["export", "nowhere", "--csv", "out"],
         "is not empty": ["export", str(study), "--bids", str(full)],
         "neither inside the other": ["export", str(study), "--bids", "out", "--csv", "out/csv"],
         "two folders": ["export", str(study), "--bids", "out", "--csv", "./out"],
