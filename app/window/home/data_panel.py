@@ -68,7 +68,7 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder = Path()  # until the session server says which
         self.recent = Recent("folders")
-        self._looking = Watch(self, lambda: scan_folder(self._folder), self.show_overview)
+        self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …")
