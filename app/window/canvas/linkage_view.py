@@ -46,7 +46,7 @@ class LinkageView(ForceView):
         super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK, grid=worded)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
-        self._worded = worded
+        self._worded_view = worded
         self._path: Path | None = None  # of the trial
         self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE, FORCES}
         self.title, self.line = "", ""
@@ -56,7 +56,7 @@ class LinkageView(ForceView):
 
     def follow_text(self) -> None:
         """The plane keeps clear of its scale and of the lines above and below it."""
-        if self._worded:
+        if self._worded_view:
             top = READOUT_TOP_PX + 2.0 * READOUT_STEP_PX
             self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), text_px(top), 44.0, text_px(FOOT_PX))
             self._fit()
@@ -108,12 +108,12 @@ class LinkageView(ForceView):
 
     @property
     def whole_in_corner(self) -> bool:
-        return self._worded and LINKAGE in self.shown and WHOLE not in self.shown
+        return self._worded_view and LINKAGE in self.shown and WHOLE not in self.shown
 
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
-        assumed = self._assumed and self._worded
+        assumed = self._assumed and self._worded_view
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
@@ -131,7 +131,7 @@ class LinkageView(ForceView):
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
             return
-        if self._worded:
+        if self._worded_view:
             painter.setClipRect(self.field)  # the names of the lines are not covered
         handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
         if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
@@ -145,7 +145,7 @@ class LinkageView(ForceView):
         painter.setClipping(False)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        if self._worded and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
+        if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
             self._paint_readouts(painter, self.instant.device.labels)
         x, high = 16.0, text_px(26)
         for text, size, bold, colour in (
@@ -193,7 +193,7 @@ class LinkageView(ForceView):
             corner = QRectF()
         rings = marks.rings_of(at, now.device.labels)
         seen = {name: place for name, place in rings.items() if whole.contains(place) and not corner.contains(place)}
-        return at, seen if self._worded else rings  # the corner has the others
+        return at, seen if self._worded_view else rings  # the corner has the others
 
 
 #: layer -> its key, what it shows

@@ -273,19 +273,6 @@ def grid(across: int, down: int, stretched: int, margins: Margins = (0, 0, 0, 0)
     return layout
 
 
-def described(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
-    """Name -> what stands beside it, and a quiet line below that."""
-    layout = grid(14, 4, stretched=1)
-    for name, (part, hint) in lines.items():
-        down = layout.rowCount()
-        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
-        layout.addWidget(text_label(name, bold=True), down, 0, level)
-        layout.addWidget(part, down, 1)
-        if hint:
-            layout.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
-    return layout
-
-
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
     widget = QWidget()
