@@ -5,7 +5,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication, QScreen
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app import __version__
 from app.window.participant.tone import player
@@ -18,7 +18,6 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
-    described,
     holder,
     row,
     scrolled,
@@ -28,7 +27,7 @@ from app.window.widgets.parts import (
 from app.window.widgets.words import from_home
 from experiments.protocol import Protocol
 
-WIDE_PX, KEYS_PX, KEYS_FOOT_PX = 640, 960, 180  # at a text size of 1; what else a card of keys needs, high
+WIDE_PX = 640
 NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
@@ -44,6 +43,7 @@ FELT = {
     "reflect": "The brakes show a force from elsewhere, such as that of a wall, as far as brakes can.",
 }
 GAP = "With a gap, nothing acts while the handle is that near to the path."
+KEYS_PX, KEYS_FOOT_PX = 960, 180  # wide, at a text size of 1; high, what else a card of keys needs
 
 
 class SettingsCard(OverlayCard):
@@ -67,14 +67,14 @@ class SettingsCard(OverlayCard):
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
         folder = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
-        lines = described({
+        grid = grid_of({
             "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
             "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
         })  # fmt: skip
-        self.inside.addLayout(lines)
+        self.inside.addLayout(grid)
         self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
         for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
@@ -95,6 +95,22 @@ def screen_words(screen: QScreen) -> str:
     return f"{screen.name()}: {screen.size().width()} × {screen.size().height()}{primary}"
 
 
+def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
+    """Name -> what stands beside it, and a quiet line below that."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(14)
+    grid.setVerticalSpacing(4)
+    grid.setColumnStretch(1, 1)
+    for name, (part, hint) in lines.items():
+        down = grid.rowCount()
+        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+        grid.addWidget(text_label(name, bold=True), down, 0, level)
+        grid.addWidget(part, down, 1)
+        if hint:
+            grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+    return grid
+
+
 class HelpCard(OverlayCard):
     """Names and what is to be known of each."""
 
@@ -102,7 +118,7 @@ class HelpCard(OverlayCard):
 
     def __init__(self, title: str, text: str, lines: Mapping[str, str], parent: QWidget, leave: Callable[[], object]):
         super().__init__(title, text, [("Close  Enter", leave)], parent)
-        self.inside.addLayout(described({name: (selectable(text), "") for name, text in lines.items()}))
+        self.inside.addLayout(grid_of({name: (selectable(text), "") for name, text in lines.items()}))
 
 
 class KeysCard(OverlayCard):
@@ -114,8 +130,8 @@ class KeysCard(OverlayCard):
         super().__init__("Keys", "", [("Close  Enter", leave)], parent)
         columns = row(spacing=24)
         for title, keys in groups.items():
-            lines = described({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
-            columns.addLayout(column(text_label(title, size=theme.TITLE), lines, 1), 1)
+            grid = grid_of({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
+            columns.addLayout(column(text_label(title, size=theme.TITLE), grid, 1), 1)
         area = scrolled(holder(columns))
         area.setMinimumHeight(min(columns.sizeHint().height(), parent.height() - KEYS_FOOT_PX))
         self.inside.addWidget(area)

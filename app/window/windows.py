@@ -65,7 +65,8 @@ class Windows(QObject):
         main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
         self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
-        self._said = self._early = False  # it is said that a trial runs, before its ticks come; or these came before
+        #: trials whose ticks have begun to come, less those that the server has announced: -1, 0 or 1
+        self._ticks_ahead = 0
         self._due_s = 0.0  # when the next frame is due
         self._timer = QTimer(self, singleShot=True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -193,12 +194,12 @@ class Windows(QObject):
                 self._start_next()
             return
         alive = self.client.alive  # asked first: what it sent before it died is still read
-        said = self.client.receive()
+        messages = self.client.receive()
         rows = self.client.ticks()
         trials = by_trial(rows) if len(rows) else []
-        if trials and self._goes_on(trials[0]) and not self._early:  # first: what was said may be that it has ended
+        if trials and self._goes_on(trials[0]) and self._ticks_ahead < 1:  # first: a message may be that it has ended
             self._show_ticks(trials.pop(0))
-        for message in said:
+        for message in messages:
             begins = isinstance(message, m.Snapshot) and message.running not in (None, self.main.snapshot.running)
             match message:
                 case m.Opened():
@@ -211,7 +212,7 @@ class Windows(QObject):
                 case m.Pulse():
                     self.main.show_pulse(message)
             if begins:
-                self._said, self._early = not self._early, False
+                self._ticks_ahead = max(self._ticks_ahead - 1, -1)
                 if trials:
                     self._show_ticks(trials.pop(0))
         for ticks in trials:
@@ -232,7 +233,7 @@ class Windows(QObject):
     def _show_ticks(self, rows: np.ndarray) -> None:
         """Ticks (n, tick_log.WIDTH) of one trial, n > 0."""
         if not self._goes_on(rows):
-            self._said, self._early = False, not self._said
+            self._ticks_ahead = min(self._ticks_ahead + 1, 1)
         taken, self._shown_s = self.client.taken, float(rows[-1, tick_log.T])
         self.participant.show_ticks(rows, taken)
         self.main.show_ticks(rows, taken)

@@ -11,6 +11,7 @@ from PySide6.QtGui import QImage, QPainter, QPicture
 from PySide6.QtWidgets import QAbstractButton, QLabel
 from screens import Screens, settle, visible_texts
 from status_messages import LOST, ON_BENCH, WELL
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import HAND
@@ -292,7 +293,7 @@ def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screen
     for page in (screens.run.questions, screens.participant.questions):
         assert any(ERROR in label.text() for label in page.findChildren(QLabel))
     settle(console)
-    assert any(ERROR in text for text in visible_texts(console))
+    assert any(ERROR in text for text in visible_texts(console)) and faults(console) == []
     screens.hear(opened(), ready(3, stage=m.QUESTIONS))
     assert not any(ERROR in text for text in visible_texts(console))
 

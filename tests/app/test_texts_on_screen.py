@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, paper, pulse, ready, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, running
 from PySide6.QtCore import Qt
 from screens import Screens
 from sessions import session_of
@@ -57,7 +57,7 @@ RUN_STATES = {
     "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
     "re-rig": (opened(), ready(30, stage=m.RERIG)),
     "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
-    "questions": (opened(protocol=paper(feedback="error")), ready(10, stage=m.QUESTIONS)),
+    "questions": (opened(), ready(10, stage=m.QUESTIONS)),
     "finished": (opened(), ready(60, stage=m.FINISHED, blind=True)),
     "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
 }
@@ -115,11 +115,6 @@ def card(name: str) -> Callable[[Screens], None]:
     return show
 
 
-def closing(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    screens.main.close()
-
-
 def instructed(screens: Screens) -> None:
     screens.hear(opened(), ready(0))
     screens.main.show_reading(True)
@@ -165,18 +160,24 @@ def consent(screens: Screens) -> None:
     home.stack.setCurrentWidget(home.asking)
 
 
+def closing(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.main.close()
+
+
 STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
     "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
-    "editor": editor, "consent": consent, "run, instructed": instructed, "closing": closing,
+    "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, lost": device(ready(3, checks=LOST), None),
     "device, off": device(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
+    "closing": closing,
     "try": try_page(), "try, real": try_page(by_start=True),
     "try, passes": try_page(*(ended(n, 1 + n % 5, changed=n == 3) for n in range(1, 9))),
     "try, in a session": page(TRY, opened(), ready(3)),

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from drawn_ways import Pieces, frames, way_of
-from fake_client import GREEN, PLAN, PRACTICE, before, movement, opened, ready, running
+from fake_client import PLAN, before, movement, opened, ready, running
 from screens import Screens
+from tried import tried
 
 from app.ipc import messages as m
 from app.window.canvas.plane import Plane
@@ -73,12 +74,10 @@ def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_fram
     screens.participant.hide()
 
 
-def tried(begun: int) -> m.Snapshot:
+def a_pass(begun: int) -> m.Snapshot:
     """This pass of Try is running."""
-    values = {"gap_m": 0.0, "gain_N_s_m": 10_000.0}
-    settings = m.SandboxSettings("three-brake", 1, 2, values, "settled", 0.05, 2000.0, 1.0, 0.75, "ideal")
-    state, planned = m.SandboxState(settings, settings, (), False, 11.5), PRACTICE._replace(segment=1, repetition=begun)
-    return m.Snapshot(m.RUNNING, checks=GREEN, running=planned, practice=True, tip=(0.1, 0.4), sandbox=state)
+    now = tried()
+    return now._replace(running=now.running._replace(repetition=begun))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -93,7 +92,7 @@ def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(
     for begun in ((0,), (1, 2, 3)):  # pass follows pass: there is no word of an end between two of them
         rows, said, at = np.concatenate([passes[one] for one in begun]), Said(), 0
         for one in begun:
-            said[at + int(generator.integers(0, 40))] = [tried(one + 1)]
+            said[at + int(generator.integers(0, 40))] = [a_pass(one + 1)]
             at += len(passes[one])
         play(screens, [canvas], rows, said, generator)
         assert np.array_equal(canvas.trail, way_of(passes[begun[-1]]))
@@ -105,7 +104,7 @@ def test_a_trail_stays_within_a_pixel_when_the_window_grows(screens: Screens, mo
     screens.hear(opened(""), before())
     screens.main.show_page(TRY)
     canvas = screens.main.pages[TRY].canvas  # type: ignore[attr-defined]
-    play(screens, [canvas], rows, {0: [tried(1)]}, generator)
+    play(screens, [canvas], rows, {0: [a_pass(1)]}, generator)
     few = sum(map(len, pieces[canvas]))
     canvas.resize(3 * canvas.size())
     canvas.grab()

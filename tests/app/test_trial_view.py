@@ -81,20 +81,20 @@ def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> N
         view.go_to(0.0)
         QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
         pixel = view.trial.t[-1] / trace.item.vb.width()
-        assert view.trial.t[view.at] == pytest.approx(wanted, abs=2.0 * pixel)
-        assert {line.marker.value() for line in view.traces.all} == {view.trial.t[view.at]}  # one cursor in all
+        assert view.trial.t[view.tick] == pytest.approx(wanted, abs=2.0 * pixel)
+        assert {line.marker.value() for line in view.traces.all} == {view.trial.t[view.tick]}  # one cursor in all
 
 
 def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
     view.speed.setCurrentIndex(SPEEDS.index(min(SPEEDS)))  # it must not come to its end
     QTest.keyClick(view, Qt.Key.Key_Space)
     assert view.playing and view.play_button.text() == "Pause"
-    qtbot.waitUntil(lambda: view.at > 50, timeout=60_000)
+    qtbot.waitUntil(lambda: view.tick > 50, timeout=60_000)
     QTest.mouseClick(view.play_button, Qt.MouseButton.LeftButton)
     assert not view.playing
-    at = view.at
+    at = view.tick
     QTest.qWait(50)
-    assert view.at == at and view.traces.error.marker.value() == view.trial.t[at]
+    assert view.tick == at and view.traces.error.marker.value() == view.trial.t[at]
 
 
 def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
@@ -102,11 +102,11 @@ def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
     view.play_or_pause()
     view.go_on(1.0)
     view.frame()
-    assert view.at == len(view.trial.ticks) - 1 and not view.playing
+    assert view.tick == len(view.trial.ticks) - 1 and not view.playing
     now, end = view.clock.text().removesuffix(" s").split(" / ")
     assert now == end, "no time is shown that the trial does not have"
     view.play_or_pause()
-    assert view.at <= 1 and view.playing
+    assert view.tick <= 1 and view.playing
     view.play_or_pause()
 
 
@@ -115,12 +115,12 @@ def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_a
 ) -> None:
     for _ in range(125):
         view.go_on(0.016)
-    played, at = view.workspace.view, view.at
+    played, at = view.workspace.view, view.tick
     tip, sense, moves = played.tip, played.sense, rows[: at + 1, tick_log.PHASE] == tick_log.MOVE
     view.go_to(0.0)
     assert played.tip == tuple(rows[0, 2:4]) and not len(played.trail)
     view.go_to(view.trial.t[at])
-    assert view.at == at and played.tip == tip == tuple(rows[at, 2:4])
+    assert view.tick == at and played.tip == tip == tuple(rows[at, 2:4])
     assert played.sense == sense and np.array_equal(played.trail, rows[: at + 1, 2:4][moves])
     rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
     rows[-150:, tick_log.CURRENT] = 1.0
@@ -138,12 +138,12 @@ def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_i
 
     def off_px() -> float:
         shown.grab()
-        return pieces.furthest_px(shown, rows[: view.at + 1])
+        return pieces.furthest_px(shown, rows[: view.tick + 1])
 
     for _, until in frames(rows, generator):
         view.go_on(float(rows[until - 1, tick_log.T]) - view.played_s + 1e-6)
         shown.grab()
-    assert view.at == len(rows) - 1 and off_px() < 1.0
+    assert view.tick == len(rows) - 1 and off_px() < 1.0
     for at in generator.integers(len(rows) // 2, len(rows), 5):
         view.go_to(float(rows[at, tick_log.T]))
         assert off_px() < 1.0
@@ -155,7 +155,7 @@ def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
     last = len(view.trial.ticks) - 1
     for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
         QTest.keyClick(view, key)
-        assert view.at == pytest.approx(at, abs=2)
+        assert view.tick == pytest.approx(at, abs=2)
     assert all(f"{key}: {does}" in view.play_button.toolTip() for key, (does, _) in view.keys().items())
     speed = view.speed.value()
     QTest.keyClick(view, Qt.Key.Key_Up)

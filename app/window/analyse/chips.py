@@ -18,7 +18,7 @@ class Chips(QWidget):
 
     def __init__(self, title: str) -> None:
         super().__init__()
-        self._title, self._off = title, set[str]()
+        self._title = title
         self._names: dict[str, str] = {}
         self.chips: dict[str, QPushButton] = {}
         self.menu: QPushButton | None = None  # of many
@@ -28,17 +28,17 @@ class Chips(QWidget):
     @property
     def chosen(self) -> set[str]:
         """What is to be shown."""
-        return set(self._names) - self._off
+        return {choice for choice, chip in self.chips.items() if chip.isChecked()}
 
     def show_choices(self, names: Mapping[str, str], off: Sequence[str] = ()) -> None:
         """What there is to choose from, and what it is called; off: what is not shown unless it is asked for."""
         if dict(names) == self._names:
             return
-        self._off |= {choice for choice in off if choice not in self._names}
+        left_out = (self.chips.keys() - self.chosen) | (set(off) - self.chips.keys())
         self._names, self.menu = dict(names), None
         clear(self._row)
         self.chips = {
-            choice: toggle(name, partial(self._switch, {choice}), choice not in self._off)
+            choice: toggle(name, partial(self._switch, {choice}), choice not in left_out)
             for choice, name in names.items()
         }
         if len(names) > MOST_CHIPS:
@@ -73,9 +73,8 @@ class Chips(QWidget):
 
     def _switch(self, choices: set[str], on: bool) -> None:
         """Show these, or leave them out; all of them together change the charts once."""
-        (self._off.difference_update if on else self._off.update)(choices)
-        for choice, chip in self.chips.items():
-            with QSignalBlocker(chip):
-                chip.setChecked(choice not in self._off)
+        for choice in choices:
+            with QSignalBlocker(self.chips[choice]):
+                self.chips[choice].setChecked(on)
         self._count()
         self.changed.emit()

@@ -61,7 +61,7 @@ class TrialView(Panel):
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
         super().__init__()
         self.trial: Playback | None = None
-        self.at = 0  # the tick that is shown
+        self.tick = 0  # the tick that is shown
         self._whole, self.played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -145,11 +145,11 @@ class TrialView(Panel):
         damaged = " · damaged: some ticks are missing" if trial.damaged else ""
         values = {m.name: getattr(row, m.name) for m in METRICS} if row is not None else {}
         self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
-        said = [
+        lines = [
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
         ]
         own = row.own if row is not None else {}  # by their names, which end in their units
-        self.measures.setToolTip("\n".join([*said, *(f"{name}: {value:.3g}" for name, value in own.items())]))
+        self.measures.setToolTip("\n".join([*lines, *(f"{name}: {value:.3g}" for name, value in own.items())]))
         self.beside_measures.setText("")
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
@@ -208,7 +208,7 @@ class TrialView(Panel):
 
     @property
     def _over(self) -> bool:
-        return self.trial is None or self.at >= len(self.trial.ticks) - 1
+        return self.trial is None or self.tick >= len(self.trial.ticks) - 1
 
     def go_on(self, seconds: float) -> None:
         """Play so much further (s, > 0)."""
@@ -216,8 +216,8 @@ class TrialView(Panel):
             return
         self.played_s = min(self.played_s + seconds, float(trial.t[-1]))
         at = min(int(np.searchsorted(trial.t, self.played_s, side="right")), len(trial.ticks)) - 1
-        if at > self.at:
-            self.workspace.view.add(trial.ticks[self.at + 1 : at + 1])
+        if at > self.tick:
+            self.workspace.view.add(trial.ticks[self.tick + 1 : at + 1])
             self._show_place(trial, at)
 
     def go_to(self, seconds: float) -> None:
@@ -235,7 +235,7 @@ class TrialView(Panel):
         self._show_place(trial, at)
 
     def _show_place(self, trial: Playback, at: int) -> None:
-        self.at = at
+        self.tick = at
         self.traces.show_cursor(at)
         now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words

@@ -140,10 +140,10 @@ class ForceView(Plane):
             self.inset.show_instant(self.instant, self.doing)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        wide = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
-        high = int(0.9 * wide)
-        y = 10 if self.inset_at_top else self.height() - high - 10
-        self.inset.setGeometry(self.width() - wide - 10, y, wide, high)
+        width = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
+        height = int(0.9 * width)
+        y = 10 if self.inset_at_top else self.height() - height - 10
+        self.inset.setGeometry(self.width() - width - 10, y, width, height)
         super().resizeEvent(event)
 
     def set_blind(self, blind: bool) -> None:

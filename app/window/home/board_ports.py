@@ -27,7 +27,7 @@ class BoardPorts(QWidget):
         self._mine = ""  # the port that was chosen ..
         self._state = m.Check("Device", m.WAITING, OPENING)  # .. and how its board is
         self._opening = ""  # the port that comes next
-        self._looking = Watch(self, lambda: scan_ports(self._found, self._mine), self._show_found)
+        self._looking = Watch(self, lambda: (scan_ports, self._found, self._mine), self._show_found)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(self._connect_typed)
         self.again = button("Look again", self._look_anew)

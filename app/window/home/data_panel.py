@@ -68,7 +68,7 @@ class DataPanel(Panel):
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder = Path()  # until the session server says which
         self.recent = Recent("folders")
-        self._looking = Watch(self, lambda: scan_folder(self._folder), self.show_overview)
+        self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …")
@@ -165,8 +165,9 @@ class DataPanel(Panel):
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.set_style(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)
-        far = "does not take part" if session.declined else f"{session.done} of {session.planned}"
-        done = text_label("cannot be read" if session.problem else far)
+        done = text_label(f"{session.done} of {session.planned}")
+        if session.problem or session.declined:
+            done.setText("cannot be read" if session.problem else "does not take part")
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
         if session.declined:

@@ -212,11 +212,11 @@ class ProtocolEditor(Panel):
         if key == "consent.text" and value is None:
             key = "consent"  # nor the words of its answers
         table, _, inner = key.rpartition(".")
-        of = self.content.setdefault(table, {}) if table else self.content
-        of[inner] = value
+        keys = self.content.setdefault(table, {}) if table else self.content
+        keys[inner] = value
         if value is None:
-            del of[inner]
-        if table and not of:
+            del keys[inner]
+        if table and not keys:
             del self.content[table]
         self._timer.start()
 
@@ -291,8 +291,8 @@ class ProtocolEditor(Panel):
             ]
         return row(*parts, remove_button, spacing=4)
 
-    def _change(self, of: dict[str, Any], key: str, value: Any) -> None:
-        of[key] = value
+    def _change(self, entry: dict[str, Any], key: str, value: Any) -> None:
+        entry[key] = value
         self._timer.start()
 
     def use_kind(self, controller: dict[str, Any], kind: str) -> None:

@@ -28,14 +28,14 @@ class Bars(QStyledItemDelegate):
     ) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
         box = QRectF(self._table.visualRect(index)).adjusted(6.0, 0.0, -14.0, 0.0)
-        wide = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
-        number = QRectF(box.left(), box.top(), wide, box.height())
+        number_px = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
+        number = QRectF(box.left(), box.top(), number_px, box.height())
         painter.setFont(font(theme.NORMAL))
         painter.setPen(shade(COLOURS.text if share is not None else COLOURS.quiet))
         painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
         if share is not None and box.width() > 80.0:
-            left, wide = number.right() + 10.0, box.width() - number.width() - 10.0
-            for width, ground in ((wide, COLOURS.line), (share * wide, colour)):
+            left, longest = number.right() + 10.0, box.width() - number.width() - 10.0
+            for width, ground in ((longest, COLOURS.line), (share * longest, colour)):
                 painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
 
 

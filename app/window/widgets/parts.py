@@ -273,19 +273,6 @@ def grid(across: int, down: int, stretched: int, margins: Margins = (0, 0, 0, 0)
     return layout
 
 
-def described(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
-    """Name -> what stands beside it, and a quiet line below that."""
-    layout = grid(14, 4, stretched=1)
-    for name, (part, hint) in lines.items():
-        down = layout.rowCount()
-        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
-        layout.addWidget(text_label(name, bold=True), down, 0, level)
-        layout.addWidget(part, down, 1)
-        if hint:
-            layout.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
-    return layout
-
-
 def holder(layout: QLayout) -> QWidget:
     """A widget for a layout, with no ground of its own."""
     widget = QWidget()
@@ -353,12 +340,12 @@ class Segments(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        wide, gap = [button.sizeHint().width() for button in self._group.buttons()], self._grid.spacing()
+        widths, gap = [button.sizeHint().width() for button in self._group.buttons()], self._grid.spacing()
 
         def fit(columns: int) -> bool:
-            return sum(max(wide[n::columns]) + gap for n in range(columns)) - gap <= self.width()
+            return sum(max(widths[n::columns]) + gap for n in range(columns)) - gap <= self.width()
 
-        self._arrange(next((columns for columns in range(len(wide), 1, -1) if fit(columns)), 1))
+        self._arrange(next((columns for columns in range(len(widths), 1, -1) if fit(columns)), 1))
 
     def value(self) -> Any:
         """What is chosen; None: nothing."""
@@ -416,14 +403,14 @@ class Flow(QLayout):
 
     def _place(self, rect: QRect, only_measure: bool = False) -> int:
         """Put every item into its place; the height of all lines."""
-        x, y, high, gap = rect.x(), rect.y(), 0, self.spacing()
+        x, y, height, gap = rect.x(), rect.y(), 0, self.spacing()  # of this line
         for item in self._items:
             if item.isEmpty():
                 continue
             size = item.sizeHint()
             if x > rect.x() and x + size.width() > rect.right() + 1:
-                x, y, high = rect.x(), y + high + gap, 0
+                x, y, height = rect.x(), y + height + gap, 0
             if not only_measure:
                 item.setGeometry(QRect(QPoint(x, y), size))
-            x, high = x + size.width() + gap, max(high, size.height())
-        return y + high - rect.y()
+            x, height = x + size.width() + gap, max(height, size.height())
+        return y + height - rect.y()

@@ -57,8 +57,8 @@ class BackgroundTask(QObject):
 class Watch(BackgroundTask):
     """Looks at something again and again while a widget is shown; an answer that takes long is waited for."""
 
-    def __init__(self, widget: QWidget, look: Callable[[], Any], done: Callable[[Any], object]) -> None:
-        """look: in a thread, every `LOOK_MS`."""
+    def __init__(self, widget: QWidget, look: Callable[[], tuple], done: Callable[[Any], object]) -> None:
+        """look: every `LOOK_MS`, the function that is called in a thread and its arguments."""
         super().__init__(done)
         self._look = look
         self._timer = QTimer(self, interval=LOOK_MS)
@@ -68,7 +68,7 @@ class Watch(BackgroundTask):
     def look(self) -> None:
         """Now, unless the answer before is still to come."""
         if not self.busy:
-            self.ask(self._look)
+            self.ask(*self._look())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Show:
