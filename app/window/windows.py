@@ -64,6 +64,10 @@ class Windows(QObject):
         shown.consent.answered.connect(main.answer_consent)
         main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        for changed in (application.screenAdded, application.screenRemoved):
+            changed.connect(lambda _: QTimer.singleShot(0, self._follow_screens))  # once Qt has moved its windows
         self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
         self._said = self._early = False  # it is said that a trial runs, before its ticks come; or these came before
         self._due_s = 0.0  # when the next frame is due
@@ -137,6 +141,16 @@ class Windows(QObject):
             if not self.one_screen:
                 self._show_participant()
             self.main.ask_participant(self.participant.isVisible())
+
+    def _follow_screens(self) -> None:
+        """A screen was plugged in, or is gone: without one of their own the participant is asked in the main window."""
+        if self.over or not self.main.isVisible():
+            return
+        if not self.one_screen:
+            self._show_participant()
+        elif self.participant.isVisible() and not self.participant.own_start:
+            self.participant.hide()
+            self.main.ask_participant(False)
 
     def show(self) -> None:
         """The main window; the participant's window at once where there is a second screen."""

@@ -144,7 +144,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     shown.type(page.form.fields["age"], "old")
     assert page.why.text() == "Age must be a number."
     shown.type(page.form.fields["age"], "27")
-    shown.click(page.start)
+    QTest.keyClick(page.form.fields["age"], Qt.Key.Key_Return)
     ((_, command),) = shown.setups
     assert command == m.Open("01", form={"handedness": "right", "age": 27.0})
 

@@ -26,7 +26,7 @@ from fake_client import (
 )
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QPushButton, QWidget
 from screens import Screens, point, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
@@ -196,6 +196,16 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
     assert screens.run.cards.question is not None
     screens.hear(ready(1))
     assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
+
+
+def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    screens.main.show_settings()
+    sound = next(field for field in screens.main.cards.question.findChildren(QPushButton) if field.text() == "Off")
+    sound.setFocus()
+    assert "Close  Enter" in visible_texts(screens.main)
+    QTest.keyClick(sound, KEY.Key_Return)
+    assert screens.main.cards.question is None
 
 
 def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:

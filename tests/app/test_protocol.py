@@ -113,7 +113,10 @@ REFUSED = {
     "number zero": (PAPER.text.replace("number = 1", "number = 0", 1), "path 1: number: must be at least 1, not 0"),
     "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "path 1: number: must be a whole number"),
     "same controller": (PAPER.text.replace('"SDOF with gap"', '"SDOF"'), "two controllers have the same name"),
-    "kind of controller": (PAPER.text.replace('kind = "none"', 'kind = "magic"'), "kind of controller 1 must be one of none, sdof"),
+    "kind of controller": (
+        PAPER.text.replace('kind = "none"', 'kind = "magic"'),
+        "kind of controller 1 must be one of none, sdof",
+    ),
     "gain left out": (PAPER.text.replace("gain_N_s_m = 5.0", ""), "controller 5: gain_N_s_m is required"),
     "gain of sdof": (PAPER.text.replace("gap_m = 0.005", "gain_N_s_m = 5.0"), "controller 3: gain_N_s_m is not"),
     "gap of none": (PAPER.text.replace('kind = "none"', 'kind = "none"\ngap_m = 0.005'), "gap_m is not for 'none'"),

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, result, running
 from PySide6.QtCore import Qt
 from screens import Screens
 from sessions import session_of
@@ -36,6 +36,8 @@ GONE = (
     "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on elsewhere"
 )
 ALT = Qt.KeyboardModifier.AltModifier
+FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
+FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 RUN_STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "ready": (opened(), ready(12, notes=NOTES)),
@@ -48,6 +50,7 @@ RUN_STATES = {
     ),
     "blind": (opened(), running(37, blind=True), pulse()),
     "card": (opened(), running(37), ready(38)),
+    "card, flags": (opened(), running(37), ready(38, rows=(*map(result, PLAN[:37]), FLAGGED))),
     "said": (opened(), ready(9, notice=LONG)),
     "undone": (
         opened(),

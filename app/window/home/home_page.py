@@ -121,6 +121,7 @@ class HomePage(Page):
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
+        self.form.entered.connect(self._start)
         self.checks = Checklist()
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
         self.plan_text = printed()
