@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, result, running
 from PySide6.QtCore import Qt
-from screens import Screens
+from screens import Screens, settle
 from sessions import session_of
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
@@ -205,6 +205,14 @@ def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
 def test_in_a_session_and_on_try(screens: Screens, text: int, state: str) -> None:
     STATES[state](screens)
     assert found_at_every_size(screens) == {}
+
+
+def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
+    run("running")(screens)
+    screens.hear(ready(38))
+    settle(screens.main)
+    card = screens.run.card
+    assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
 
 
 @pytest.fixture(scope="module")

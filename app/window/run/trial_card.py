@@ -127,10 +127,11 @@ class TrialCard(Panel):
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
         decide = column(self.keep, self.redo, self.exclude)
         head = row(self.dot, self.title, 1)
-        self.setLayout(column(
+        self._layout = column(
             head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
             margins=(14, 10, 14, 12),
-        ))  # fmt: skip
+        )  # fmt: skip
+        self.setLayout(self._layout)
 
     @property
     def ready(self) -> bool:
@@ -169,13 +170,13 @@ class TrialCard(Panel):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Hide what a low window, or a large text, has no room for: the curve, then the legend, then the last measures."""
+        """Hide what a low window or large text has no room for: the curve, then the legend, then the last measures."""
         self.trace.setVisible(self._has_curve and self.height() > theme.text_px(LOW_PX))
-        layout, least = self.layout(), (self.legend, *reversed(self.measures))
+        least = (self.legend, *reversed(self.measures))
         for part in least:
             part.show()
         for part in least:
-            part.setVisible(layout.heightForWidth(self.width()) <= self.height())
+            part.setVisible(self._layout.minimumHeightForWidth(self.width()) <= self.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
