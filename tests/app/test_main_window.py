@@ -527,6 +527,19 @@ def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: S
     assert not console.isVisible() and screens.client.stopped
 
 
+def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(screens: Screens) -> None:
+    console = screens.hear(opened(""), before())
+    editor = console.page(HOME).editor
+    editor.open("curves")
+    editor.fields["name"].setText("mine")
+    editor.fields["name"].textEdited.emit("mine")
+    assert not console.close() and not screens.client.stopped
+    assert "What was changed in the editor (Curves protocol, a copy) is not saved" in " ".join(visible_texts(console))
+    console.escape("")
+    editor.undo()
+    assert console.close() and screens.client.stopped
+
+
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
     console, ended = screens.hear(opened(), ready(3)), []
     analyse = console.page(ANALYSE)

@@ -209,6 +209,9 @@ class HomePage(Page):
         self._show_columns()
         return asked
 
+    def unsaved(self) -> str:
+        return f"what was changed in the editor ({self.editor.title.text()})" if self.editor.changed else ""
+
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
 

@@ -184,7 +184,7 @@ class ProtocolEditor(Panel):
 
     def open(self, name: str) -> None:
         """Edit a protocol: a shipped one by its name, of which a copy is saved, or a file."""
-        if name == self._name and self.content != self._as_read:
+        if name == self._name and self.changed:
             return  # what was changed is still there
         shipped = name in shipped_protocols()
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
@@ -203,6 +203,11 @@ class ProtocolEditor(Panel):
         self.instructions.setPlainText(PAGE_BREAK.join(pages))
         self._show_lists()
         self._name, self._as_read = name, deepcopy(self.content)
+
+    @property
+    def changed(self) -> bool:
+        """Whether something was changed and not saved."""
+        return self.content != self._as_read
 
     def undo(self) -> None:
         self._as_read = self.content
