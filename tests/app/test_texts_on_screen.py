@@ -8,7 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, result, running
+from fake_client import (
+    GREEN,
+    LONG_BREAK,
+    PAPER,
+    PLAN,
+    RED,
+    before,
+    movement,
+    opened,
+    paper,
+    pulse,
+    ready,
+    result,
+    running,
+)
 from PySide6.QtCore import Qt
 from screens import Screens, settle
 from sessions import session_of
@@ -118,6 +132,12 @@ def card(name: str) -> Callable[[Screens], None]:
     return show
 
 
+def long_names(screens: Screens) -> None:
+    long = PAPER.controllers[3]._replace(name="SDOF with a gap of five millimetres at either side, as it was piloted")
+    screens.hear(opened(protocol=paper(controllers=PAPER.controllers | {3: long})), ready(3))
+    screens.main.show_controllers()
+
+
 def instructed(screens: Screens) -> None:
     screens.hear(opened(), ready(0))
     screens.main.show_reading(True)
@@ -167,7 +187,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
-    "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
+    "long names": long_names, "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
