@@ -21,7 +21,7 @@ CALL = (
     "cache.watchers.append(lambda number, of, name: print('compiles', name))\n"
     "from core.caller import outer\nprint(outer(1.0))\n"
 )
-COMPILED, FROM_DISK = "compiles outer\ncompiles inner\ncompiles \n11.0\n", "11.0\n"
+COMPILED, FROM_DISK = "compiles outer\ncompiles inner\ncompiles linking\ncompiles \n11.0\n", "11.0\n"
 
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="owners, modes, pipes and limits of size are POSIX'")
