@@ -463,5 +463,18 @@ class HomePage(Page):
         self.stack.setCurrentWidget(self.plan)
 
     def _edit(self) -> None:
+        """The chosen protocol; what was changed in another one and is not saved is not lost without a question."""
+        if not self.editor.changed or self.editor.name == self.chosen.protocol:
+            self._edit_chosen()
+            return
+        text = f"{self.editor.title.text()}, has changes that are not saved."
+        buttons = [("Go on with them  Enter", self._show_editor), ("Lose them", self._edit_chosen)]
+        self.cards.put(OverlayCard("Not everything is saved", text, buttons, self))
+
+    def _edit_chosen(self) -> None:
         self.editor.open(self.chosen.protocol)
+        self._show_editor()
+
+    def _show_editor(self) -> None:
+        self.cards.leave()
         self.stack.setCurrentWidget(self.editor)
