@@ -14,7 +14,6 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from core.control.stopping import TICK_S
 from core.control.velocity_field import WANTED
 from core.files import NotNegative, Pair, Positive, Table
 from core.kernels import kernel

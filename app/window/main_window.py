@@ -37,7 +37,7 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording
-#: title, text, stay, go
+#: title, text with room for what would be lost, stay, go
 CLOSE = (
     "A trial is being recorded",
     "Close the window? The trial ends, brakes off; its recording is kept, and the trial is repeated when you resume.",
@@ -49,6 +49,12 @@ UNSAVED = (
     "on in another data folder first.",
     "Cancel", "Lose it and close",
 )  # fmt: skip
+CHANGED = (
+    "Not everything is saved",
+    "Close the window? {} is not saved and would be lost.",
+    "Cancel",
+    "Lose it and close",
+)
 STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
@@ -391,23 +397,28 @@ class MainWindow(QWidget):
 
     # ------------------------------------------------------------------------------------------- the end
 
-    def _ask_to_close(self, unsaved: str) -> None:
-        """unsaved: what would be lost; "": the running trial would be ended."""
-        title, text, stay, go = UNSAVED if unsaved else CLOSE
+    def _ask_to_close(self, asked: tuple[str, str, str, str], lost: str) -> None:
+        title, text, stay, go = asked
         buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
-        card = OverlayCard(title, text.format(unsaved), buttons, self._stack)
+        card = OverlayCard(title, text.format(lost), buttons, self._stack)
         add_key("Alt+C", card, self.close_anyway)
         self.cards.put(card, "abort")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """While something is recorded, or not on the disk, ask first."""
-        recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice
-        unsaved = self.snapshot.in_memory
-        if (recording or unsaved) and not self._closing and not self.dead:
+        recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self.dead
+        in_memory = "" if self.dead else self.snapshot.in_memory
+        changed = " and ".join(filter(None, (page.unsaved() for page in self.pages.values())))
+        if (recording or in_memory or changed) and not self._closing:
             event.ignore()
             self.showNormal() if self.isMinimized() else self.show()
             self.raise_()
-            self._ask_to_close(unsaved)
+            if in_memory:
+                self._ask_to_close(UNSAVED, in_memory)
+            elif recording:
+                self._ask_to_close(CLOSE, "")
+            else:
+                self._ask_to_close(CHANGED, changed[0].upper() + changed[1:])
             return
         event.accept()
         for page in self.pages.values():

@@ -27,6 +27,7 @@ from app.window.widgets.parts import (
 from app.window.widgets.words import from_home
 from experiments.protocol import Protocol
 
+NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
 WIDE_PX = 640
 NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 CITATION = (
@@ -104,7 +105,11 @@ def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
     for name, (part, hint) in lines.items():
         down = grid.rowCount()
         level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
-        grid.addWidget(text_label(name, bold=True), down, 0, level)
+        told = text_label(name, bold=True)
+        if told.sizeHint().width() > theme.text_px(NAME_PX):
+            told = wrapped_label(name, bold=True)
+            told.setFixedWidth(theme.text_px(NAME_PX))
+        grid.addWidget(told, down, 0, level)
         grid.addWidget(part, down, 1)
         if hint:
             grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)

@@ -64,6 +64,10 @@ class Windows(QObject):
         shown.consent.answered.connect(main.answer_consent)
         main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        for changed in (application.screenAdded, application.screenRemoved):
+            changed.connect(lambda _: QTimer.singleShot(0, self._follow_screens))  # once Qt has moved its windows
         self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
         #: trials whose ticks have begun to come, less those that the server has announced: -1, 0 or 1
         self._ticks_ahead = 0
@@ -138,6 +142,16 @@ class Windows(QObject):
             if not self.one_screen:
                 self._show_participant()
             self.main.ask_participant(self.participant.isVisible())
+
+    def _follow_screens(self) -> None:
+        """A screen was plugged in, or is gone: without one of their own the participant is asked in the main window."""
+        if self.over or not self.main.isVisible():
+            return
+        if not self.one_screen:
+            self._show_participant()
+        elif self.participant.isVisible() and not self.participant.own_start:
+            self.participant.hide()
+            self.main.ask_participant(False)
 
     def show(self) -> None:
         """The main window; the participant's window at once where there is a second screen."""

@@ -310,7 +310,8 @@ def film(window: QWidget, name: str, ended: Callable[[], bool]) -> None:
     while not ended():
         frames.append(rgb(window.grab().toImage().scaled(*FILM, mode=Qt.TransformationMode.SmoothTransformation)))
         until(lambda: after(FILM_S) or ended())
-    first = Image.fromarray(frames[len(frames) // 2]).quantize(COLOURS)
+    middle = Image.fromarray(frames[len(frames) // 2])
+    first = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=3)  # small areas keep their colours
     pictures = [Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in frames]
     file = HERE / f"{name}.gif"
     pictures[0].save(file, save_all=True, append_images=pictures[1:], duration=round(1e3 * FILM_S), loop=0)

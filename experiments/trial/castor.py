@@ -11,7 +11,6 @@ import numpy as np
 from core import tick_log as log
 from core.cobot import UNSTEERED, advance, path_goal, place, velocity
 from core.control.algorithm import STEER
-from core.control.stopping import TICK_S
 from core.control.velocity_field import Field
 from core.device import Device
 from core.device_file import Castor

@@ -15,7 +15,6 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from core.control.stopping import TICK_S
 from core.kernels import kernel
 from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at, size_of
 from core.simulator.state import new_record

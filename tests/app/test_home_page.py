@@ -144,9 +144,25 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     shown.type(page.form.fields["age"], "old")
     assert page.why.text() == "Age must be a number."
     shown.type(page.form.fields["age"], "27")
-    shown.click(page.start)
+    QTest.keyClick(page.form.fields["age"], Qt.Key.Key_Return)
     ((_, command),) = shown.setups
     assert command == m.Open("01", form={"handedness": "right", "age": 27.0})
+
+
+def test_what_was_changed_in_one_protocol_is_not_lost_unasked_where_another_is_to_be_edited(shown: Shown) -> None:
+    page, editor = shown.page, shown.page.editor
+    shown.click(page.edit)
+    shown.type(editor.fields["name"], "mine")
+    shown.page.cancel()
+    page.take_protocol("curves")
+    shown.click(page.edit)
+    assert page.stack.currentWidget() is page.columns and "Paper protocol, a copy, has changes" in shown.texts()
+    page.cards.question.buttons[0].click()
+    assert page.stack.currentWidget() is editor and editor.content["name"] == "mine"
+    page.cancel()
+    shown.click(page.edit)
+    page.cards.question.buttons[1].click()
+    assert editor.content["name"] == "curves" and not editor.changed
 
 
 def test_the_plan_is_shown_before_anyone_sits_down_and_escape_leads_back(shown: Shown) -> None:

@@ -26,7 +26,7 @@ from fake_client import (
 )
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
@@ -198,6 +198,16 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
     assert screens.run.cards.question is not None
     screens.hear(ready(1))
     assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
+
+
+def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    screens.main.show_settings()
+    sound = next(field for field in screens.main.cards.question.findChildren(QPushButton) if field.text() == "Off")
+    sound.setFocus()
+    assert "Close  Enter" in visible_texts(screens.main)
+    QTest.keyClick(sound, KEY.Key_Return)
+    assert screens.main.cards.question is None
 
 
 def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
@@ -509,6 +519,19 @@ def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: S
     assert "would be lost: run 4, 812 ticks" in " ".join(visible_texts(console))
     screens.main.cards.question.buttons[1].click()
     assert not console.isVisible() and screens.client.stopped
+
+
+def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(screens: Screens) -> None:
+    console = screens.hear(opened(""), before())
+    editor = console.page(HOME).editor
+    editor.open("curves")
+    editor.fields["name"].setText("mine")
+    editor.fields["name"].textEdited.emit("mine")
+    assert not console.close() and not screens.client.stopped
+    assert "What was changed in the editor (Curves protocol, a copy) is not saved" in " ".join(visible_texts(console))
+    console.escape("")
+    editor.undo()
+    assert console.close() and screens.client.stopped
 
 
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:

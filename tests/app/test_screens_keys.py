@@ -175,6 +175,20 @@ def test_with_a_second_screen_the_console_has_the_keyboard_at_the_start(qtbot, s
     comes_to_have_the_keyboard(qtbot, screens.main)
 
 
+def test_without_their_screen_the_participant_is_asked_in_the_main_window(screens: Screens, monkeypatch) -> None:
+    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
+    screens.windows.show()
+    assert screens.participant.isVisible() and screens.run.participant_answers
+    monkeypatch.setattr(screens.windows, "_other_screen", lambda: None)  # it is unplugged
+    QApplication.instance().screenRemoved.emit(screens.main.screen())
+    QApplication.processEvents()
+    assert not screens.participant.isVisible() and not screens.run.participant_answers
+    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)  # and plugged in again
+    QApplication.instance().screenAdded.emit(screens.main.screen())
+    QApplication.processEvents()
+    assert screens.participant.isVisible() and screens.run.participant_answers
+
+
 def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_console(
     qtbot, screens: Screens, monkeypatch
 ) -> None:

@@ -23,6 +23,7 @@ from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
 from app.window.widgets.plots import NOTHING
+from app.window.widgets.preflight import told
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
@@ -147,6 +148,7 @@ def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_pla
     assert banner.startswith("Brakes off: Esc.") and "Device: not connected. No sample for 200 ms." in banner
     assert line.line == UNMEASURED
     off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off: Esc.")
+    assert told(off) == "Brakes off: Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
     assert screens.main.preflight.advice.text().count("Esc.") == 1 and not line.line
 

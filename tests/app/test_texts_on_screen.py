@@ -8,9 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, movement, opened, pulse, ready, running
+from fake_client import (
+    GREEN,
+    LONG_BREAK,
+    PAPER,
+    PLAN,
+    RED,
+    before,
+    movement,
+    opened,
+    paper,
+    pulse,
+    ready,
+    result,
+    running,
+)
 from PySide6.QtCore import Qt
-from screens import Screens
+from screens import Screens, settle
 from sessions import session_of
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
@@ -36,6 +50,8 @@ GONE = (
     "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on elsewhere"
 )
 ALT = Qt.KeyboardModifier.AltModifier
+FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
+FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 RUN_STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "ready": (opened(), ready(12, notes=NOTES)),
@@ -48,6 +64,7 @@ RUN_STATES = {
     ),
     "blind": (opened(), running(37, blind=True), pulse()),
     "card": (opened(), running(37), ready(38)),
+    "card, flags": (opened(), running(37), ready(38, rows=(*map(result, PLAN[:37]), FLAGGED))),
     "said": (opened(), ready(9, notice=LONG)),
     "undone": (
         opened(),
@@ -115,6 +132,12 @@ def card(name: str) -> Callable[[Screens], None]:
     return show
 
 
+def long_names(screens: Screens) -> None:
+    long = PAPER.controllers[3]._replace(name="SDOF with a gap of five millimetres at either side, as it was piloted")
+    screens.hear(opened(protocol=paper(controllers=PAPER.controllers | {3: long})), ready(3))
+    screens.main.show_controllers()
+
+
 def instructed(screens: Screens) -> None:
     screens.hear(opened(), ready(0))
     screens.main.show_reading(True)
@@ -169,7 +192,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
-    "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
+    "long names": long_names, "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
@@ -208,6 +231,14 @@ def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
 def test_in_a_session_and_on_try(screens: Screens, text: int, state: str) -> None:
     STATES[state](screens)
     assert found_at_every_size(screens) == {}
+
+
+def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
+    run("running")(screens)
+    screens.hear(ready(38))
+    settle(screens.main)
+    card = screens.run.card
+    assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
 
 
 @pytest.fixture(scope="module")

@@ -122,6 +122,7 @@ class HomePage(Page):
         self._picture = SmallView(PICTURE)  # of the protocol's first device
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
+        self.form.entered.connect(self._start)
         self.checks = Checklist()
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
         self.plan_text = printed()
@@ -204,6 +205,9 @@ class HomePage(Page):
         asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
         self._show_columns()
         return asked
+
+    def unsaved(self) -> str:
+        return f"what was changed in the editor ({self.editor.title.text()})" if self.editor.changed else ""
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
@@ -455,5 +459,18 @@ class HomePage(Page):
         self.stack.setCurrentWidget(self.plan)
 
     def _edit(self) -> None:
+        """The chosen protocol; what was changed in another one and is not saved is not lost without a question."""
+        if not self.editor.changed or self.editor.name == self.chosen.protocol:
+            self._edit_chosen()
+            return
+        text = f"{self.editor.title.text()}, has changes that are not saved."
+        buttons = [("Go on with them  Enter", self._show_editor), ("Lose them", self._edit_chosen)]
+        self.cards.put(OverlayCard("Not everything is saved", text, buttons, self))
+
+    def _edit_chosen(self) -> None:
         self.editor.open(self.chosen.protocol)
+        self._show_editor()
+
+    def _show_editor(self) -> None:
+        self.cards.leave()
         self.stack.setCurrentWidget(self.editor)

@@ -1,7 +1,7 @@
 """What a protocol asks of each participant, as fields to be filled in before a session."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
 
 from app.window.widgets.fields import Field, is_number, make_field
 from app.window.widgets.parts import clear, text_label
@@ -12,6 +12,7 @@ class ParticipantForm(QWidget):
     """A field for each thing that is asked."""
 
     changed = Signal()  # the user has filled something in
+    entered = Signal()  # Enter was pressed in a field
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,6 +34,8 @@ class ParticipantForm(QWidget):
             choices = None if isinstance(kind, str) else {choice: choice for choice in kind}
             field = self.fields[name] = make_field(name, float if kind == NUMBER else str, choices)
             field.changed.connect(lambda _: self.changed.emit())
+            if isinstance(field, QLineEdit):
+                field.returnPressed.connect(self.entered)
             self._grid.addWidget(text_label(name.replace("_", " ").capitalize(), "quiet"), place, 0)
             self._grid.addWidget(field, place, 1)
         self.setVisible(bool(asked))

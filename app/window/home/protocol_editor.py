@@ -111,7 +111,7 @@ class ProtocolEditor(Panel):
         super().__init__()
         self._reader = BackgroundTask(self._show_read)
         self.content: dict[str, Any] = {}  # of the file
-        self._name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
+        self.name, self._as_read = "", dict[str, Any]()  # what was opened, and its content then
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
@@ -184,7 +184,7 @@ class ProtocolEditor(Panel):
 
     def open(self, name: str) -> None:
         """Edit a protocol: a shipped one by its name, of which a copy is saved, or a file."""
-        if name == self._name and self.content != self._as_read:
+        if name == self.name and self.changed:
             return  # what was changed is still there
         shipped = name in shipped_protocols()
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
@@ -197,11 +197,16 @@ class ProtocolEditor(Panel):
         for key, field in self.fields.items():
             field.show_value(to_text(key, self._get(key)))
         self._show_lists()
-        self._name, self._as_read = name, deepcopy(self.content)
+        self.name, self._as_read = name, deepcopy(self.content)
+
+    @property
+    def changed(self) -> bool:
+        """Whether something was changed and not saved."""
+        return self.content != self._as_read
 
     def undo(self) -> None:
         self._as_read = self.content
-        self.open(self._name)
+        self.open(self.name)
 
     def _get(self, key: str) -> Any:
         table, _, inner = key.rpartition(".")
@@ -443,7 +448,7 @@ class ProtocolEditor(Panel):
             self._show_problem(str(error))
             self.save.setEnabled(True)  # elsewhere, or once the reason is gone
             return False
-        self._name, self._file, self._folder, self._as_read = str(path), path, path.parent, deepcopy(self.content)
+        self.name, self._file, self._folder, self._as_read = str(path), path, path.parent, deepcopy(self.content)
         self.title.setText(f"{path.name}, saved {datetime.now():%H:%M}")
         self.saved.emit(str(path))
         return True

@@ -41,7 +41,7 @@ class SessionPanel(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.head = text_label("", size=theme.HEAD, bold=True)
+        self.head = OneLine("", "", theme.HEAD, bold=True)
         self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
         self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()

@@ -52,6 +52,12 @@ class Measure(QWidget):
     def follow_text(self) -> None:
         """The points keep their room above a larger text."""
         self.graph.setFixedHeight(28 + theme.text_px(24))
+        self._show_ends()
+
+    def _show_ends(self) -> None:
+        """A larger text has room for the ends of the axis alone."""
+        ends = [[(value, f"{value:g}") for value in (0.0, self.end)]] if theme.text_px(100) > 115 else None
+        self.graph.getAxis("bottom").setTicks(ends)
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -71,6 +77,7 @@ class Measure(QWidget):
             highest = max(highest, *values, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
+        self._show_ends()
 
 
 class WholeTrace(TimePlot):
@@ -120,10 +127,11 @@ class TrialCard(Panel):
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
         decide = column(self.keep, self.redo, self.exclude)
         head = row(self.dot, self.title, 1)
-        self.setLayout(column(
+        self._layout = column(
             head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
             margins=(14, 10, 14, 12),
-        ))  # fmt: skip
+        )  # fmt: skip
+        self.setLayout(self._layout)
 
     @property
     def ready(self) -> bool:
@@ -154,16 +162,21 @@ class TrialCard(Panel):
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self._has_curve = ticks is not None
-        self._make_room()
         flags = trial_flags(row, ticks)
         if ticks is not None:
             self.trace.show_ticks(ticks)
         theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+        self._make_room()
 
     def _make_room(self) -> None:
-        """The curve is the first that a low window, or a large text, has no room for."""
+        """Hide what a low window or large text has no room for: the curve, then the legend, then the last measures."""
         self.trace.setVisible(self._has_curve and self.height() > theme.text_px(LOW_PX))
+        least = (self.legend, *reversed(self.measures))
+        for part in least:
+            part.show()
+        for part in least:
+            part.setVisible(self._layout.minimumHeightForWidth(self.width()) <= self.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -114,9 +114,11 @@ class OverlayCard(Panel):
         return True
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Enter goes no further: what lies behind the card did not ask for it."""
+        """Enter that no button or field on the card has used; what lies behind the card did not ask for it."""
         if event.key() not in ENTER:
             super().keyPressEvent(event)
+        elif self.isVisible():  # else it was just answered
+            self.enter()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._around and not self.isHidden():

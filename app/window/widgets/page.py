@@ -36,6 +36,10 @@ class Page(QWidget):
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered what `consent_asked` asked for."""
 
+    def unsaved(self) -> str:
+        """What was changed on this page and not saved, in words; "": nothing."""
+        return ""
+
     def show_setup(self, setup: m.Setup) -> None:
         """With what the session server was started."""
 

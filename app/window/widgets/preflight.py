@@ -34,7 +34,7 @@ class Pill(Panel):
         self.setFixedHeight(30)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
-        self.setToolTip(" ".join(filter(None, (f"{check.name}: {check.text}.", check.advice, leads))))
+        self.setToolTip(" ".join(filter(None, (f"{check.name}: {sentence(told(check))}", leads))))
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
@@ -154,6 +154,13 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     return lines
 
 
+def told(check: m.Check) -> str:
+    """What was found, and what to do about it; an advice that begins with the same words says both."""
+    if not check.advice or check.advice.lower().startswith(check.text.lower()):
+        return check.advice or check.text
+    return f"{sentence(check.text)} {check.advice}"
+
+
 def sentence(text: str) -> str:
     """The text with a full stop, unless it ends as a sentence may."""
     return text if text.endswith((".", "!", "?", "…")) else f"{text}."
@@ -175,7 +182,7 @@ class Checklist(QWidget):
         self.shown = checks
         clear(self._grid)
         for at, check in enumerate(checks):
-            text = check.text if check.state == m.GOOD or not check.advice else f"{sentence(check.text)} {check.advice}"
+            text = check.text if check.state == m.GOOD else told(check)
             self._grid.addWidget(text_label(*MARKS[check.state]), at, 0, Qt.AlignmentFlag.AlignTop)
             words = wrapped_label(breakable(text), "quiet")
             if check.name:
