@@ -29,7 +29,7 @@ import numpy as np
 from core.files import Pair, Table
 from core.kernels import kernel
 from core.ranges import CobotInertia, CobotMass, Place, Rate
-from core.simulator.state import new_record
+from core.records import new_record
 
 MOST_WHEELS = 3
 LEFT = 0.5  # share of its force along the path that a hand keeps where it pushes away from the path

@@ -35,8 +35,8 @@ from core.faults import after, cause_of
 from core.files import InputError
 from core.kernels.cache import LINKING, watchers
 from core.path import build_path
+from core.records import new_record
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.state import new_record
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.trial.real_trial import RealTrial, load_kernels

@@ -27,7 +27,8 @@ from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles, nearest_obstacle, next_obstacle
 from core.ranges import Push, SmallLength
-from core.simulator.state import new_record, new_state, pack_brakes, pack_mechanism
+from core.records import new_record
+from core.simulator.state import new_state, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
 from core.tick_log import TICK_S
 from core.workspace import brake_rows, held_in_any_direction

@@ -31,7 +31,8 @@ from core.brake import inverse, time_constant, torque_gain
 from core.dynamics import combined, motion
 from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
-from core.simulator.state import MECHANISM, new_record, pack_brakes, pack_mechanism
+from core.records import new_record
+from core.simulator.state import MECHANISM, pack_brakes, pack_mechanism
 from core.tick_log import TICK_S
 
 #: Places on the circle that the tip cannot leave at which levers are taken; half as many on half the radius, where that

@@ -12,9 +12,9 @@ from core.control.algorithm import LOCK_TOO_LATE, NONE, Tick
 from core.control.guard import AROUND, Around, keep_out, make_around
 from core.control.velocity_field import new_memory, seen_in
 from core.kernels import kernel
+from core.records import new_record
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import EDGE_S
-from core.simulator.state import new_record
 from core.tick_log import TICK_S
 
 CHECKSUMS = 2**31 - 1

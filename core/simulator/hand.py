@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core.kernels import kernel
+from core.records import new_record
 from core.simulator.solver_numbers import EDGE_S, FORCE_MISSED
-from core.simulator.state import new_record
 
 GRIP = np.dtype(
     [

@@ -16,6 +16,7 @@ from core.device import Device
 from core.kernels import kernel
 from core.linkage import coupled_angle, joint_angles
 from core.mechanism import PLACES
+from core.records import new_record
 from core.simulator.event import advance_event
 from core.simulator.hand import Hand, new_hand, split_at_knots
 from core.simulator.karnopp import advance_karnopp, resolve_in_band
@@ -28,18 +29,7 @@ from core.simulator.solver_numbers import (
     UNEXPLAINED,
     UNEXPLAINED_J,
 )
-from core.simulator.state import (
-    FIDELITIES,
-    IDEAL,
-    MR,
-    STATIC,
-    Data,
-    Model,
-    new_record,
-    new_state,
-    pack_brakes,
-    pack_mechanism,
-)
+from core.simulator.state import FIDELITIES, IDEAL, MR, STATIC, Data, Model, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, resolve, update_kinematics

@@ -1,14 +1,13 @@
 """The state of a simulated device: one record that the kernels change in place (a pointer to them, not an object)."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from core.mechanism import PLACES, Arm, Brakes, Mechanism, no_brakes
+from core.records import new_record
+from core.simulator.hand import Hand
 from core.simulator.stick_slip import FREE, STILL
-
-if TYPE_CHECKING:
-    from core.simulator.hand import Hand
 
 #: The motion of a state or of a tried step. Joints in the order of the places of core/mechanism.py.
 MOTION = [
@@ -131,20 +130,9 @@ class Model(NamedTuple):
 class Data(NamedTuple):
     """The changing part of a simulated device."""
 
-    hand: "Hand"
+    hand: Hand
     state: Record  # STATE
     scratch: Record  # STEP_SCRATCH
-
-
-def new_record(dtype: np.dtype, **fields: Any) -> np.ndarray:
-    """One record as an array of length one, zero but for these fields; kernels take `array[0]`.
-
-    No recarray, whose fields take Python ten times as long; its one record still has them as attributes.
-    """
-    record = np.zeros(1, dtype=np.dtype((np.record, dtype)))
-    for name, value in fields.items():
-        record[name][0] = value
-    return record
 
 
 def pack_mechanism(mechanism: Mechanism) -> np.ndarray:

@@ -20,7 +20,7 @@ from core.kernels import kernel
 from core.path import Path as PathAhead
 from core.path import build_path, line, nearest_piece, path_from
 from core.ranges import Angle, Coordinate, Force, Place, Push, Torque
-from core.simulator.state import new_record
+from core.records import new_record
 from experiments.progress import Progress, no_progress
 from experiments.simulate.scene import StepLength, hand_force, refuse_too_long, whole_number
 from experiments.simulate.simulate import new_csv, run_beside

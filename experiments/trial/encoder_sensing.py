@@ -19,7 +19,8 @@ from core.device import Device
 from core.device_interface import encoder_step, velocity_noise
 from core.kernels import kernel
 from core.linkage import joint_angles
-from core.simulator.state import new_record, new_state
+from core.records import new_record
+from core.simulator.state import new_state
 from core.simulator.stick_slip_mode import update_kinematics
 from core.tick_log import TICK_S
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts

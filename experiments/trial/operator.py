@@ -17,7 +17,7 @@ import numpy as np
 
 from core.kernels import kernel
 from core.path import CORNER_DEG, CURVATURE, FROM, LENGTH, TURN, Path, follow, on_piece, point_at, size_of
-from core.simulator.state import new_record
+from core.records import new_record
 from core.tick_log import APPROACH, HOLD, MOVE, TICK_S
 from experiments.trial.normals import Normals
 

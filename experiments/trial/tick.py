@@ -36,10 +36,11 @@ from core.kernels.by_address import FAILED
 from core.mechanism import PLACES
 from core.obstacles import nearest_obstacle
 from core.path import Path, follow, on_piece
+from core.records import new_record
 from core.simulator.event import advance_event
 from core.simulator.runge_kutta import kinetic
 from core.simulator.simulation import apply, stuck_bits
-from core.simulator.state import Data, Model, Record, new_record
+from core.simulator.state import Data, Model, Record
 from core.simulator.stick_slip_mode import resolve, update_kinematics
 from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE, TICK_S

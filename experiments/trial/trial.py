@@ -16,9 +16,9 @@ from core.device import Device
 from core.faults import after, cause
 from core.files import InputError
 from core.path import Path, PathFile, build_path
+from core.records import new_record
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from core.simulator.state import new_record
 from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, middle_of

@@ -22,8 +22,8 @@ from app.loop.loop import stopped_trial
 from app.loop.real_time import HOMEWARD_M_S, MOST_BEHIND_NS, ROOM, TICK_NS, due, put, run_trial, take_aim
 from core import tick_log
 from core.files import InputError
+from core.records import new_record
 from core.simulator.hand import GRIP, grip_force
-from core.simulator.state import new_record
 
 SMALL = 64
 FOR_EVER_NS = 1 << 62  # a beat of a session server that never falls silent

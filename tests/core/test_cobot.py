@@ -15,7 +15,7 @@ from core.cobot import (
     velocity,
 )
 from core.control.velocity_field import Field
-from core.simulator.state import new_record
+from core.records import new_record
 
 STEP = 1e-3
 HUBS = ((0.30, 0.0), (-0.15, 0.26), (-0.15, -0.26))

@@ -15,7 +15,8 @@ from core.control import algorithm
 from core.control.controllers import Preset
 from core.device import load_device
 from core.device_interface import DeviceSample
-from core.simulator.state import new_record, pack_brakes
+from core.records import new_record
+from core.simulator.state import pack_brakes
 from experiments.protocol_file import Release
 from experiments.trial.tick import DISOBEYED_TICKS, RUN, SPEED_MAX_M_S, disobeys
 from hardware.emulated_board.device import HeldHand

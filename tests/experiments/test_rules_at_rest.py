@@ -11,10 +11,10 @@ from core.control.controllers import make_controller
 from core.control.velocity_field import new_memory
 from core.device import load_device
 from core.path import build_path, nearest, point_at
+from core.records import new_record
 from core.simulator.hand import new_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.simulation import Simulation
-from core.simulator.state import new_record
 from experiments.assumptions import DEFAULTS
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, load_protocol

@@ -6,7 +6,7 @@ import pytest
 from core import tick_log as log
 from core.device import load_device
 from core.files import InputError
-from core.simulator.state import new_record
+from core.records import new_record
 from experiments.analysis.metrics import trial_metrics
 from experiments.paper_figures.passive_master import DELAYS_S, contact
 from experiments.paper_figures.workspace import workspace_of
