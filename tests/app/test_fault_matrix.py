@@ -198,7 +198,7 @@ def table(folder: Path) -> str:
             case.use_again()
             case.close()
             goes_on = phase in fault.goes_on or fault in SOFT
-            words = case.words.partition(": ")[2] if case.words.startswith("Trial ") else case.words
+            words = case.words.partition(": ")[2] if case.words.startswith("Run ") else case.words
             said = words.removeprefix("after its end: ")
             then = f" Then: {case.afterwards}" if case.afterwards and case.afterwards != case.words else ""
             cells = [
