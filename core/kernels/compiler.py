@@ -300,7 +300,7 @@ class EntryCompiler:
     def compile_extra(self, function: Callable) -> Any:
         _Count.done, _Count.of = 0, len(self.part.to_compile())
         self.part.compile(self.args)
-        _Count.tell(_Count.of, f"linking {function.__name__}")  # as long as all the rest where most parts were there
+        _Count.tell(_Count.of, f"linking {function.__name__}")  # which may take as long as compiling them
         result = self.link(self.part.overloads[self.args])
         _Count.tell(_Count.of, "")
         return result
