@@ -259,7 +259,8 @@ def test_every_kind_of_fault_can_be_asked_for() -> None:
 
 
 def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:
-    first = emulated.log.read_text().splitlines()[0]
+    lines = emulated.log.read_text().splitlines()
+    first = next(line for line in lines if not line.startswith("compiling kernels"))  # on a machine that has none yet
     assert "scheduling " in first and "orders to " in first
     if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
         assert max(os.sched_getaffinity(0)) not in os.sched_getaffinity(emulated.process.pid)
