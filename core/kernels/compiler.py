@@ -34,7 +34,6 @@ from numba.core.types.misc import unliteral
 from numba.core.types.npytypes import Record
 
 from core.kernels.cache import LINKING, cache_folder, read_file, watchers, write_file
-from core.kernels.decorators import Kernel
 
 #: LLVM may do the same arithmetic on several numbers at once, which numba leaves out: a trial takes 5 % less time. Each
 #: number is rounded as before.
@@ -148,6 +147,11 @@ def names_of(function: Callable) -> dict[str, Any]:
     )
 
 
+def is_kernel(value: Any) -> bool:
+    """Whether a value is a `Kernel` of `decorators`, which imports this file and so cannot be imported here."""
+    return hasattr(type(value), "part")
+
+
 @functools.cache
 def identity(function: Callable) -> str:
     """A hash of a kernel's place and code, and of the kernels and numbers that it names: the same in every process.
@@ -158,10 +162,10 @@ def identity(function: Callable) -> str:
     code, named = function.__code__, names_of(function)
     known: list = [function.__module__, function.__qualname__, code.co_code.hex()]
     for value in named.values():
-        if isinstance(value, Kernel):
+        if is_kernel(value):
             known += [identity(value.function)] if value.function is not function else []
     cells = [named[name] for name in code.co_freevars]
-    known += [repr(value) for value in cells if not isinstance(value, Kernel)]
+    known += [repr(value) for value in cells if not is_kernel(value)]
     known += [repr(value) for value in (*code.co_consts, *named.values()) if isinstance(value, int | float | tuple)]
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
@@ -282,7 +286,7 @@ class Part(CPUDispatcher):
 
     def called(self) -> dict[str, "Part"]:
         """The parts of the kernels that this one calls, by the name that it calls them."""
-        return {name: value.part for name, value in names_of(self.py_func).items() if isinstance(value, Kernel)}
+        return {name: value.part for name, value in names_of(self.py_func).items() if is_kernel(value)}
 
     def not_compiled(self) -> set["Part"]:
         """Of this part and all that it calls, however indirectly, those that are not compiled yet."""
