@@ -332,7 +332,7 @@ def show_refusal(refused: str) -> None:
     """In a box for those who started the program without a terminal; that of a double click on Windows closes."""
     in_terminal = sys.stderr is not None and sys.stderr.isatty() and os.name != "nt"
     if not in_terminal and QGuiApplication.platformName() != "offscreen":
-        QMessageBox.critical(None, "PHD cannot start", refused)
+        QMessageBox.critical(None, "PHD cannot start", words.as_sentence(refused))
 
 
 def run(client: Client) -> int:

@@ -171,7 +171,7 @@ def test_a_refusal_is_shown_in_a_box_where_no_terminal_shows_it(monkeypatch, cap
     monkeypatch.setattr(os, "name", system)
     show_refusal("data: cannot be written to")
     monkeypatch.undo()
-    assert shown == boxes * [(None, "PHD cannot start", "data: cannot be written to")]
+    assert shown == boxes * [(None, "PHD cannot start", "Data: cannot be written to.")]
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):

@@ -81,6 +81,7 @@ class HomePage(Page):
         self._typed = False  # the participant was typed, and is not proposed anew
         self._opening = ""  # whose session, or the port of which board, was asked for and is not there yet
         self._agreed: tuple[str, str] | None = None  # who agreed to take part, and when (ISO, UTC)
+        self._asked = ""  # who reads what they agree to, on their own screen
         self._named = ""  # who comes next, as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
@@ -196,6 +197,8 @@ class HomePage(Page):
         if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
             self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
             self._choose()
+        if self._asked and not self.participant_answers:
+            self._ask_consent(self._asked)  # their screen is gone
         self._refresh()
 
     def begin(self, what: object = None) -> None:
@@ -213,6 +216,7 @@ class HomePage(Page):
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
 
     def _show_columns(self) -> None:
+        self._asked = ""
         self.cards.leave()
         self.consent_asked.emit(None)
         self.stack.setCurrentWidget(self.columns)
@@ -429,10 +433,12 @@ class HomePage(Page):
         """Let the participant read what they agree to: on their own screen where there is one, else here."""
         assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
         if self.participant_answers:
+            self._asked = participant
             self.consent_asked.emit(self.loaded.protocol.consent)
             text = "The participant reads it and answers on the other screen."
             self.cards.put(OverlayCard(f"Consent of {participant}", text, [("Cancel  Esc", self._show_columns)], self))
         else:
+            self._show_columns()
             self.consent.show_consent(self.loaded.protocol.consent)
             self.stack.setCurrentWidget(self.asking)
 
