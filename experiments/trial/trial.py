@@ -219,19 +219,20 @@ class SimulatedTrial(Trial):
         noise = decision_noise(device.device, middle_of(path), assumed)
         on = TrialDevice(device.device, device, new_sensing(device.device, assumed), noise, assumed)
         super().__init__(on, path, planned, conditions)
-        hand, state, _ = device.data
         if person is not None and generator is not None:
-            person = on_path(person, path)
-            self._run = tick.new_run(self.trial_rules, simulated_hand=True)
-            self._operator = new_operator(person, generator)
-            self._operator_noise = generator.standard_normal((NOISE_DRAWS, 2))
-            self._operator_path = way_round(
-                conditions.path, self.trial_rules.around.obstacles, f"path {planned.segment}"
-            )
-            take_handle(person, self._operator_path, hand.grips)
+            self._take_operator(on_path(person, path), generator, conditions.path)
         if self.device.castor:
-            set_castor(self._run["cobot"][0], self.device, state["tip"][0], hand.grips["mass"][0])
+            tip, arm_kg = device.state["tip"][0], device.hand.grips["mass"][0]
+            set_castor(self._run["cobot"][0], self.device, tip, arm_kg)
         self.start = device.recorded_start()
+
+    def _take_operator(self, person: Person, generator: np.random.Generator | Normals, path: PathFile) -> None:
+        """Let a simulated operator move the handle, round obstacles on the path."""
+        self._run = tick.new_run(self.trial_rules, simulated_hand=True)
+        self._operator = new_operator(person, generator)
+        self._operator_noise = generator.standard_normal((NOISE_DRAWS, 2))
+        self._operator_path = way_round(path, self.trial_rules.around.obstacles, f"path {self.planned.segment}")
+        take_handle(person, self._operator_path, self.simulation.hand.grips)
 
     def refine(self, substeps: int) -> None:
         """Simulate each tick in so many steps; operator and controller act once a tick all the same."""
