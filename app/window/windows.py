@@ -67,7 +67,7 @@ class Windows(QObject):
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         for changed in (application.screenAdded, application.screenRemoved):
-            changed.connect(lambda _: QTimer.singleShot(0, self._follow_screens))  # once Qt has moved its windows
+            changed.connect(self._screens_changed)
         self._shown_s = math.inf  # time of the newest tick that was shown, in its trial
         #: trials whose ticks have begun to come, less those that the server has announced: -1, 0 or 1
         self._ticks_ahead = 0
@@ -142,6 +142,9 @@ class Windows(QObject):
             if not self.one_screen:
                 self._show_participant()
             self.main.ask_participant(self.participant.isVisible())
+
+    def _screens_changed(self) -> None:
+        QTimer.singleShot(0, self._follow_screens)  # once Qt has moved its windows
 
     def _follow_screens(self) -> None:
         """A screen was plugged in, or is gone: without one of their own the participant is asked in the main window."""

@@ -149,7 +149,7 @@ def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(stud
         (["study", "--out", "{full}"], "not empty"),
         (["study", "--out", "{file}/sub"], "cannot be used"),
         (["analyze", "{empty}"], "no recordings"),
-        (["analyze", "{new}"], "no recordings"),
+        (["analyze", "{new}"], "there is no such folder"),
     ],
 )
 def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys, arguments, said):
