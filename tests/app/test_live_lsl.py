@@ -109,7 +109,7 @@ def test_each_tick_has_the_time_at_which_it_was_due_also_behind_a_stall(streams:
     streams.ticks.until(len(rows))
     due_s = began_s + times + np.where(np.arange(60) > 20, stall_s, 0.0) + streams.outlets._offset_s()
     assert np.allclose(streams.ticks.times, due_s, atol=2e-5)
-    assert np.array_equal(np.array(streams.ticks.samples), rows[:, streams.outlets._places])
+    assert np.array_equal(np.array(streams.ticks.samples), rows[:, streams.outlets._columns])
 
 
 @pytest.mark.parametrize("streams", [True], indirect=True)
