@@ -19,6 +19,7 @@ from multiprocessing.synchronize import Event
 from typing import NamedTuple
 
 LOOK_S = 0.5  # how often a process looks whether its parent lives
+MOST_ON_WINDOWS = 61  # processes that one process can wait for, there
 _SYNCHRONIZE, _FOR_EVER = 0x100000, 0xFFFFFFFF  # of Windows
 
 
@@ -80,8 +81,10 @@ def helpers(most: int) -> Iterator[Helpers]:
 
 
 def cores() -> int:
-    """The number of processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """The number of processor cores that this process may use; on Windows at most as many as it can wait for."""
+    return (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else min(os.cpu_count() or 1, MOST_ON_WINDOWS)
+    )
 
 
 _in_helper: list[Shared] = []
