@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fake_client import PATHS, before, movement, opened, paper, ready
 from page_driver import PageDriver
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import settle
@@ -212,6 +212,28 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     assert len(page.canvas.trail) == 1510  # to be looked at until the next movement
     page.show_ticks(rows[:1], True)
     assert len(page.canvas.trail) == 1
+
+
+def test_the_window_is_not_laid_out_anew_for_numbers_that_change(held: Held, qtbot) -> None:
+    rows = movement(1, "AEB", 2.0)
+    held.page.show_ticks(rows[:100], True)
+    settle(held.page)
+    laid_out: list[QObject] = []
+
+    class Watch(QObject):
+        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+            if event.type() == QEvent.Type.LayoutRequest:
+                laid_out.append(watched)
+            return False
+
+    watch = Watch()
+    QApplication.instance().installEventFilter(watch)
+    for upto in range(200, 1200, 100):
+        rows[:upto, tick_log.PATH_DISTANCE] = 1e-4 * upto
+        held.page.show_ticks(rows[upto - 100 : upto], True)
+        QApplication.processEvents()
+    QApplication.instance().removeEventFilter(watch)
+    assert held.page.error.text() == "110.0 mm" and laid_out == []
 
 
 def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:
