@@ -23,7 +23,7 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.protocol import Protocol
 
-FIGURE, WIDEST_FIGURE = 22, "888.8 mm"  # px, of a figure; one that has room
+FIGURE, WIDEST_FIGURE = 22, "88.8 mm"  # px, of a figure; a longer one is written smaller
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
