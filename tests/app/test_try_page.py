@@ -236,6 +236,25 @@ def test_the_window_is_not_laid_out_anew_for_numbers_that_change(held: Held, qtb
     assert held.page.error.text() == "110.0 mm" and laid_out == []
 
 
+def test_at_rest_the_canvas_is_painted_with_its_read_outs_alone(held: Held) -> None:
+    rows, canvas = movement(1, "AEB", 2.0)[:1000], held.page.canvas
+    rows[:] = rows[500]
+    rows[:, tick_log.T] = np.arange(len(rows)) / 1000.0
+    painted: list[bool] = []
+    held.page.show_ticks(rows[:20], True)
+    settle(held.page)
+    canvas.painted.connect(lambda: painted.append(True))
+    for at in range(20, 100, 10):
+        held.page.show_ticks(rows[at : at + 10], True)
+        QApplication.processEvents()
+    assert len(painted) <= 1
+    rows[110:, tick_log.HAND_FX] += 5.0
+    before = len(painted)
+    held.page.show_ticks(rows[100:120], True)
+    QApplication.processEvents()
+    assert len(painted) > before
+
+
 def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:
     canvas = held.page.canvas
     for size in ((1000, 490), (1256, 610), (1896, 970)):
