@@ -22,7 +22,7 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, breakable, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Banner, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
 from experiments.plan import grouped
@@ -128,8 +128,7 @@ class MainWindow(QWidget):
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
-        self.banner = wrapped_label("", "banner", theme.TITLE, bold=True)
-        self.banner.hide()
+        self.banner = Banner(theme.TITLE)
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
         self._lay_out()
         self.preflight.advice.lie_over(self)
@@ -391,8 +390,7 @@ class MainWindow(QWidget):
 
     def _refresh(self) -> None:
         failed = self.snapshot.stage == m.FAILED
-        self.banner.setText(breakable(self.snapshot.notice) if failed else "")
-        self.banner.setVisible(failed)
+        self.banner.show_text(self.snapshot.notice if failed else "")
         self.preflight.show_session(self.opened, self.snapshot)
 
     # ------------------------------------------------------------------------------------------- the end

@@ -217,8 +217,8 @@ def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, n
 def _method(counts: set[int]) -> str:
     """How the boxes are drawn, for the caption; counts: their numbers of trials."""
     if counts == {1}:
-        return "1 trial a box, drawn as a square."
-    trials = f"{min(counts)} trials a box." if len(counts) == 1 else "Under each box: the number of its trials."
+        return "1 trial per box, drawn as a square."
+    trials = f"{min(counts)} trials per box." if len(counts) == 1 else "Under each box: the number of its trials."
     single = "A square: one trial alone. " if 1 in counts else ""
     return (
         f"{trials} {single}Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "

@@ -383,11 +383,12 @@ def legend(chart: Chart, view: View) -> list[str]:
     if len(view.configurations) > 1:
         for look, word in enumerate(LOOKS[: len(view.configurations)]):
             parts.append(f"{word}: {' and '.join(view.configurations[look :: len(LOOKS)])}.")
-    parts.append("A point is one answer." if chart.name == QUESTIONS else "A point is one trial.")
+    point = "answer" if chart.name == QUESTIONS else "trial"
+    parts.append(f"A point is one {point}.")
     if counts := {placed.box.n for placed in chart.boxes}:
-        parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} a box.")
+        parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} {point}s per box.")
     if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.look) for p in chart.points}):
-        parts.append(f"No box below {LEAST_IN_A_BOX}.")
+        parts.append(f"Boxes need at least {LEAST_IN_A_BOX} {point}s.")
     if chart.curve:
         parts.append(f"Line: median of {2 * WINDOW_RUNS + 1} runs.")
     if chart.others:

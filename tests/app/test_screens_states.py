@@ -6,7 +6,7 @@ import wave
 import numpy as np
 import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, pulse, ready, result, running, ticks
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import QPoint, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QPicture
 from PySide6.QtWidgets import QAbstractButton, QLabel
 from screens import Screens, settle, visible_texts
@@ -50,6 +50,23 @@ def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -
     screens.hear(ready(12, checks=waiting))
     assert not screens.main.preflight.advice.isVisible() and "waiting" in screens.run.panel.notice.text()
     assert screens.run.panel.notice.isVisible()
+
+
+def test_what_is_wrong_takes_two_lines_and_no_button_of_a_layer_lies_under_it(screens: Screens) -> None:
+    folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
+    many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
+    console = screens.hear(opened(), ready(3, checks=many))
+    settle(console)
+    advice, buttons = console.preflight.advice, screens.run.workspace.buttons.values()
+    places = [button.rect().translated(button.mapTo(console, QPoint())) for button in buttons]
+    assert advice.text().endswith("…") and advice.toolTip().count("cannot be written to") == len(GREEN)
+    assert advice.height() > 3 * advice.fontMetrics().lineSpacing() - 4, "both lines are used"
+    assert not any(advice.geometry().intersects(place) for place in places)
+    screens.hear(ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True))
+    settle(console)
+    banner = console.banner
+    assert banner.text().endswith("…") and banner.toolTip() == 5 * folder
+    assert banner.height() < 4 * banner.fontMetrics().lineSpacing() and console.height() == 720
 
 
 def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fake_client import PATHS, before, movement, opened, paper, ready
 from page_driver import PageDriver
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 from screens import settle
@@ -212,6 +212,47 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     assert len(page.canvas.trail) == 1510  # to be looked at until the next movement
     page.show_ticks(rows[:1], True)
     assert len(page.canvas.trail) == 1
+
+
+def test_the_window_is_not_laid_out_anew_for_numbers_that_change(held: Held, qtbot) -> None:
+    rows = movement(1, "AEB", 2.0)
+    held.page.show_ticks(rows[:100], True)
+    settle(held.page)
+    laid_out: list[QObject] = []
+
+    class Watch(QObject):
+        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+            if event.type() == QEvent.Type.LayoutRequest:
+                laid_out.append(watched)
+            return False
+
+    watch = Watch()
+    QApplication.instance().installEventFilter(watch)
+    for upto in range(200, 1200, 100):
+        rows[:upto, tick_log.PATH_DISTANCE] = 1e-4 * upto
+        held.page.show_ticks(rows[upto - 100 : upto], True)
+        QApplication.processEvents()
+    QApplication.instance().removeEventFilter(watch)
+    assert held.page.error.text() == "110.0 mm" and laid_out == []
+
+
+def test_at_rest_the_canvas_is_painted_with_its_read_outs_alone(held: Held) -> None:
+    rows, canvas = movement(1, "AEB", 2.0)[:1000], held.page.canvas
+    rows[:] = rows[500]
+    rows[:, tick_log.T] = np.arange(len(rows)) / 1000.0
+    painted: list[bool] = []
+    held.page.show_ticks(rows[:20], True)
+    settle(held.page)
+    canvas.painted.connect(lambda: painted.append(True))
+    for at in range(20, 100, 10):
+        held.page.show_ticks(rows[at : at + 10], True)
+        QApplication.processEvents()
+    assert len(painted) <= 1
+    rows[110:, tick_log.HAND_FX] += 5.0
+    before = len(painted)
+    held.page.show_ticks(rows[100:120], True)
+    QApplication.processEvents()
+    assert len(painted) > before
 
 
 def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_layer_is_off(held: Held) -> None:

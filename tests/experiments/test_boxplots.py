@@ -126,7 +126,7 @@ def drawn(rows, **more):
 
 def test_every_figure_says_what_it_shows_and_with_what_it_was_made_and_a_measure_without_a_value_is_drawn_empty():
     rows = study(controllers=(1, 2))
-    for shown, trials in ((rows, "18 trials a box"), (rows[1:], "Under each box")):
+    for shown, trials in ((rows, "18 trials per box"), (rows[1:], "Under each box")):
         figure, foot = drawn(shown)
         for words in (trials, "'linear'", "1.5 box lengths", NOTE):
             assert words in foot, words
@@ -150,5 +150,5 @@ def test_one_trial_is_a_square_filled_or_open_as_the_legend_says():
     figure, foot = drawn(one)
     faces = [line.get_markerfacecolor() for line in figure.axes[0].lines if line.get_marker() == "s"]
     assert len(faces) == 4 and faces.count("white") == 2 and not figure.axes[0].patches
-    assert "1 trial a box" in foot and "square" in foot
+    assert "1 trial per box" in foot and "square" in foot
     assert not [line for line in drawn(one + one)[0].axes[0].lines if line.get_marker() == "s"]

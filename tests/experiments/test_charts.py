@@ -89,7 +89,7 @@ def test_fewer_than_five_trials_have_no_box():
     for count in (LEAST_IN_A_BOX - 1, LEAST_IN_A_BOX):
         chart = charts(POOLED, rows[:count], VIEW)[0]
         assert len(chart.points) == count and len(chart.boxes) == (count == LEAST_IN_A_BOX)
-    assert "No box below 5." in legend(charts(POOLED, rows[:4], VIEW)[0], VIEW)
+    assert "Boxes need at least 5 trials." in legend(charts(POOLED, rows[:4], VIEW)[0], VIEW)
 
 
 def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_participants_apart():

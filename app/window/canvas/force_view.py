@@ -109,7 +109,10 @@ class ForceView(Plane):
 
     def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
         self._ticks, self._text_current = ticks, False
-        self.instant = now = Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
+        before, now = self.instant, Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
+        self.instant = now
+        if before is None or not now.looks_like(before):
+            self.update()
         if not self._follows_mouse:
             self.pointer = now.wanted
         self.show_handle(tip, taken, math.hypot(*now.hand))

@@ -189,6 +189,15 @@ class Instant:
             x, y = (self.g.T @ now[tick_log.TORQUE : tick_log.TORQUE + 4]).tolist()
             self.brakes = (x, y)
 
+    def looks_like(self, other: "Instant") -> bool:
+        """Whether both are the same to the eye: at rest every tick is."""
+        return self._seen == other._seen
+
+    @property
+    def _seen(self) -> tuple:
+        moving = (self.velocity, self.hand, self.brakes, self.wanted, self._stuck)
+        return self.device.name, self.tip, self.running, self.blind, *moving
+
     def reachable(self) -> Wedge | None:
         """The forces that the brakes can exert against the present motion; None at rest, and while blind: with the
         stuck ones it would tell the controllers apart, without them it would be wrong."""

@@ -89,7 +89,10 @@ class LinkageView(ForceView):
                 self.sense = float(ticks[-1, tick_log.TRAVEL_SENSE])
                 self.repaint_still()
             known = layers.field_of(ticks[-1]) if ticks is not None else None
-            self._field = known or layers.field_at_rest(self._path, tip, self.sense)
+            field = known or layers.field_at_rest(self._path, tip, self.sense)
+            if field != self._field:
+                self.update()
+            self._field = field
         super()._show(device, tip, ticks, taken)
 
     def show_numbers(self, now: np.ndarray) -> None:

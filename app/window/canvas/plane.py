@@ -133,11 +133,12 @@ class Plane(QWidget):
 
         taken: whether the pointer holds it; None: no pointer can take it now.
         """
+        if (tip, taken, force_N) != (self.tip, self.taken, self.force_N):
+            self.update()
         self.tip, self.force_N = tip, force_N
         if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
             self.taken = taken
             self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
-        self.update()
 
     def show_pointer(self, place: Point | None) -> None:
         """Where the hand wants the handle to be (m), where this widget's own pointer is not the hand."""
@@ -156,7 +157,10 @@ class Plane(QWidget):
             return
         self._trail.append(tips)
         if self.trail_shown and self._still:
-            self._trail_end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
+            end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
+            if not np.array_equal(end, self._trail_end):
+                self.update()
+            self._trail_end = end
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""

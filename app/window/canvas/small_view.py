@@ -34,6 +34,8 @@ class SmallView(Plane):
 
     def show_instant(self, now: Instant, doing: Mapping[str, Doing]) -> None:
         """The device at a moment, and what its brakes do."""
+        if self.instant is None or doing != self.doing or not now.looks_like(self.instant):
+            self.update()
         self.instant, self.doing = now, doing
         self.show_handle(now.tip)
 

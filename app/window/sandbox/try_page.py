@@ -23,6 +23,7 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.protocol import Protocol
 
+FIGURE, WIDEST_FIGURE = 22, "88.8 mm"  # px, of a figure; a longer one is written smaller
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
@@ -50,7 +51,7 @@ class TryPage(Page):
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
         self._timer.timeout.connect(lambda: self.send(m.SetSandbox(self.controls.settings)))
         self.large, self.small = Figures(theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
-        self.error, self.time = text_label("–", size=22, bold=True), text_label("–", size=22, bold=True)
+        self.error, self.time = Figures(FIGURE, bold=True), Figures(FIGURE, bold=True)
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
         self.bring = button(
@@ -89,6 +90,13 @@ class TryPage(Page):
         for pressed in (self.bring, self.clear, self.save):  # until the server has answered
             pressed.setEnabled(False)
         self._show_status(PREPARING)
+        self._clear_figures()
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        """The figures keep their room above a larger text, whatever they are."""
+        for figure in (self.error, self.time):
+            figure.setFixedWidth(math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True)))
 
     # ------------------------------------------------------------------------------------------- user actions
 
@@ -217,9 +225,9 @@ class TryPage(Page):
         said = words.moving(phase, held, words.language_of(self.opened)) or BACK
         self._show_status(said if held or self.canvas.handle_seen else AWAY)
         if phase == tick_log.MOVE:
-            self.time.setText(f"{now[tick_log.T] - self.canvas.began_s:.1f} s")
+            self.time.show_parts((f"{now[tick_log.T] - self.canvas.began_s:.1f} s", COLOURS.text))
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
-                self.error.setText(f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
+                self.error.show_parts((f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm", COLOURS.text))
 
     def show_time(self, now_s: float) -> None:
         self.canvas.follow_pointer()
@@ -228,11 +236,14 @@ class TryPage(Page):
         self.large.show_parts((shown.large, COLOURS.text))
         self.small.setText(shown.small)
 
+    def _clear_figures(self) -> None:
+        for figure in (self.error, self.time):
+            figure.show_parts(("–", COLOURS.text))
+
     def _show_place(self, opened: m.Opened, s: m.SandboxSettings, tip: m.Point) -> None:
         if self._place != (s.device, s.path):
             self._place = s.device, s.path
-            self.error.setText("–")
-            self.time.setText("–")
+            self._clear_figures()
             self.canvas.show_trial(opened.protocol.device(s.device), opened.protocol.paths[s.path], tip)
 
     def _show_passes(self) -> None:

@@ -2,11 +2,11 @@
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Banner, Panel, breakable, clear, grid, row, text_label, wrapped_label
 
 #: state -> shape and look of its mark: said by shape too, not by colour alone
 MARKS = {
@@ -41,13 +41,11 @@ class Pill(Panel):
             self.clicked.emit()
 
 
-class Banner(QLabel):
+class Advice(Banner):
     """What is wrong, laid over the foot of the window: nothing moves when it comes or goes."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self.setFont(theme.font(theme.NORMAL, bold=True))
-        self.hide()
+        super().__init__(theme.NORMAL)
         self._window: QWidget = self
 
     def lie_over(self, window: QWidget) -> None:
@@ -56,14 +54,14 @@ class Banner(QLabel):
         window.installEventFilter(self)
 
     def show_text(self, text: str) -> None:
-        """A line for each thing; "": nothing is wrong."""
-        self.setText(text)
-        self.setVisible(bool(text))
+        super().show_text(text)
         self.follow_text()
 
     def follow_text(self) -> None:
         """As wide as the window, as high as its text, from the foot up."""
         wide = self._window.width() - 2 * theme.GAP
+        self.resize(wide, self.height())  # the text is cut to the width
+        super().follow_text()
         high = self.heightForWidth(wide)
         self.setGeometry(theme.GAP, self._window.height() - theme.GAP - high, wide, high)
         self.raise_()
@@ -100,7 +98,7 @@ class Preflight(QWidget):
         self.brakes = BrakesButton()
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.advice = Banner()
+        self.advice = Advice()
         self._row = row(spacing=GAP_PX)
         self.setLayout(row(1, self._row))
 
@@ -133,7 +131,7 @@ class Preflight(QWidget):
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
             wrong[-1] += " F3 shows the device page."
-        self.advice.show_text(breakable("\n".join(wrong)))
+        self.advice.show_text("\n".join(wrong))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText(ALLOW if off else OFF)
