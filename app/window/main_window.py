@@ -22,7 +22,7 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, Banner, OneLine, Panel, button, column, row, text_label
+from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
 from experiments.plan import grouped
@@ -128,10 +128,9 @@ class MainWindow(QWidget):
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
-        self.banner = Banner(theme.TITLE)
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
         self._lay_out()
-        self.preflight.advice.lie_over(self)
+        self.preflight.banner.lie_over(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.footer.show_folder(client.setup.data_dir)
@@ -158,8 +157,9 @@ class MainWindow(QWidget):
             pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
             head.addWidget(pressed)
-        parts = (head, self.banner, (self._stack, 1), self.footer)
-        self.setLayout(column(*parts, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP)))
+        self.setLayout(
+            column(head, (self._stack, 1), self.footer, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP))
+        )
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -342,7 +342,7 @@ class MainWindow(QWidget):
             page.show_opened(opened)
         if begins or (ends and self.shown == RUN):
             self.show_page(RUN if begins else HOME)
-        self._refresh()
+        self.preflight.show_session(self.opened, self.snapshot)
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         self.snapshot = snapshot
@@ -352,7 +352,7 @@ class MainWindow(QWidget):
             self._then = None
         for page in self.pages.values():
             page.show_snapshot(snapshot)
-        self._refresh()
+        self.preflight.show_session(self.opened, self.snapshot)
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved
@@ -387,11 +387,6 @@ class MainWindow(QWidget):
         self.show_snapshot(
             m.Snapshot(m.FAILED, last.rows, blind=last.blind, notes=last.notes, notice=sentence, notice_bad=True)
         )
-
-    def _refresh(self) -> None:
-        failed = self.snapshot.stage == m.FAILED
-        self.banner.show_text(self.snapshot.notice if failed else "")
-        self.preflight.show_session(self.opened, self.snapshot)
 
     # ------------------------------------------------------------------------------------------- the end
 

@@ -52,9 +52,9 @@ def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_reada
     console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
     assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
     assert any("12 MB free" in text for text in visible_texts(console))
-    assert screens.main.preflight.advice.isVisible() == (state == m.BAD)
+    assert screens.main.preflight.banner.isVisible() == (state == m.BAD)
     if state == m.BAD:
-        assert "Disk: 12 MB free. Free some space." in screens.main.preflight.advice.text()
+        assert "Disk: 12 MB free. Free some space." in screens.main.preflight.banner.text()
     screens.hear(ready())
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
@@ -113,7 +113,7 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     (cause,) = screens.client.off_causes
     assert cause.startswith("Esc was pressed") and where in cause
     screens.hear(ready(1, brakes_off=cause))
-    assert cause in screens.main.preflight.advice.text() and not screens.run.panel.start.isEnabled()
+    assert cause in screens.main.preflight.banner.text() and not screens.run.panel.start.isEnabled()
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
@@ -419,11 +419,11 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert screens.main.banner.text() == words.server_died(running(3))
+        assert screens.main.preflight.banner.text() == words.server_died(running(3))
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.main.banner.text() == "The disk is full."
-    assert screens.main.banner.isVisible()
+        assert screens.main.preflight.banner.text() == "The disk is full."
+    assert screens.main.preflight.banner.isVisible()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
@@ -435,7 +435,7 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.hear(opened(), running(3, notice=refused, notice_bad=True))
     screens.client.alive = False
     screens.hear()
-    said = screens.main.banner.text()
+    said = screens.main.preflight.banner.text()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
 
 

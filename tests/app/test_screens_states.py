@@ -45,10 +45,10 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
     screens.hear(opened(), ready(12, checks=RED))
-    assert screens.main.preflight.advice.isVisible() and not screens.run.panel.notice.isVisible()
+    assert screens.main.preflight.banner.isVisible() and not screens.run.panel.notice.isVisible()
     waiting = (*GREEN[:4], m.Check("Recording", m.WAITING, "waiting"))
     screens.hear(ready(12, checks=waiting))
-    assert not screens.main.preflight.advice.isVisible() and "waiting" in screens.run.panel.notice.text()
+    assert not screens.main.preflight.banner.isVisible() and "waiting" in screens.run.panel.notice.text()
     assert screens.run.panel.notice.isVisible()
 
 
@@ -57,16 +57,16 @@ def test_what_is_wrong_takes_two_lines_and_no_button_of_a_layer_lies_under_it(sc
     many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
     console = screens.hear(opened(), ready(3, checks=many))
     settle(console)
-    advice, buttons = console.preflight.advice, screens.run.workspace.buttons.values()
+    banner, buttons = console.preflight.banner, screens.run.workspace.buttons.values()
     places = [button.rect().translated(button.mapTo(console, QPoint())) for button in buttons]
-    assert advice.text().endswith("…") and advice.toolTip().count("cannot be written to") == len(GREEN)
-    assert advice.height() > 3 * advice.fontMetrics().lineSpacing() - 4, "both lines are used"
-    assert not any(advice.geometry().intersects(place) for place in places)
+    assert banner.text().endswith("…") and banner.toolTip().count("cannot be written to") == len(GREEN)
+    assert banner.height() > 3 * banner.fontMetrics().lineSpacing() - 4, "both lines are used"
+    assert not any(banner.geometry().intersects(place) for place in places)
     screens.hear(ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True))
     settle(console)
-    banner = console.banner
     assert banner.text().endswith("…") and banner.toolTip() == 5 * folder
     assert banner.height() < 4 * banner.fontMetrics().lineSpacing() and console.height() == 720
+    assert places == [button.rect().translated(button.mapTo(console, QPoint())) for button in buttons], "nothing moved"
 
 
 def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
@@ -151,7 +151,7 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
 
 
 def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(screens: Screens) -> None:
-    banner = screens.hear(opened(), ready(9, brakes_off="the board: no command for 50 ms")).preflight.advice
+    banner = screens.hear(opened(), ready(9, brakes_off="the board: no command for 50 ms")).preflight.banner
     assert banner.text().startswith("Brakes off: the board: no command for 50 ms.")
     screens.hear(ready(9, brakes_off="Esc on the console"))
     assert banner.text().startswith("Brakes off: Esc on the console.")
@@ -161,13 +161,13 @@ def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_pla
     screens: Screens,
 ) -> None:
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
-    banner, line = screens.main.preflight.advice.text(), screens.run.workspace.view
+    banner, line = screens.main.preflight.banner.text(), screens.run.workspace.view
     assert banner.startswith("Brakes off: Esc.") and "Device: not connected. No sample for 200 ms." in banner
     assert line.line == UNMEASURED
     off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off: Esc.")
     assert told(off) == "Brakes off: Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
-    assert screens.main.preflight.advice.text().count("Esc.") == 1 and not line.line
+    assert screens.main.preflight.banner.text().count("Esc.") == 1 and not line.line
 
 
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
@@ -368,3 +368,9 @@ def test_nothing_can_be_pressed_on_run_before_there_is_a_protocol(qtbot) -> None
     page.show()
     seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
     assert seen and not any(button.isEnabled() for button in seen)
+
+
+def test_before_the_session_server_has_said_anything_run_says_what_it_waits_for(qtbot) -> None:
+    page = RunPage(lambda _: None)
+    qtbot.addWidget(page)
+    assert (page.large.text(), page.small.text()) == words.PREPARING

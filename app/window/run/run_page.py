@@ -77,6 +77,7 @@ class RunPage(Page):
         self.setLayout(row(self._stack))
         self.cards = SessionCards(self._centre)
         self._connect()
+        self._write(words.PREPARING)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -19,7 +19,7 @@ from app.window.widgets.keys import add_key
 from app.window.widgets.page import Page
 from app.window.widgets.parts import NO_FOCUS, Figures, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import Shown
+from app.window.widgets.words import PREPARING, Shown
 from core import tick_log
 from experiments.protocol import Protocol
 
@@ -28,7 +28,6 @@ SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 READY = Shown("Ready", "Space starts a pass")
-PREPARING = Shown("One moment", "Everything is being prepared")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
 

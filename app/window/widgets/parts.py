@@ -1,7 +1,6 @@
 """What the pages are made of: texts that are never cut, buttons, panels, rows and columns."""
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -31,7 +30,6 @@ from app.window.widgets.theme import COLOURS
 
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
 END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
-BANNER_PX = 14  # beside the words of a banner: the sheet's padding, and a little
 PART = " · "  # between two parts of a line
 
 
@@ -41,7 +39,7 @@ def breakable(text: str) -> str:
 
 
 def wrapped_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: bool = False) -> QLabel:
-    """A text that breaks into lines where it must. name: quiet, good, caution, bad or banner."""
+    """A text that breaks into lines where it must. name: quiet, good, caution or bad."""
     label = QLabel(text, objectName=name, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
     label.setFont(theme.font(size, bold))
     return label
@@ -105,46 +103,6 @@ class OneLine(QLabel):
         fitting = (words for words in (text, *shorter) if metrics.horizontalAdvance(words) <= room)
         shown = next(fitting, None) or metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
-
-
-class Banner(QLabel):
-    """What is wrong, in two lines at most, so that the page keeps its room; its tooltip has all of it."""
-
-    def __init__(self, size: int) -> None:
-        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self.setFont(theme.font(size, bold=True))
-        self._whole = ""
-        self.hide()
-
-    def show_text(self, text: str) -> None:
-        """A line for each thing; "": nothing is wrong."""
-        self._whole = breakable(text)
-        self.setToolTip(text)
-        self.setVisible(bool(text))
-        self._fit()
-
-    def follow_text(self) -> None:
-        self._fit()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
-        """As much of the text as has room."""
-        if self._fits(self._whole):
-            self.setText(self._whole)
-            return
-        shown = bisect_left(range(1, len(self._whole)), True, key=lambda n: not self._fits(self._cut(n)))
-        self.setText(self._cut(shown))
-
-    def _cut(self, n: int) -> str:
-        return f"{self._whole[:n].rstrip()} …"
-
-    def _fits(self, text: str) -> bool:
-        room = QRect(0, 0, self.contentsRect().width() - 2 * BANNER_PX, 0)
-        needed = self.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, text)
-        return needed.height() < 2.5 * self.fontMetrics().lineSpacing() and needed.width() <= room.width()
 
 
 class Figures(QWidget):

@@ -1,12 +1,12 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Banner, Panel, breakable, clear, grid, row, text_label, wrapped_label
+from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
 
 #: state -> shape and look of its mark: said by shape too, not by colour alone
 MARKS = {
@@ -16,6 +16,7 @@ MARKS = {
 DEVICE = "Device"  # the check that leads to the device page
 URGENT = (m.BAD, m.DUE, m.CAUTION, m.WAITING, m.GOOD)  # whose words have room first
 GAP_PX = 4  # in a pill and between two
+PADDING_PX = 14  # beside the words of the banner: the sheet's padding, and a little
 
 
 class Pill(Panel):
@@ -41,12 +42,18 @@ class Pill(Panel):
             self.clicked.emit()
 
 
-class Advice(Banner):
-    """What is wrong, laid over the foot of the window: nothing moves when it comes or goes."""
+class Banner(QLabel):
+    """What is wrong, laid over the foot of the window: nothing moves when it comes or goes.
+
+    Two lines at most, so that what lies above stays in sight; its tooltip has all of it.
+    """
 
     def __init__(self) -> None:
-        super().__init__(theme.NORMAL)
+        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self.setFont(theme.font(theme.NORMAL, bold=True))
+        self.hide()
         self._window: QWidget = self
+        self._whole = ""
 
     def lie_over(self, window: QWidget) -> None:
         self._window = window
@@ -54,17 +61,32 @@ class Advice(Banner):
         window.installEventFilter(self)
 
     def show_text(self, text: str) -> None:
-        super().show_text(text)
+        """A line for each thing; "": nothing is wrong."""
+        self._whole = breakable(text)
+        self.setToolTip(text)
+        self.setVisible(bool(text))
         self.follow_text()
 
     def follow_text(self) -> None:
         """As wide as the window, as high as its text, from the foot up."""
         wide = self._window.width() - 2 * theme.GAP
-        self.resize(wide, self.height())  # the text is cut to the width
-        super().follow_text()
+        self.setText(self._fitting(wide))
         high = self.heightForWidth(wide)
         self.setGeometry(theme.GAP, self._window.height() - theme.GAP - high, wide, high)
         self.raise_()
+
+    def _fitting(self, wide: int) -> str:
+        """As much of the text, whole words, as has room in two lines of a banner so wide (px)."""
+        metrics, room = self.fontMetrics(), QRect(0, 0, wide - 2 * PADDING_PX, 0)
+
+        def fits(text: str) -> bool:
+            needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
+            return needed.height() < 2.5 * metrics.lineSpacing() and needed.width() <= room.width()
+
+        shown = self._whole
+        while not fits(shown) and " " in shown:
+            shown = f"{shown.removesuffix(' …').rpartition(' ')[0]} …"
+        return shown
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Resize and watched is self._window:
@@ -98,7 +120,7 @@ class Preflight(QWidget):
         self.brakes = BrakesButton()
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.advice = Advice()
+        self.banner = Banner()
         self._row = row(spacing=GAP_PX)
         self.setLayout(row(1, self._row))
 
@@ -127,11 +149,11 @@ class Preflight(QWidget):
                 if check.name == DEVICE:
                     pill.clicked.connect(self.device_asked)
             self.follow_text()
-        wrong = advice(snapshot)
+        wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
         device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
         if wrong and device_bad and opened is not None and opened.real_device:
             wrong[-1] += " F3 shows the device page."
-        self.advice.show_text("\n".join(wrong))
+        self.banner.show_text("\n".join(wrong))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText(ALLOW if off else OFF)

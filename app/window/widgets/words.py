@@ -24,6 +24,10 @@ class Shown(NamedTuple):
     small: str = ""
 
 
+#: Until the session server has said what there is.
+PREPARING = Shown("One moment", "Everything is being prepared")
+
+
 #: phase, stage -> keys of the language: of the large line, of the quiet one
 PHASES = {
     tick_log.APPROACH: ("approach", "approach_how"),
