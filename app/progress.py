@@ -94,8 +94,6 @@ class ProgressBar:
 class CompileProgress:
     """Shows which kernel of how many is being compiled or linked, and adds up the time (s)."""
 
-    FEW = 20  # kernels that are compiled so soon that no bar need show them
-
     def __init__(self) -> None:
         self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
         self._began: float | None = None
@@ -105,12 +103,10 @@ class CompileProgress:
         if self._began is None:
             self._began = time.perf_counter()
         if name == LINKING:
-            if of > self.FEW:
-                self._bar(0.5, f"{of} of {of}, linking")
+            self._bar(0.5, "linking")  # where no kernel had to be compiled, too: it may take 20 s
             return
         if name:
-            if of > self.FEW:
-                self._bar(0.5 * number / of, f"{number} of {of}")
+            self._bar(0.5 * number / of, f"{number} of {of}")
             return
         self._bar.close()
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None
