@@ -49,7 +49,8 @@ class _Progress:
     def compiling(cls, name: str) -> None:
         """A kernel of this name begins."""
         cls.done += 1
-        cls.tell(min(cls.done, cls.of), name)
+        cls.of = max(cls.of, cls.done)  # one compiled for other types before is compiled for these, too
+        cls.tell(cls.done, name)
 
     @classmethod
     def tell(cls, number: int, name: str) -> None:

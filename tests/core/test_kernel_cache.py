@@ -85,8 +85,10 @@ def test_a_process_finds_the_parts_that_another_compiled_and_a_watcher_is_told_w
     watching = (
         "from core.kernels import cache\ncache.watchers.append(lambda number, of, name: print(number, of, name))\n"
     )
-    outer = run(tree, watching + "from core.caller import outer\nprint(outer(1.0))")
-    assert outer == "1 2 outer\n2 2 inner\n2 2 linking\n2 2 \n11.0\n"
+    outer = run(tree, watching + "from core.caller import outer\nprint(outer(1.0))\nprint(outer(True))")
+    first, other_types = outer[: outer.index("11.0")], outer[outer.index("11.0") :]
+    assert first == "1 2 outer\n2 2 inner\n2 2 linking\n2 2 \n"
+    assert other_types == "11.0\n1 1 outer\n2 2 inner\n2 2 linking\n2 2 \n11.0\n"
     beside = run(tree, watching + "from core.caller import beside\nprint(beside(1.0))")
     assert beside.splitlines()[0].endswith("beside") and "inner" not in beside and beside.endswith("\n33.0\n")
 
