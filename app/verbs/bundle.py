@@ -64,7 +64,7 @@ def bundle_verb(args: argparse.Namespace) -> None:
     inside = [name for name in PROGRAM if ROOT / name in place.parents]
     if inside:
         raise InputError(f"{args.folder}: lies in {inside[0]}, which goes into the bundle; name a folder elsewhere")
-    with contextlib.closing(ProgressBar("copying")) as bar, new_folders([place], "a bundle") as (folder,):
+    with contextlib.closing(ProgressBar("copying")) as bar, new_folders([args.folder], "a bundle") as (folder,):
         bundle(folder, bar)
     size = sum(file.stat().st_size for file in place.rglob("*") if file.is_file())
     print(f"{args.folder}: {size / 1e6:.0f} MB; start phd in it")

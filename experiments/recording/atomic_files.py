@@ -97,7 +97,7 @@ def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -
     with refusing(folder, "cannot be used"):
         folder.mkdir(parents=True, exist_ok=True)
         if {path.name for path in folder.iterdir()} - set(besides):
-            raise InputError(f"{folder}: is not empty, {needs}")
+            raise InputError(f"{folder}: is not empty; {needs}")
 
 
 def partial_name(target: Path) -> Path:
@@ -105,24 +105,37 @@ def partial_name(target: Path) -> Path:
     return target.with_name(f".{target.name}.partial")
 
 
+def _why_taken(place: Path) -> str:
+    """Why a new folder cannot take this place; "": it can."""
+    if not os.path.lexists(place):
+        return ""
+    if not place.is_dir():
+        return "is a file"
+    if any(place.iterdir()):
+        return "is not empty"
+    return "is the folder you are in, which would be another afterwards" if place.samefile(Path.cwd()) else ""
+
+
 @contextlib.contextmanager
 def new_folders(places: Sequence[Path], needs: str) -> Iterator[list[Path]]:
     """Yield a folder to be filled for each place; all get their names at the end, or none is left after an error.
 
-    needs: what needs a new folder, for the refusal. InputError if a place is taken by anything but an empty folder, or
-    cannot be made. OSError if a disk is full.
+    needs: what needs a new folder, for the refusal. InputError if a place is taken by anything but an empty folder, is
+    the folder that this process is in, or cannot be made. OSError if a disk is full.
     """
-    filled = [partial_name(place) for place in places]
+    for place in places:
+        with refusing(place, "cannot be created"):
+            if wrong := _why_taken(place):
+                raise InputError(f"{place}: {wrong}; {needs} needs a new or empty folder")
+    final = [place.resolve() for place in places]
+    filled = [partial_name(place) for place in final]
     try:
         for place, partial in zip(places, filled, strict=True):
             with refusing(place, "cannot be created"):
-                if os.path.lexists(place) and (not place.is_dir() or any(place.iterdir())):
-                    wrong = "is not empty" if place.is_dir() else "is a file"
-                    raise InputError(f"{place}: {wrong}; {needs} needs a new or empty folder")
                 shutil.rmtree(partial, ignore_errors=True)  # left by a kill
                 partial.mkdir(parents=True)
         yield filled
-        for place, partial in zip(places, filled, strict=True):
+        for place, partial in zip(final, filled, strict=True):
             with contextlib.suppress(FileNotFoundError):
                 place.rmdir()  # Windows gives no name that an empty folder has
             rename(partial, place)

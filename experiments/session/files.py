@@ -108,7 +108,7 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
 def refuse_no_folder(folder: Path) -> None:
     """InputError unless there is such a folder."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: {'is no folder' if folder.exists() else 'there is no such folder'}")
+        raise InputError(f"{folder}: {'is not a folder' if folder.exists() else 'there is no such folder'}")
 
 
 def sessions_in(folder: Path) -> list[Path]:

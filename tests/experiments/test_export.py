@@ -320,6 +320,11 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
     for sentence, arguments in wrong.items():
         assert sentence in refusal(capsys, *arguments)
         assert files(tmp_path) == before and not (tmp_path / "out").exists()
+    inside = tmp_path / "inside"  # a new folder in its place would leave the shell in one that is gone
+    inside.mkdir()
+    monkeypatch.chdir(inside)
+    assert "is the folder you are in" in refusal(capsys, "export", str(study), "--csv", ".")
+    assert "is not empty" in refusal(capsys, "export", str(study), "--csv", "/") and inside.samefile(".")
 
 
 def test_an_empty_folder_is_taken_and_what_a_kill_left_beside_it_is_cleared(study, tmp_path, capsys):
