@@ -113,7 +113,7 @@ def _why_taken(place: Path) -> str:
         return "is a file"
     if any(place.iterdir()):
         return "is not empty"
-    return "is the folder you are in, which would be another afterwards" if place.samefile(Path.cwd()) else ""
+    return "is the folder you are in (go to another one first)" if place.samefile(Path.cwd()) else ""
 
 
 @contextlib.contextmanager
