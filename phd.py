@@ -6,9 +6,7 @@
     phd.boxes(trials, "path_error_m")
 
 Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. No file
-is written, and importing changes nothing in your process. Sums over trials of more than ten seconds have other last
-digits where OpenBLAS uses several threads: for the very digits of `phd study` set OPENBLAS_NUM_THREADS=1 before numpy
-is imported.
+is written, and importing changes nothing in your process.
 """
 
 import tempfile

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-# before numpy is imported: its sums over long trials (over 10,000 ticks) have other last digits with other threads
+# before numpy is imported: nothing here needs OpenBLAS' threads, and the loop is to have none beside it
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 __version__ = "0.1.0"

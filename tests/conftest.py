@@ -5,8 +5,6 @@ import os
 import tempfile
 from collections.abc import Iterator
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the program does, before numpy is imported
-
 import conclusions
 import pytest
 from devices import BENCH, COUPLED, FIXED, FiveBar, random_five_bar

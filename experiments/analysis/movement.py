@@ -46,7 +46,7 @@ def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float:
 
     Dwelling and going back have no weight.
     """
-    return float(np.dot(np.diff(progress), 0.5 * (values[1:] + values[:-1])) / (progress[-1] - progress[0]))
+    return float(np.trapezoid(values, progress) / (progress[-1] - progress[0]))
 
 
 def tip_acceleration(tip: np.ndarray, cutoff_hz: float = POSITION_CUTOFF_HZ) -> np.ndarray | None:
@@ -95,7 +95,7 @@ def amplitude_sum(weighted: np.ndarray) -> float | None:
 
 def amplitude_rms(weighted: np.ndarray) -> float | None:
     """The same spectrum as a root mean square, m/s2: sqrt(1/2 sum (weighted amplitude)^2). Free of length."""
-    return math.sqrt(0.5 * float(np.dot(weighted, weighted))) if len(weighted) else None
+    return math.sqrt(0.5 * float(np.sum(weighted**2))) if len(weighted) else None
 
 
 def sparc(speed: np.ndarray) -> float | None:
