@@ -126,8 +126,7 @@ def replay(
             "controller": controller_words(recorded_protocol, row.controller),
             "status": row.status,
             "way_made": ways[0],
-            "energy_residual_J": row.energy_residual_J,
-            "energy_added_max_J": row.energy_added_max_J,
+            **{name: row.value(name) for name in ("energy_residual_J", "energy_added_max_J")},
         },
         "after": {
             "device": onto.name,

@@ -45,7 +45,7 @@ def cells_of(rows: Iterable[TrialRow], protocol: Protocol) -> list[str]:
     found: dict[Cell, list[str]] = {cell: [] for cell in cells(protocol)}
     for row in sorted(rows, key=lambda row: (row.participant, row.segment, row.repetition)):
         for metric in JUDGED:
-            value = getattr(row, metric.name) if row.status == "done" else None
+            value = row.value(metric.name) if row.status == "done" else None
             number = math.nan if value is None else value
             found[metric.name, row.configuration, int(row.controller)].append(f"{number:.{DIGITS}g}")
     return [" ".join(texts) for texts in found.values()]

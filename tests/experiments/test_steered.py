@@ -40,14 +40,18 @@ def test_steered_the_path_is_kept_far_better_than_by_brakes_and_freely_it_is_not
     rows = read_table(study / "trials.csv")
     assert {row.status for row in rows} == {"done"} and len(rows) == 12
     error = {
-        (name, number): np.mean([r.path_error_m for r in rows if (r.configuration, r.controller) == (name, number)])
+        (name, number): np.mean(
+            [r.value("path_error_m") for r in rows if (r.configuration, r.controller) == (name, number)]
+        )
         for name in ("four-brake", "unicycle")
         for number in (1, 2)
     }
     assert error["unicycle", 2] < 0.1 * error["four-brake", 2] < error["four-brake", 1]
     assert error["unicycle", 1] > 1e-3, "a free caster does not guide"
     steered = [row for row in rows if row.configuration == "unicycle"]
-    assert all(row.energy_added_max_J == 0.0 and abs(row.energy_residual_J) < 1e-12 for row in steered)
+    assert all(
+        row.value("energy_added_max_J") == 0.0 and abs(row.value("energy_residual_J")) < 1e-12 for row in steered
+    )
 
 
 def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(study):

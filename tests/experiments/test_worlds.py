@@ -98,7 +98,7 @@ def is_row_of(line: dict[str, str], study: Path) -> None:
         for device in ("three-brake", "four-brake"):
             for controller in range(1, 6):
                 found = [
-                    getattr(trial, metric.name)
+                    trial.value(metric.name)
                     for trial in sorted(trials, key=lambda trial: (trial.participant, trial.segment, trial.repetition))
                     if (trial.configuration, trial.controller) == (device, controller)
                 ]
