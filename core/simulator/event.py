@@ -59,23 +59,12 @@ def advance_event(model, data, currents, t, h):
         if elapsed - since > limits.FALLBACK_S:
             crowd, since = 0, elapsed
         now = t + elapsed
-        if state.held == STILL:
-            begin_lags(brakes, state, currents, lagged)
-            step = still_until(model, data, now, rest)
-            age_yields(state, step)
-            elapsed = h if step == rest else elapsed + step
-            fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
-            state.hand_force[0], state.hand_force[1] = fx, fy
-            if step < rest:
-                state.events += 1
-                crowd += 1
-                set_costs(brakes, state)
-                hold_all(brakes, state)
-                from_rest(mechanism, state, fx, fy, arm_mass)
-                settle_edges(brakes, state)
-                finish(mechanism, state, fx, fy, arm_mass)
-            continue
         begin_lags(brakes, state, currents, lagged)
+        if state.held == STILL:
+            before = state.events
+            elapsed = stand_still(model, data, t, elapsed, h)
+            crowd += state.events - before
+            continue
         if not rk4(model, data, now, step):
             state.shortened += 1
             longest = 0.5 * step
@@ -120,6 +109,29 @@ def advance_event(model, data, currents, t, h):
     if state.lagging != 0 and hand.grips[0].spring == 0:  # with a spring the next step sets the costs itself
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def stand_still(model, data, t, elapsed, h):
+    """Leave the tip at rest from `elapsed` (s) into the step on, until the hand pushes it loose, an event.
+
+    Returns the time into the step, h if it rests to the end.
+    """
+    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
+    rest, arm_mass = h - elapsed, hand.grips[0].mass
+    step = still_until(model, data, t + elapsed, rest)
+    age_yields(state, step)
+    elapsed = h if step == rest else elapsed + step
+    fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
+    state.hand_force[0], state.hand_force[1] = fx, fy
+    if step < rest:
+        state.events += 1
+        set_costs(brakes, state)
+        hold_all(brakes, state)
+        from_rest(mechanism, state, fx, fy, arm_mass)
+        settle_edges(brakes, state)
+        finish(mechanism, state, fx, fy, arm_mass)
+    return elapsed
 
 
 @kernel
