@@ -31,12 +31,9 @@ class Judgement:
     """A table of worlds, with the verdict of each study."""
 
     def __init__(self, table: Sequence[str], ranges: Ranges, shares: np.ndarray) -> None:
-        """table: the lines of worlds.csv; shares (worlds, assumptions): where worlds lie in the ranges, also of those
-        that are not in the table yet.
-        """
-        self.ranges, self.worlds = ranges, read_worlds(table)
-        self.n = len(self.worlds.seeds) // self.worlds.triples
-        self.shares = shares[: self.n]
+        """table: the lines of worlds.csv; shares (worlds, assumptions): where worlds lie in the ranges."""
+        self.ranges, self.worlds, self.shares = ranges, read_worlds(table), shares
+        self.n = len(shares)
         self.studies = self._judged(self.worlds)
 
     def _judged(self, worlds: Worlds, bands: float = 1.0) -> Verdicts:
