@@ -112,10 +112,7 @@ def report_files(
         "at_least": ", ".join(at_least) or "never four",
         "nearest": _nearest(found),
     }
-    files = {
-        "overview.png": overview(found.holds, found.chance.holds, found.indices.split, note),
-        "jointly.csv": _jointly_csv(found.studies.holds),
-    }
+    files = {"overview.png": overview(found.holds, found.chance.holds, found.indices.split, note)}
     if found.worlds.triples > 1:
         values |= {"triples": str(found.worlds.triples), "far": _far(found), "distances": _distances(found)}
     if found.indices.any:
@@ -303,11 +300,3 @@ def _indices_csv(found: Judgement) -> bytes:
             numbers = indices.split.first[i, j], indices.half_width.first[i, j], indices.limit[i]
             lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in numbers)))
     return csv_bytes(lines)
-
-
-def _jointly_csv(holds: np.ndarray) -> bytes:
-    """Share of studies in which both of two statements hold."""
-    both = holds.astype(float).T @ holds / len(holds)
-    numbers = [statement.number for statement in STATEMENTS]
-    lines = [(number, *(f"{x:.4f}" for x in row)) for number, row in zip(numbers, both, strict=True)]
-    return csv_bytes([("statement", *numbers), *lines])
