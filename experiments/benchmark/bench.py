@@ -21,7 +21,6 @@ from core import tick_log
 from core.device import without_backlash
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
-from experiments.analysis.simulation_errors import Moved
 from experiments.benchmark.drake import DrakeRun, drake_version
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
@@ -30,7 +29,7 @@ from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, 
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import load_protocol
-from experiments.study.unrecorded import person_of, simulation_errors, switched_on, trial_of
+from experiments.study.unrecorded import person_of, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
 
@@ -106,7 +105,6 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
         "reference": {"step_s": TINY_S, "against": AGAINST, "checks": checks},
         "karnopp": band,
         "tick": tick_cost(quick),
-        "study_errors": [moved._asdict() for moved in study_errors()],
     }
 
 
@@ -281,10 +279,3 @@ def tick_cost(quick: bool) -> dict:
         "us_per_tick": seconds / ticks * 1e6,
         "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
     }
-
-
-def study_errors() -> list[Moved]:
-    """How far the measures of the paper's study move with step and fidelity, in its first operator's first block."""
-    load_kernels()
-    protocol = load_protocol()
-    return simulation_errors(protocol, person_of(load_population(), protocol.seed, 1), "01")

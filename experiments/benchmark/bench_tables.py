@@ -4,9 +4,7 @@ from collections.abc import Iterable
 
 import matplotlib
 
-from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
-from experiments.analysis.simulation_errors import Moved, error_table
 from experiments.benchmark.bench import PEERS
 
 #: step of the rows that the table shows
@@ -56,12 +54,6 @@ def table(result: dict) -> str:
     lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
     lines += [
         f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
-    ]
-    moved = [Moved(**row) for row in result["study_errors"]]
-    lines += [
-        "",
-        "the paper's study, how far a trial's measures move: median / largest",
-        error_table(moved, CONTROLLER),
     ]
     return "\n".join(lines)
 
