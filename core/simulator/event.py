@@ -37,10 +37,13 @@ def advance_event(model, data, currents, t, h):
     lagged = 1 if model.fidelity == MR else 0
     state.steps += 1
     state.settled = 0
-    elapsed, longest, turn = 0.0, h, h
+    elapsed = 0.0  # s into the step
+    longest = h  # s, of a piece: less where one was refused, up to h again where the error is far within its limit
+    turn = h  # s, of a piece up to where a lag changes its pace; h: to no such place
     arm_mass = hand.grips[0].mass
-    crowd, since = 0, 0.0  # events, counted since that time (s in the step)
+    crowd, since = 0, 0.0  # events, counted since that time (s into the step)
     while elapsed < h:
+        # The next piece of the step; `stepping` takes it where many events crowd or the hand is too stiff.
         rest = h - elapsed
         step = min(rest, longest, turn)
         if step > limits.FALLBACK_S and stiffer_than(state, hand, step):
@@ -65,6 +68,7 @@ def advance_event(model, data, currents, t, h):
             elapsed = stand_still(model, data, t, elapsed, h)
             crowd += state.events - before
             continue
+        # Try it; where its error is too large, or a lag changes its pace within it, try a shorter one.
         if not rk4(model, data, now, step):
             state.shortened += 1
             longest = 0.5 * step
@@ -78,6 +82,7 @@ def advance_event(model, data, currents, t, h):
             state.refined += 1
             longest = step * max(0.2, 0.9 * (state.tolerance * limits.STEP_ERROR / error) ** (1.0 / 3.0))
             continue
+        # Cut it at its first event; where a brake would give energy, try a shorter one.
         scratch.seen = 0
         kind, guess = first_event(mechanism, brakes, state, scratch, step)
         if state.lagging != 0:
@@ -93,6 +98,7 @@ def advance_event(model, data, currents, t, h):
             state.refined += 1
             longest = 0.5 * step
             continue
+        # Take it.
         if longest < h and 16.0 * error < state.tolerance * limits.STEP_ERROR:
             longest *= 2.0
         accept(mechanism, brakes, state, scratch, step)
