@@ -9,6 +9,7 @@ Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input 
 is written, and importing changes nothing in your process.
 """
 
+import dataclasses
 import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -169,10 +170,11 @@ def _own_columns(trials: pd.DataFrame) -> list[str]:
 
 
 def _rows(trials: pd.DataFrame) -> list[TrialRow]:
-    known, own = [name for name in COLUMNS if name in trials], _own_columns(trials)
-    plain = trials[known].astype(object).where(trials[known].notna(), None).to_dict("records")
-    beside = trials[own].to_dict("records") if own else [{}] * len(plain)
-    return [
-        TrialRow(**record, own={name: value for name, value in more.items() if pd.notna(value)})
-        for record, more in zip(plain, beside, strict=True)
-    ]
+    fields = {field.name for field in dataclasses.fields(TrialRow)}
+    places = [name for name in COLUMNS if name in trials and name in fields]
+    measures = [name for name in (*COLUMNS, *_own_columns(trials)) if name in trials and name not in fields]
+    rows = []
+    for record in trials.astype(object).where(trials.notna(), None).to_dict("records"):
+        measured = {name: record[name] for name in measures if record[name] is not None}
+        rows.append(TrialRow(**{name: record[name] for name in places}, measures=measured))
+    return rows

@@ -93,10 +93,17 @@ def place(
 
 
 @kernel
+def in_world(twist, heading):
+    """A twist of the body (3,), in the world."""
+    c, s = math.cos(heading), math.sin(heading)
+    return c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]
+
+
+@kernel
 def velocity(cobot):
     """Velocity of the centre of mass and rate (vx, vy, w), m/s and rad/s."""
-    c, s, u, twist = math.cos(cobot.pose[2]), math.sin(cobot.pose[2]), cobot.speed, cobot.twist
-    return u * (c * twist[0] - s * twist[1]), u * (s * twist[0] + c * twist[1]), u * twist[2]
+    (x, y, w), u = in_world(cobot.twist, cobot.pose[2]), cobot.speed
+    return u * x, u * y, u * w
 
 
 @kernel
@@ -139,18 +146,13 @@ def turn_castor(cobot, i, gx, gy, gw, tangent):
 
 
 @kernel
-def advance(cobot, force, steered, goal, step):
-    """Move the cobot by a step (s) under the hand's force (3,) at the centre of mass (N, N, N m), held over the step.
+def unit_twist(cobot, goal, heading):
+    """A twist (3,) in the world as one of the body at a heading (gx, gy, gw), of unit measure, and its measure.
 
-    steered: 0: a free caster; 1: steered towards the twist goal (3,), in the world, of any length and either sign.
+    Of its two senses the one nearer to B; the measure has the sign of that. B itself where the twist is zero.
     """
-    (fx, fy, torque), (goal_x, goal_y, goal_w) = force, goal
-    mass, inertia, pose, twist, u = cobot.mass, cobot.inertia, cobot.pose, cobot.twist, cobot.speed
-    vx, vy, w = velocity(cobot)
-    free_x, free_y, free_w = vx + step * fx / mass, vy + step * fy / mass, w + step * torque / inertia
-    if steered == 0:
-        goal_x, goal_y, goal_w = free_x, free_y, free_w
-    heading = pose[2] + 0.5 * step * (w + free_w)  # after the step; exact for a free caster
+    goal_x, goal_y, goal_w = goal
+    mass, inertia, twist = cobot.mass, cobot.inertia, cobot.twist
     c, s = math.cos(heading), math.sin(heading)
     size = math.sqrt(mass * (goal_x * goal_x + goal_y * goal_y) + inertia * goal_w * goal_w)
     gx, gy, gw = twist[0], twist[1], twist[2]
@@ -158,7 +160,16 @@ def advance(cobot, force, steered, goal, step):
         gx, gy, gw = (c * goal_x + s * goal_y) / size, (c * goal_y - s * goal_x) / size, goal_w / size
     if mass * (gx * twist[0] + gy * twist[1]) + inertia * gw * twist[2] < 0.0:
         gx, gy, gw, size = -gx, -gy, -gw, -size
+    return gx, gy, gw, size
 
+
+@kernel
+def steer(cobot, gx, gy, gw, step):
+    """Turn the twist from B towards G, as far as every servo can follow in a step (s), and the castors with it.
+
+    Returns the share of the way from B to G.
+    """
+    mass, inertia, twist = cobot.mass, cobot.inertia, cobot.twist
     tangent, share = math.tan(min(cobot.rate_max * step, 1.5)), 1.0
     cobot.limited = 0
     for i in range(cobot.wheels):
@@ -166,9 +177,6 @@ def advance(cobot, force, steered, goal, step):
         if own < 1.0:
             cobot.limited |= 1 << i
         share = min(share, own)
-    c_before, s_before = math.cos(pose[2]), math.sin(pose[2])
-    before_x, before_y = c_before * twist[0] - s_before * twist[1], s_before * twist[0] + c_before * twist[1]
-    before_w = twist[2]
     for k in range(3):
         target = gx if k == 0 else (gy if k == 1 else gw)
         twist[k] += share * (target - twist[k])
@@ -177,8 +185,23 @@ def advance(cobot, force, steered, goal, step):
         twist[k] *= unit
     for i in range(cobot.wheels):
         turn_castor(cobot, i, gx, gy, gw, tangent)
+    return share
 
-    after_x, after_y, after_w = c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]
+
+@kernel
+def advance(cobot, force, steered, goal, step):
+    """Move the cobot by a step (s) under the hand's force (3,) at the centre of mass (N, N, N m), held over the step.
+
+    steered: 0: a free caster; 1: steered towards the twist goal (3,), in the world, of any length and either sign.
+    """
+    (fx, fy, torque), mass, pose, u = force, cobot.mass, cobot.pose, cobot.speed
+    vx, vy, w = velocity(cobot)
+    free = vx + step * fx / mass, vy + step * fy / mass, w + step * torque / cobot.inertia
+    heading = pose[2] + 0.5 * step * (w + free[2])  # after the step; exact for a free caster
+    gx, gy, gw, size = unit_twist(cobot, free if steered == 0 else goal, heading)
+    before_x, before_y, before_w = in_world(cobot.twist, pose[2])
+    share = steer(cobot, gx, gy, gw, step)
+    after_x, after_y, after_w = in_world(cobot.twist, heading)
     push_before = fx * before_x + fy * before_y + torque * before_w
     push_after = fx * after_x + fy * after_y + torque * after_w
     part_before, part_after = 0.5 * step, 0.5 * step  # s: displacement = part_before u B_before + part_after u' B_after
@@ -253,8 +276,7 @@ def stops_short(cobot, wall, push, step, most):
     for _ in range(most):
         if (cobot.pose[0] - wall[0]) * wall[2] + (cobot.pose[1] - wall[1]) * wall[3] < 0.0:
             return False
-        c, s, twist = math.cos(cobot.pose[2]), math.sin(cobot.pose[2]), cobot.twist
-        bx, by = c * twist[0] - s * twist[1], s * twist[0] + c * twist[1]
+        bx, by, _ = in_world(cobot.twist, cobot.pose[2])
         size = math.hypot(bx, by)
         outward = bx * wall[2] + by * wall[3]
         if abs(outward) <= PARALLEL * size or cobot.speed * outward > 0.0:

@@ -72,15 +72,8 @@ _TYPE_WORDS = {
     "float": "a number", "int": "a whole number", "str": "text", "array": "a list", "object": "a table",
     "bool": "true or false", "null": "nothing",
 }  # fmt: skip
-_AT = re.compile(r"^(?P<message>.*?)(?: - at `\$\.?(?P<key>.*)`)?$", re.DOTALL)
-_MISSING = re.compile(r"^Object missing required field `(.*)`$")
-_UNKNOWN = re.compile(r"^Object contains unknown field `(.*)`$")
-_TYPE = re.compile(r"^Expected `([^`]*)`, got `([^`]*)`$")
-_BOUND = re.compile(r"^Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)$")
-_INVALID = re.compile(r"^Invalid value '(.*)'$")
-_LENGTH = re.compile(r"^Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?$")
-_FORMS: dict[str, str] = {}  # msgspec's message -> what the text must be (`text_of_form`)
 _BOUND_WORDS = {">": "greater than", ">=": "at least", "<": "less than", "<=": "at most"}
+_FORMS: dict[str, str] = {}  # msgspec's message -> what the text must be (`text_of_form`)
 
 
 def read_text(path: Path) -> str:
@@ -201,30 +194,30 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
-    """msgspec's message in our words; `content` is the file, to show the value at fault."""
-    match = _AT.match(message)
-    assert match is not None  # the pattern matches any text
-    reason, key = match["message"], match["key"] or ""
-    inside = f"{key}." if key else ""
-    if found := _MISSING.match(reason):
-        at, name = _place(f"{inside}{found[1]}")
-        return f"{at}the required key {name} is missing"
-    if found := _UNKNOWN.match(reason):
-        at, name = _place(f"{inside}{found[1]}")
+    """msgspec's message in our words; `content` is the file, to show the value at fault.
+
+    Such messages are "Expected `int` >= 1 - at `$.path[0].number`" and "Object missing required field `name`".
+    """
+    reason, _, place = message.partition(" - at `$")
+    key = place.removesuffix("`").removeprefix(".")
+    if found := re.fullmatch("Object (missing required|contains unknown) field `(.*)`", reason):
+        at, name = _place(f"{key}.{found[2]}" if key else found[2])
+        if found[1] == "missing required":
+            return f"{at}the required key {name} is missing"
         known = _keys(kind, key)
         listed = f" (there are: {', '.join(known)})" if known else ""
-        return f"{at}unknown key {name}{did_you_mean(found[1], known)}{listed}"
+        return f"{at}unknown key {name}{did_you_mean(found[2], known)}{listed}"
     at, name = _place(key)
-    if found := _TYPE.match(reason):
-        wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
-        return f"{at}{name} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
-    if found := _BOUND.match(reason):
-        return f"{at}{name} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
     if words := _FORMS.get(reason.replace(" | null", "")):
         return f"{at}{name} must be {words}, not {_value(content, key)!r}"
-    if found := _INVALID.match(reason):
+    if found := re.fullmatch("Expected `([^`]*)`, got `([^`]*)`", reason):
+        wanted = " or ".join(_TYPE_WORDS.get(t, t) for t in found[1].split(" | ") if t != "null")
+        return f"{at}{name} must be {wanted}, not {_TYPE_WORDS.get(found[2], found[2])}"
+    if found := re.fullmatch(r"Expected `(?:float|int)(?: \| null)?` (>=|>|<=|<) (\S+)", reason):
+        return f"{at}{name} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
+    if found := re.fullmatch("Invalid value '(.*)'", reason):
         return f"{at}{name} {found[1]!r} is not known"
-    if found := _LENGTH.match(reason):
+    if found := re.fullmatch(r"Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?", reason):
         values = "value" if found[1] == "1" else "values"
         return f"{at}{name} must hold {found[1]} {values}, not {len(_value(content, key))}"
     return f"{_numbered(key)}: {reason}" if key else reason

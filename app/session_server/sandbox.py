@@ -65,6 +65,17 @@ def measures_of_pass(pieces: list[np.ndarray], trial: Trial) -> Metrics:
     return trial_metrics(recording_of(rows, trial.device.braked, decisions=trial.preset.decisions), trial.path)
 
 
+@dataclasses.dataclass
+class RunningPass:
+    """A pass from its start to its end."""
+
+    run: TrialRun
+    pieces: list[np.ndarray]  # its ticks
+    settings: SandboxSettings  # with which it runs at present
+    changed: bool = False  # in mid movement
+    given_up: bool = False  # it ends without a result, and the handle returns to the start
+
+
 class Sandbox:
     """The settings of Try, its running pass and its table of passes."""
 
@@ -78,12 +89,9 @@ class Sandbox:
         self.on = False
         self.settings = self._initial(protocol.devices[0].name, next(iter(protocol.paths)))
         self.simulation: SimulatedDevice | None = None  # None: not built yet, or the device is real
-        self._run: TrialRun | None = None
-        self._pieces: list[np.ndarray] = []  # ticks of the running pass
-        self._running_settings = self.settings  # of the running pass
-        self._changed = self._start_requested = False
+        self._running: RunningPass | None = None
+        self._start_requested = False
         self._grasp = UNTOUCHED  # how the pointer has the handle between two passes
-        self._given_up = False  # the running pass ends without a result and the handle returns to the start
         self._passes_begun = self._passes_ended = 0
         self._least_gain = 0.0  # N s/m; a controller with less does less than the brakes' own drag
         self._passes: list[Pass] = []
@@ -166,9 +174,9 @@ class Sandbox:
         if not self.comes_home:
             raise InputError("Only the hand of the pointer can bring the handle of a simulated device back.")
         self._grasp = LET_GO
-        if self._run is not None:
-            self._given_up = True
-            self._run.hand_back()
+        if self._running is not None:
+            self._running.given_up = True
+            self._running.run.hand_back()
 
     def save(self, path: Path) -> None:
         """Save the settings as a protocol file with all the protocol's controllers. InputError: nothing was written."""
@@ -189,8 +197,8 @@ class Sandbox:
     def leave(self) -> None:
         """Leave Try and end the running pass."""
         self.on = self._start_requested = False
-        if self._run is not None and self.real:
-            self._run.stop("Try was left")
+        if self._running is not None and self.real:
+            self._running.run.stop("Try was left")
 
     @property
     def fixed(self) -> tuple[str, ...]:
@@ -216,7 +224,7 @@ class Sandbox:
     @property
     def wants_pass(self) -> bool:
         """Whether a pass is to begin as soon as possible."""
-        return self.on and self._run is None
+        return self.on and self._running is None
 
     def _initial(self, device: str, path: int) -> SandboxSettings:
         """The settings of protocol and device, with the first controller that brakes."""
@@ -237,7 +245,7 @@ class Sandbox:
         """Begin, change or end the pass, and add finished measures to the table. blocker: why no pass may begin."""
         while self._being_measured and self._being_measured[0][1].done():
             self._add_pass(*self._being_measured.pop(0))
-        if self._run is None:
+        if self._running is None:
             if self.on and not blocker and (self._start_requested or not self.real):
                 self._begin()
             self._release_handle()
@@ -246,31 +254,32 @@ class Sandbox:
 
     def _update_running_pass(self) -> None:
         """Let the loop hand the running pass back if it is to end, or to get other settings."""
-        up_to_date = self.on and self.settings == self._running_settings and not self._given_up
-        if self._run is not None and not self.real and not up_to_date:
-            self._run.hand_back()
+        if (running := self._running) is None or self.real:
+            return
+        if not self.on or running.given_up or running.settings != self.settings:
+            running.run.hand_back()
 
     def owns(self, run: TrialRun) -> bool:
         """Whether this trial is the running pass."""
-        return run is self._run
+        return self._running is not None and run is self._running.run
 
     def lost(self) -> None:
         """Forget the running pass: the loop died with it. The device is as it was before the pass."""
-        if self._run is not None:
-            self._run.abandon_recording()
-        self._run, self._given_up = None, False
+        if self._running is not None:
+            self._running.run.abandon_recording()
+        self._running = None
 
     def returned(self, run: TrialRun, grasp: int) -> None:
         """Take the pass back from the loop, at its end or to change it. grasp: how the pointer holds the handle."""
-        wanted, running = self.settings, self._running_settings
-        same = not self._given_up and (wanted.device, wanted.path) == (running.device, running.path)
-        self._changed |= run.trial.phase == "move" and not run.trial.finished and self.on and same
-        if not run.trial.finished and self.on and same:
-            self._apply_settings(run.trial)
+        assert self._running is not None
+        running, before, wanted = self._running, self._running.settings, self.settings
+        same = (wanted.device, wanted.path) == (before.device, before.path)
+        if same and self.on and not running.given_up and not run.trial.finished:
+            self._apply_settings(run.trial, before)
+            running.settings, running.changed = wanted, running.changed or run.trial.phase == "move"
             self._runner.go_on(run)
             return
-        self._run, self._grasp = None, LET_GO if self._given_up else grasp
-        self._given_up = False
+        self._running, self._grasp = None, LET_GO if running.given_up else grasp
         run.abandon_recording()
         status, reason = (run.trial.outcome()[key] for key in ("status", "reason"))
         if not run.trial.finished or not self.on:
@@ -279,8 +288,8 @@ class Sandbox:
             self._notify(with_advice("This pass", reason), True)
             return
         self._passes_ended += 1
-        finished_pass = Pass(self._passes_ended, self._running_settings, self._changed, status, {})
-        self._being_measured.append((finished_pass, self._measurer.submit(measures_of_pass, self._pieces, run.trial)))
+        finished_pass = Pass(self._passes_ended, running.settings, running.changed, status, {})
+        self._being_measured.append((finished_pass, self._measurer.submit(measures_of_pass, running.pieces, run.trial)))
 
     def _add_pass(self, finished_pass: Pass, measured: "Future[Metrics]") -> None:
         try:
@@ -313,9 +322,11 @@ class Sandbox:
         else:
             generator = np.random.default_rng(self._passes_ended)
             trial = SimulatedTrial(device, planned, conditions, person_at(self._setup, p, "0"), generator)
-        self._apply_settings(trial)
-        self._pieces, self._changed, self._start_requested = [], False, False
-        self._run = self._runner.start(trial, None, partial(append_ticks, self._pieces), self._grasp)
+        self._apply_settings(trial, None)
+        self._start_requested = False
+        pieces: list[np.ndarray] = []
+        run = self._runner.start(trial, None, partial(append_ticks, pieces), self._grasp)
+        self._running = RunningPass(run, pieces, s)
 
     def _ready_simulation(self) -> SimulatedDevice:
         """The simulated device of the settings; a new one takes over the handle's position if it can reach it."""
@@ -355,14 +366,16 @@ class Sandbox:
     def _preset(self, s: SandboxSettings) -> Preset:
         return self._protocol.controllers[s.controller].replaced(**s.values)
 
-    def _apply_settings(self, trial: Trial) -> None:
-        """Give a trial the controller, brakes and spring of the settings; it moves on as it was."""
-        before, self._running_settings = self._running_settings, self.settings
-        s, assumed = self._running_settings, self._assumed(self._running_settings)
+    def _apply_settings(self, trial: Trial, before: SandboxSettings | None) -> None:
+        """Give a trial the controller, brakes and spring of the settings; it moves on as it was.
+
+        before: the settings with which it has run; None: it is new.
+        """
+        s, assumed = self.settings, self._assumed(self.settings)
         trial.path = trial.path._replace(blend_width=s.blend_width_m)
         if not isinstance(trial, SimulatedTrial):  # its controller knows the noise of its sensing
             return
-        if not trial.ticks or s.sensing != before.sensing:  # else the encoders' last samples stay
+        if before is None or s.sensing != before.sensing:  # else the encoders' last samples stay
             trial.sensing = new_sensing(trial.device, assumed)
         noise = decision_noise(trial.device, middle_of(trial.path), assumed)
         trial.controller, trial.preset = self._controller(s, trial.device, noise), self._preset(s)

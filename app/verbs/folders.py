@@ -10,7 +10,7 @@ from core.files import InputError
 from experiments.numbers import percent
 
 #: Any of these: no window.
-HEADLESS = ("controller", "device", "protocol", "hand", "out", "json")
+HEADLESS = ("controller", "device", "out", "json")
 
 
 def add(verbs: argparse._SubParsersAction) -> None:
@@ -28,13 +28,6 @@ def add(verbs: argparse._SubParsersAction) -> None:
     controller = "through this controller, by its number in the protocol (default: the recorded one)"
     option("--controller", type=whole_number_of(1), metavar="N", help=controller)
     option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
-    protocol = "where --controller is looked up, with its rule set (default: the protocol of the recording's session)"
-    option("--protocol", metavar="NAME|PATH", help=protocol)
-    option(
-        "--hand", choices=("target", "force"),
-        help="target: the arm, pulled by the recorded target (default, where that was recorded); force: the recorded "
-        "force, whatever the handle does, and nothing that holds it: small differences grow",
-    )  # fmt: skip
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone\n"
@@ -143,7 +136,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
         return play(args.recording)
     from experiments.study.replay import Replacement, replay
 
-    other = Replacement(args.controller, args.device, args.protocol, args.hand)
+    other = Replacement(args.controller, args.device)
     summary = with_progress("replaying", replay, args.recording, other, args.out, compiles=True)
     print_result(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))
     return None

@@ -83,7 +83,6 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )
     option("--seed", type=whole_number_of(0), default=1, metavar="N", help="of everything random (default: 1)")
     option("--resume", action="store_true", help="go on with the interrupted run in DIR, begun with the same arguments")
-    option("--report", action="store_true", help="run nothing: the report of what is done in DIR, judged again")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     option = add_verb(
@@ -166,11 +165,8 @@ def sweep(args: argparse.Namespace) -> None:
 
 def worlds(args: argparse.Namespace) -> None:
     from experiments.worlds.ranges import load_ranges
-    from experiments.worlds.worlds import WorldsRun, report_so_far, run_worlds
+    from experiments.worlds.worlds import WorldsRun, run_worlds
 
     run = WorldsRun(load_ranges(args.ranges), args.n, args.seed, args.triples)
-    if args.report:
-        summary = report_so_far(run, args.out)
-    else:
-        summary = with_progress("worlds", run_worlds, run, args.out, args.resume, args.cluster, compiles=True)
+    summary = with_progress("worlds", run_worlds, run, args.out, args.resume, args.cluster, compiles=True)
     print_result(args, summary, summary_text(summary))

@@ -19,7 +19,8 @@ import numpy as np
 
 from core.brake import inverse, time_constant
 from core.control.algorithm import LOCK_OBSTACLE, LOCK_TOO_LATE, NONE, Tick, lock
-from core.control.stopping import STOPPING, assume_brakes, furthest, make_stopping, safe_radius, set_direction
+from core.control.levers import set_direction
+from core.control.stopping import STOPPING, assume_brakes, furthest, make_stopping, safe_radius
 from core.control.velocity_field import BACK, HELD, HOLDS, LOCKED, SENSE, SURE, Seen, new_memory
 from core.device import Device
 from core.files import Table, choice
@@ -160,7 +161,7 @@ def stopping_distance(around, tick):
     speed = math.sqrt(seen.vx * seen.vx + seen.vy * seen.vy)
     if radius == math.inf or speed == 0.0:
         return radius + motion.ahead
-    set_direction(around.stopping, seen.vx / speed, seen.vy / speed)
+    set_direction(around.stopping.levers, seen.vx / speed, seen.vy / speed)
     way = radius
     for _ in range(STEPS):
         nearer = furthest(around.stopping, motion.energy, 0.9 * way)
@@ -243,7 +244,7 @@ def age_yields(around, tick, was_locked):
         drag, held = stopping.drag[i], max(memory[HELD + i], stopping.drag[i])
         if was_locked:
             rising = stopping.rising[i]
-            if around.velocity_age == 0.0 and stopping.present[i] != 0.0:
+            if around.velocity_age == 0.0 and stopping.levers.present[i] != 0.0:
                 rate = 0.5 * (tick.g[i, 0] * tick.seen.vx + tick.g[i, 1] * tick.seen.vy)
                 rising = 1.0 - math.exp(-TICK_S * inverse(time_constant(brakes, i, brakes.current_max[i], rate, True)))
             held += rising * (stopping.full[i] - held)
@@ -284,7 +285,7 @@ def can_be_stopped(around, seen, motion, radius, share):
         if room <= 0.0 or radius == math.inf:
             return False
         if room < radius:
-            set_direction(around.stopping, near.n_x, near.n_y)
+            set_direction(around.stopping.levers, near.n_x, near.n_y)
             if not furthest(around.stopping, motion.energy, room) < room:
                 return False
         first = after

@@ -19,8 +19,8 @@ is as far as the tip can get in the direction n (with u . n = 1, in any directio
 right angles to a row g_k, for between those directions the expression is concave. The method of Frank and Wolfe finds
 the slopes; where it finds none that prove a bound, the tip counts as one that cannot be stopped.
 
-E_0 holds whatever the mass matrix becomes on the way. The rows are those of the tip's place and of places on and in the
-circle that it cannot leave; `MARGIN` is for those between (law: `tests/core/test_stopping.py`).
+E_0 holds whatever the mass matrix becomes on the way. The rows are those of all places within the circle that the tip
+cannot leave (`core.control.levers`): `safe_radius` finds that circle, `furthest` the way in it.
 """
 
 import math
@@ -28,36 +28,26 @@ import math
 import numpy as np
 
 from core.brake import inverse, time_constant, torque_gain
-from core.dynamics import combined, motion
+from core.control.levers import LEVERS, ROWS, make_levers, set_direction, take_places
 from core.kernels import kernel
 from core.mechanism import Brakes, Mechanism
 from core.records import new_record
-from core.simulator.state import MECHANISM, pack_brakes, pack_mechanism
+from core.simulator.state import pack_brakes
 from core.tick_log import TICK_S
 
-#: Places on the circle that the tip cannot leave at which levers are taken; half as many on half the radius, where that
-#: is more than `NEAR_M`.
-ROUND, NEAR_M = 12, 0.045
-TRIES, NEARER = 10, 0.08  # places in turn on a ray, each so much of the radius nearer, until the linkage reaches one
-ROWS = 4 * (1 + ROUND + ROUND // 2)  # directions at right angles to a row
 RATES = 64  # places in the table of lags, up to omega_0; beyond it the lag is constant
-#: Share by which levers count as smaller, and rates as larger, for the places in between: a constant, what is added for
-#: each metre beyond `NEAR_M`, and the most.
-MARGIN, MARGIN_PER_M, MARGIN_MOST = 0.01, 1.0, 0.15
-#: Of an elbow's |sin|, as a share of the hard stop's: levers are also taken at places so far beyond the stops.
-BEYOND = 0.8
 ROUNDS = 24  # of the search for slopes
 GUESSES = 5  # of a radius that the tip cannot leave
 LEAST_RADIUS_M, MOST_RADIUS_M = 1e-3, 0.4
 REFINED = 3  # times the bound of the energy on the way is made better
-SLOWEST = 0.25  # least progress u . n of a direction that is counted: smaller ones count as this much
 RISE = 0.3  # share of the play over which the slope of D_i rises to the yield: so D_i is smooth, and no larger
 TINY = 1e-12
 
 STOPPING = np.dtype(
     [
-        ("mechanism", MECHANISM),
-        ("present", "f8", (4,)),
+        ("levers", LEVERS),
+        ("push", "f8"),  # N
+        # constants of the brakes
         ("full", "f8", (4,)),  # N m, yields at full current, less what a ripple takes
         ("drag", "f8", (4,)),  # N m, inside the play, and without current
         ("width", "f8", (4,)),  # rad, of the play
@@ -65,35 +55,27 @@ STOPPING = np.dtype(
         ("per_rate", "f8", (4,)),  # s/rad: places in the table of lags
         ("angle", "f8", (4, RATES + 1)),  # rad: l at the highest rate, so far
         ("fast", "f8", (4,)),  # s, the lag from omega_0 on
-        ("push", "f8"),  # N
-        ("round", "i8"),  # `ROUND` and `TRIES`: with constant counts the compiler takes a minute longer
-        ("tries", "i8"),
         ("rising", "f8", (4,)),  # share of the missing yield that a tick brings at least, at any rate
         ("falling", "f8", (4,)),  # share of the yield above the drag that a tick takes at most
         # what is assumed of the brakes
         ("held", "f8", (4,)),  # N m, what each holds at least already
         ("play", "f8", (4,)),  # rad, through which its joint may turn against its drag alone
-        # work space
-        ("g", "f8", (4, 2)),  # 1/m, of one place
-        ("rows", "i8"),
-        ("lever", "f8", (4, ROWS)),  # 1/m, |g_i . u|
-        ("left", "f8", (ROWS,)),  # N, what each direction costs the hand for progress
-        ("u", "f8", (ROWS, 2)),
-        ("per_way", "f8", (ROWS,)),  # 1 / u . n
-        ("swift", "f8", (4,)),  # rad2/s2/J, the largest g_i . M^-1 g_i: a joint's rate^2 is at most this times 2 E
+        # of the largest energy on the way
         ("lag", "f8", (4,)),  # rad, l
         ("free", "f8", (4,)),  # rad, the angle through which only the drag is certain
         ("edge", "f8", (4,)),  # N m, the yield soon after it
+        # of the search for slopes
         ("turned", "f8", (4,)),  # rad, theta
         ("slope", "f8", (4,)),  # N m, c
+        ("left", "f8", (ROWS,)),  # N, what each direction costs the hand for progress
     ]
 )
 
 
 def make_stopping(mechanism: Mechanism, brakes: Brakes, push: float) -> np.ndarray:
     """A device and the largest push (N) as the kernels here read them; one record."""
-    record = new_record(STOPPING, push=push, present=brakes.present, round=ROUND, tries=TRIES, lag=TINY)
-    record["mechanism"][0] = pack_mechanism(mechanism)[0]
+    record = new_record(STOPPING, push=push, lag=TINY)
+    record["levers"][0] = make_levers(mechanism, brakes)[0]
     fill_brakes(record[0], pack_brakes(brakes, backlash=True)[0])
     assume_brakes(record[0], record["drag"][0], 0.0)
     return record
@@ -134,71 +116,7 @@ def assume_brakes(stopping, held, turns):
     for i in range(4):
         stopping.held[i] = held[i]
         stopping.play[i] = (1.0 + turns) * stopping.width[i]
-        if stopping.present[i] != 0.0:
-            set_edge(stopping, i)
-
-
-@kernel
-def take_places(stopping, x, y, radius):
-    """Take levers and masses at the tip (m) and, unless the radius (m) is 0, at places within it."""
-    stopping.rows = 0
-    for i in range(4):
-        stopping.swift[i] = 0.0
-    certain = 1.0 - min(MARGIN + MARGIN_PER_M * max(radius - NEAR_M, 0.0), MARGIN_MOST)
-    take_place(stopping, x, y, certain)
-    if radius > 0.0:
-        for k in range(stopping.round):
-            take_place_along(stopping, x, y, radius, 2.0 * math.pi * k / ROUND, certain)
-        if radius > NEAR_M:
-            for k in range(stopping.round // 2):
-                take_place_along(stopping, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ROUND, certain)
-
-
-@kernel
-def take_place_along(stopping, x, y, radius, angle, certain):
-    """Add the rows of the place at this radius (m) and angle (rad), or of the first nearer one that is in reach."""
-    for n in range(stopping.tries):
-        r = radius * (1.0 - NEARER * n)
-        if take_place(stopping, x + r * math.cos(angle), y + r * math.sin(angle), certain):
-            break
-
-
-@kernel
-def take_place(stopping, x, y, certain):
-    """Add the rows of a place (m), levers times the share `certain`, rates over it; False: it is out of reach."""
-    mechanism, g = stopping.mechanism, stopping.g
-    one, two, least = mechanism.arm_1, mechanism.arm_2, BEYOND * mechanism.margin
-    q = motion(mechanism, x, y, 0.0, 0.0)
-    p, r = q.arm_1, q.arm_2
-    if not (abs(p.s) >= least * one.length_1 * one.length_2 and abs(r.s) >= least * two.length_1 * two.length_2):
-        return False
-    g[0, 0], g[0, 1], g[1, 0], g[1, 1] = p.base_x, p.base_y, p.elbow_x, p.elbow_y
-    g[2, 0], g[2, 1], g[3, 0], g[3, 1] = r.base_x, r.base_y, r.elbow_x, r.elbow_y
-    for i in range(4):
-        if mechanism.coupled >> i & 1 != 0:
-            g[i, 0], g[i, 1], _, _ = combined(mechanism, i, q)
-    xx, xy, yy = q.mass_xx, q.mass_xy, q.mass_yy
-    determinant = xx * yy - xy * xy
-    for k in range(4):
-        if stopping.present[k] == 0.0:
-            continue
-        a, b, n = g[k, 0], g[k, 1], stopping.rows
-        swift = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (determinant * certain * certain)
-        stopping.swift[k] = max(stopping.swift[k], swift)
-        length = math.sqrt(a * a + b * b)
-        stopping.u[n, 0], stopping.u[n, 1] = -b / length, a / length
-        for i in range(4):
-            stopping.lever[i, n] = certain * stopping.present[i] * abs(g[i, 1] * a - g[i, 0] * b) / length
-        stopping.rows = n + 1
-    return True
-
-
-@kernel
-def set_direction(stopping, n_x, n_y):
-    """Count as progress only what leads along n (unit vector); (0, 0): motion in any direction."""
-    for k in range(stopping.rows):
-        along = abs(stopping.u[k, 0] * n_x + stopping.u[k, 1] * n_y)
-        stopping.per_way[k] = 1.0 if n_x == 0.0 and n_y == 0.0 else 1.0 / max(along, SLOWEST)
+        set_edge(stopping, i)
 
 
 @kernel
@@ -222,9 +140,7 @@ def slope_and_work(stopping, i, theta):
 def set_lags(stopping, energy):
     """Set the angle of each brake's lag for the highest rate that this kinetic energy (J) allows, and its edge."""
     for i in range(4):
-        if stopping.present[i] == 0.0:
-            continue
-        rate = math.sqrt(2.0 * energy * stopping.swift[i])
+        rate = math.sqrt(2.0 * energy * stopping.levers.swift[i])
         place = rate * stopping.per_rate[i]
         if place < RATES:
             lag = stopping.angle[i, int(place) + 1]
@@ -288,13 +204,14 @@ def begin_search(stopping, slopes):
 @kernel
 def weakest_direction(stopping):
     """The row of the direction in which progress costs the hand least, by the present slopes; that cost (N)."""
-    lever, left, push = stopping.lever, stopping.left, stopping.push
+    levers, left, push = stopping.levers, stopping.left, stopping.push
+    lever = levers.lever
     a, e, b, c = stopping.slope[0], stopping.slope[1], stopping.slope[2], stopping.slope[3]
-    for k in range(stopping.rows):
+    for k in range(levers.rows):
         held = a * lever[0, k] + e * lever[1, k] + b * lever[2, k] + c * lever[3, k]
-        left[k] = (held - push) * stopping.per_way[k]
+        left[k] = (held - push) * levers.per_way[k]
     weakest, least = 0, math.inf
-    for k in range(stopping.rows):
+    for k in range(levers.rows):
         if left[k] < least:
             weakest, least = k, left[k]
     return weakest, least
@@ -309,11 +226,10 @@ def mix_in(stopping, row, length, share):
     turned, slope = stopping.turned, stopping.slope
     taken = lost = 0.0
     for i in range(4):
-        turned[i] += share * (length * stopping.lever[i, row] - turned[i])
-        if stopping.present[i] != 0.0:
-            slope[i], work = slope_and_work(stopping, i, turned[i])
-            taken += work
-            lost += slope[i] * turned[i] - work
+        turned[i] += share * (length * stopping.levers.lever[i, row] - turned[i])
+        slope[i], work = slope_and_work(stopping, i, turned[i])
+        taken += work
+        lost += slope[i] * turned[i] - work
     return taken, lost
 
 
@@ -331,7 +247,7 @@ def furthest(stopping, energy, way):
     best, length = math.inf, 0.0
     for n in range(ROUNDS):
         share = 2.0 / (n + 2.0)
-        further = way * stopping.per_way[weakest]
+        further = way * stopping.levers.per_way[weakest]
         length += share * (further - length)
         taken, lost = mix_in(stopping, weakest, further, share)
         weakest, least = weakest_direction(stopping)
@@ -347,9 +263,8 @@ def largest_loss(stopping):
     """Sum of K_i (J) for slopes that are the full yields: the most that play and lag take from the brakes."""
     lost = 0.0
     for i in range(4):
-        if stopping.present[i] != 0.0:
-            lost += (stopping.full[i] - stopping.drag[i]) * stopping.play[i]
-            lost += (stopping.full[i] + stopping.ripple[i] - stopping.held[i]) * stopping.lag[i]
+        lost += (stopping.full[i] - stopping.drag[i]) * stopping.play[i]
+        lost += (stopping.full[i] + stopping.ripple[i] - stopping.held[i]) * stopping.lag[i]
     return lost
 
 
@@ -359,8 +274,8 @@ def safe_radius(stopping, x, y, energy):
 
     Levers and lags are then those of the places within it. It begins with a rough guess.
     """
-    take_places(stopping, x, y, 0.0)
-    set_direction(stopping, 0.0, 0.0)
+    take_places(stopping.levers, x, y, 0.0)
+    set_direction(stopping.levers, 0.0, 0.0)
     begin_search(stopping, stopping.full)
     _, least = weakest_direction(stopping)
     if least <= 0.0:
@@ -373,8 +288,8 @@ def safe_radius(stopping, x, y, energy):
     for _ in range(GUESSES):
         if radius > MOST_RADIUS_M:
             break
-        take_places(stopping, x, y, radius)
-        set_direction(stopping, 0.0, 0.0)
+        take_places(stopping.levers, x, y, radius)
+        set_direction(stopping.levers, 0.0, 0.0)
         set_lags(stopping, energy)
         reach = furthest(stopping, energy, radius)
         if reach < radius:  # else it is not certain even if the hand adds no energy

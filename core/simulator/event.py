@@ -37,10 +37,13 @@ def advance_event(model, data, currents, t, h):
     lagged = 1 if model.fidelity == MR else 0
     state.steps += 1
     state.settled = 0
-    elapsed, longest, turn = 0.0, h, h
+    elapsed = 0.0  # s into the step
+    longest = h  # s, of a piece: less where one was refused, up to h again where the error is far within its limit
+    turn = h  # s, of a piece up to where a lag changes its pace; h: to no such place
     arm_mass = hand.grips[0].mass
-    crowd, since = 0, 0.0  # events, counted since that time (s in the step)
+    crowd, since = 0, 0.0  # events, counted since that time (s into the step)
     while elapsed < h:
+        # The next piece of the step; `stepping` takes it where many events crowd or the hand is too stiff.
         rest = h - elapsed
         step = min(rest, longest, turn)
         if step > limits.FALLBACK_S and stiffer_than(state, hand, step):
@@ -59,23 +62,13 @@ def advance_event(model, data, currents, t, h):
         if elapsed - since > limits.FALLBACK_S:
             crowd, since = 0, elapsed
         now = t + elapsed
-        if state.held == STILL:
-            begin_lags(brakes, state, currents, lagged)
-            step = still_until(model, data, now, rest)
-            age_yields(state, step)
-            elapsed = h if step == rest else elapsed + step
-            fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
-            state.hand_force[0], state.hand_force[1] = fx, fy
-            if step < rest:
-                state.events += 1
-                crowd += 1
-                set_costs(brakes, state)
-                hold_all(brakes, state)
-                from_rest(mechanism, state, fx, fy, arm_mass)
-                settle_edges(brakes, state)
-                finish(mechanism, state, fx, fy, arm_mass)
-            continue
         begin_lags(brakes, state, currents, lagged)
+        if state.held == STILL:
+            before = state.events
+            elapsed = stand_still(model, data, t, elapsed, h)
+            crowd += state.events - before
+            continue
+        # Try it; where its error is too large, or a lag changes its pace within it, try a shorter one.
         if not rk4(model, data, now, step):
             state.shortened += 1
             longest = 0.5 * step
@@ -89,6 +82,7 @@ def advance_event(model, data, currents, t, h):
             state.refined += 1
             longest = step * max(0.2, 0.9 * (state.tolerance * limits.STEP_ERROR / error) ** (1.0 / 3.0))
             continue
+        # Cut it at its first event; where a brake would give energy, try a shorter one.
         scratch.seen = 0
         kind, guess = first_event(mechanism, brakes, state, scratch, step)
         if state.lagging != 0:
@@ -104,6 +98,7 @@ def advance_event(model, data, currents, t, h):
             state.refined += 1
             longest = 0.5 * step
             continue
+        # Take it.
         if longest < h and 16.0 * error < state.tolerance * limits.STEP_ERROR:
             longest *= 2.0
         accept(mechanism, brakes, state, scratch, step)
@@ -120,6 +115,29 @@ def advance_event(model, data, currents, t, h):
     if state.lagging != 0 and hand.grips[0].spring == 0:  # with a spring the next step sets the costs itself
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
+
+
+@kernel
+def stand_still(model, data, t, elapsed, h):
+    """Leave the tip at rest from `elapsed` (s) into the step on, until the hand pushes it loose, an event.
+
+    Returns the time into the step, h if it rests to the end.
+    """
+    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
+    rest, arm_mass = h - elapsed, hand.grips[0].mass
+    step = still_until(model, data, t + elapsed, rest)
+    age_yields(state, step)
+    elapsed = h if step == rest else elapsed + step
+    fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
+    state.hand_force[0], state.hand_force[1] = fx, fy
+    if step < rest:
+        state.events += 1
+        set_costs(brakes, state)
+        hold_all(brakes, state)
+        from_rest(mechanism, state, fx, fy, arm_mass)
+        settle_edges(brakes, state)
+        finish(mechanism, state, fx, fy, arm_mass)
+    return elapsed
 
 
 @kernel

@@ -314,10 +314,10 @@ def _by_run(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
 
 def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
     """Mean speed along the path: a trial whose time was up did not come to its end, and has none."""
-    rows = [row for row in to_compare(rows) if row.duration_s and row.segment in view.lengths]
+    rows = [row for row in to_compare(rows) if row.value("duration_s") and row.segment in view.lengths]
 
     def speed(row: TrialRow) -> float:
-        return 1e3 * view.lengths[row.segment] / row.duration_s
+        return 1e3 * view.lengths[row.segment] / row.value("duration_s")
 
     speeds = [speed(row) for row in rows] or [1.0]
     chart = _chart(SPEED, rows, metric, view, speed)

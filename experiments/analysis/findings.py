@@ -370,7 +370,7 @@ def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple
     for row in to_compare(rows, timeouts):
         if isinstance(row.controller, int) and finished[row.configuration, row.controller] >= LEAST_FINISHED:
             for measure in IN_BOXES:
-                if (value := getattr(row, measure)) is not None:
+                if (value := row.value(measure)) is not None:
                     values.setdefault((measure, row.configuration, row.controller), []).append(value)
     return {
         cell: PooledBox(*np.quantile(values_of_cell, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())

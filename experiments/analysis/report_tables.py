@@ -97,8 +97,9 @@ def locks_table(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
     """How often the rules lock or release because no brake is right, by device and controller."""
     shares: dict[tuple[str, int | str], list[tuple[float, float]]] = {}
     for row in rows:
-        if row.status in COUNTED and row.locked_share is not None and row.released_share is not None:
-            shares.setdefault((row.configuration, row.controller), []).append((row.locked_share, row.released_share))
+        locked, released = row.value("locked_share"), row.value("released_share")
+        if row.status in COUNTED and locked is not None and released is not None:
+            shares.setdefault((row.configuration, row.controller), []).append((locked, released))
     lines = []
     for (device, controller), found in sorted(shares.items()):
         locked, released = (f"{100.0 * sum(values) / len(found):.2f}" for values in zip(*found, strict=True))

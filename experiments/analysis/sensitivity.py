@@ -132,9 +132,9 @@ def sensitivity(
     Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
     rows = to_compare(rows, timeouts)
-    values = [dict(vars(row)) for row in rows]
+    values = [{**vars(row), **row.measures} for row in rows]
     for row, trial in zip(rows, values, strict=True):
-        if folder and row.duration_s:
+        if folder and row.value("duration_s"):
             trial |= _from_recording(read_recording(folder / row.recording))
     further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if folder else {}
     results = []
@@ -165,7 +165,7 @@ def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
         trials = [trial for trial in values if trial["configuration"] == configuration]
         people = len({trial["participant"] for trial in trials})
         for measure, moving in MOVING.items():
-            ratios = [trial[moving] / trial[measure] for trial in trials if trial.get(moving) and trial[measure]]
+            ratios = [trial[moving] / trial[measure] for trial in trials if trial.get(moving) and trial.get(measure)]
             if ratios:
                 about = ("reaction", measure, configuration, "", "", people, "median_ratio")
                 results.append(Result(*about, float(np.median(ratios))))

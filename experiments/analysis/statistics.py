@@ -347,7 +347,8 @@ def _within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np
 
 def _log_speed(row: TrialRow) -> float | None:
     """Doublings of mean speed along the path, from an arbitrary zero for each segment; None unless it was finished."""
-    return -math.log2(row.duration_s) if row.status == "done" and row.duration_s else None
+    duration_s = row.value("duration_s")
+    return -math.log2(duration_s) if row.status == "done" and duration_s else None
 
 
 def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
@@ -359,7 +360,7 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
     sums = []  # of each participant: speed * error, speed^2, error^2
     for person in people_of(rows):
         of_person = [row for row in rows if row.participant == person]
-        speed, error = _within_tasks(of_person, [(_log_speed(row), row.path_error_m) for row in of_person])
+        speed, error = _within_tasks(of_person, [(_log_speed(row), row.value("path_error_m")) for row in of_person])
         if np.any(speed):
             sums.append((float(speed @ error), float(speed @ speed), float(error @ error)))
     if not sums:
@@ -383,9 +384,9 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
 def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> list[Result]:
     cells: dict[tuple[Controller, str], list[tuple[float, float]]] = {}
     for row in rows:
-        speed = _log_speed(row)
-        if row.configuration == configuration and speed is not None and row.path_error_m is not None:
-            cells.setdefault((row.controller, row.participant), []).append((speed, row.path_error_m))
+        speed, error = _log_speed(row), row.value("path_error_m")
+        if row.configuration == configuration and speed is not None and error is not None:
+            cells.setdefault((row.controller, row.participant), []).append((speed, error))
     own = {cell: np.mean(trials, axis=0) for cell, trials in cells.items()}
     usual = {p: np.mean([mean[0] for (_, q), mean in own.items() if q == p]) for _, p in own}
     results = []

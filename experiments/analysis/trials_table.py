@@ -11,9 +11,9 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, make_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -56,48 +56,36 @@ _WHOLE_NUMBER = re.compile(r"-?\d{1,18}", re.ASCII)
 CLIPPED = 0.999  # of the largest force of the hand's spring
 LEAST_CLIPPED_S = 0.05  # a shorter time at it is not worth a word
 
-Measure = float | None
-Name = str | None
 Controller = int | str  # a code, "K3", while the session is blind
-_Measured: Any = make_dataclass(
-    "_Measured",
-    [(m.name, Annotated[Measure, m.meaning, m.unit], field(default=None, kw_only=True)) for m in METRICS],
-    frozen=True,
-)
 
 
 @dataclass(frozen=True)
-class TrialRow(_Measured):
-    """One row: the trial's place in the plan, how it ended, its recording, and the measures of `METRICS`.
+class TrialRow:
+    """One row: the trial's place in the plan, how it ended, and its measures. What a column means: `DICTIONARY`."""
 
-    Each column stands with its type, its meaning and its unit.
-    """
-
-    participant: Annotated[str, "label of the participant"]  # "01"
-    run: Annotated[int, "number of the trial in its session"]
-    block: Annotated[int, "block within the configuration"]
-    configuration: Annotated[str, "name of the device"]
-    controller: Annotated[
-        Controller, "controller by its number in the protocol, or by its code while the session is blind"
-    ]
-    segment: Annotated[int, "number of the path"]
-    repetition: Annotated[int, "how often this cell of the plan has come, from 1"]
-    status: Annotated[str, "how the trial ended"]  # one of STATUSES
-    recording: Annotated[str, "file of the recording, relative to this file"] = ""  # empty: nothing could be kept
-    energy_residual_J: Annotated[Measure, "what the energy ledger of the trial leaves unexplained", "J"] = None
-    energy_added_max_J: Annotated[
-        Measure, "the most energy that any brake added in a step: must be none", "J"
-    ] = None  # fmt: skip
-    controller_name: Annotated[  # None: in a table of a version that had no such column
-        Name, "controller by its name in the protocol, or by its code while the session is blind"
-    ] = None  # fmt: skip
-    own: dict[str, float] = field(default_factory=dict, hash=False)  # measures of a file of one's own that have a value
-    #: Why others of that file have none, by name: known where the trial has just been measured, in no table.
-    failed: dict[str, str] = field(default_factory=dict, compare=False)
+    participant: str  # "01"
+    run: int
+    block: int
+    configuration: str
+    controller: Controller
+    segment: int
+    repetition: int
+    status: str  # one of STATUSES
+    recording: str = ""  # empty: nothing could be kept
+    controller_name: str | None = None  # None: in a table of a version that had no such column
+    #: Column -> value of those that have one: of `METRICS`, of a file of one's own, of the trial's energy ledger.
+    measures: Mapping[str, float] = field(default_factory=dict, hash=False)
+    #: Why measures of one's own file have no value: known where the trial has just been measured, in no table.
+    failed: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def value(self, column: str) -> Any:
         """The value of a column; None where there is none."""
-        return getattr(self, column) if column in _TYPES else self.own.get(column)
+        return getattr(self, column) if column in _TEXTS or column in _WHOLE else self.measures.get(column)
+
+    @property
+    def own(self) -> dict[str, float]:
+        """The measures of a file of one's own."""
+        return {name: value for name, value in self.measures.items() if name not in DICTIONARY}
 
     def in_folder(self, folder: str) -> "TrialRow":
         """The row for a table further up: `folder` (as "sub-01/ses-01") is where this one's table stands."""
@@ -139,17 +127,35 @@ class DictionaryEntry(NamedTuple):
     unit: str = ""  # "" for text, counts, and numbers without a unit
 
 
-_MEASURES = [metric.name for metric in METRICS]
-_LAST = ["controller_name"]
-_TYPES = {column.name: get_args(column.type) for column in fields(TrialRow) if column.name not in ("own", "failed")}
-_OTHERS = [name for name in _TYPES if name not in (*_MEASURES, *_LAST)]
-_PLACE, _FIRST = _OTHERS.index("recording"), _MEASURES.index("unreachable_share") + 1
-#: What came after the first version stands at the end.
-COLUMNS = (*_OTHERS[:_PLACE], *_MEASURES[:_FIRST], *_OTHERS[_PLACE:], *_MEASURES[_FIRST:], *_LAST)
+_MEASURED = [(metric.name, DictionaryEntry(metric.meaning, metric.unit)) for metric in METRICS]
+_FIRST = list(BY_NAME).index("unreachable_share") + 1  # measures that came later stand at the end
+#: The columns, in their order. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
+DICTIONARY: Mapping[str, DictionaryEntry] = {
+    "participant": DictionaryEntry("label of the participant"),
+    "run": DictionaryEntry("number of the trial in its session"),
+    "block": DictionaryEntry("block within the configuration"),
+    "configuration": DictionaryEntry("name of the device"),
+    "controller": DictionaryEntry(
+        "controller by its number in the protocol, or by its code while the session is blind"
+    ),
+    "segment": DictionaryEntry("number of the path"),
+    "repetition": DictionaryEntry("how often this cell of the plan has come, from 1"),
+    "status": DictionaryEntry("how the trial ended"),
+    **dict(_MEASURED[:_FIRST]),
+    "recording": DictionaryEntry("file of the recording, relative to this file"),
+    "energy_residual_J": DictionaryEntry("what the energy ledger of the trial leaves unexplained", "J"),
+    "energy_added_max_J": DictionaryEntry("the most energy that any brake added in a step: must be none", "J"),
+    **dict(_MEASURED[_FIRST:]),
+    "controller_name": DictionaryEntry(
+        "controller by its name in the protocol, or by its code while the session is blind"
+    ),
+}
+COLUMNS = tuple(DICTIONARY)
+_WHOLE = ("run", "block", "controller", "segment", "repetition")  # whole; a controller may be a code
+_TEXTS = ("participant", "configuration", "status", "recording", "controller_name")
+_LEDGER = ("energy_residual_J", "energy_added_max_J")
 _FIRST_VERSION = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
-_ALWAYS_WRITTEN = COLUMNS[: COLUMNS.index("energy_added_max_J") + 1]  # any later one: only where some trial has a value
-#: The data dictionary. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
-DICTIONARY: Mapping[str, DictionaryEntry] = {name: DictionaryEntry(*_TYPES[name][1:]) for name in COLUMNS}
+_ALWAYS_WRITTEN = COLUMNS[: COLUMNS.index(_LEDGER[-1]) + 1]  # any later one: only where some trial has a value
 
 
 def with_name(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
@@ -177,34 +183,34 @@ def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
 
 
 def _cell(column: str, value: object) -> str:
-    kind = _TYPES[column][0] if column in _TYPES else Measure
-    if kind == Measure:
-        if value is None:
+    """A value as it stands in the file. ValueError for one that the column cannot have."""
+    if column in _TEXTS or column == "controller" and is_code(value):
+        if isinstance(value, str):
+            return value
+        if column == "controller_name" and value is None:
             return ""
-        if isinstance(value, int | float | np.number) and np.isfinite(value):
-            return repr(float(value))
-    elif kind == Name and value is None:
+    elif column in _WHOLE:
+        if isinstance(value, int | np.integer) and not isinstance(value, bool):
+            if _WHOLE_NUMBER.fullmatch(digits := str(int(value))):
+                return digits
+    elif value is None:
         return ""
-    elif kind in (str, Name) and isinstance(value, str) or kind == Controller and is_code(value):
-        return str(value)
-    elif kind in (int, Controller) and isinstance(value, int | np.integer) and not isinstance(value, bool):
-        if _WHOLE_NUMBER.fullmatch(digits := str(int(value))):
-            return digits
+    elif isinstance(value, int | float | np.number) and np.isfinite(value):
+        return repr(float(value))
     raise ValueError(f"trials table: {column} cannot be {value!r}")
 
 
-def _value(column: str, cell: str) -> object:
-    """ValueError for a cell that `_cell` writes for no value."""
-    kind = _TYPES[column][0]
-    if kind == Measure:
-        if cell and not (_NUMBER.fullmatch(cell) and math.isfinite(float(cell))):
-            raise ValueError(cell)
-        return float(cell) if cell else None
-    if kind in (str, Name) or kind == Controller and is_code(cell):
+def _value(column: str, cell: str) -> Any:
+    """The value of a cell; None where there is none. ValueError for a cell that `_cell` never writes."""
+    if column in _TEXTS or column == "controller" and is_code(cell):
         return cell
-    if not _WHOLE_NUMBER.fullmatch(cell):
+    if column in _WHOLE:
+        if not _WHOLE_NUMBER.fullmatch(cell):
+            raise ValueError(cell)
+        return int(cell)
+    if cell and not (_NUMBER.fullmatch(cell) and math.isfinite(float(cell))):
         raise ValueError(cell)
-    return int(cell)
+    return float(cell) if cell else None
 
 
 def table_bytes(rows: Iterable[TrialRow]) -> bytes:
@@ -220,7 +226,7 @@ def own_columns(rows: Iterable[TrialRow]) -> list[str]:
 
 
 def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
-    later = [name for name in COLUMNS[len(_ALWAYS_WRITTEN) :] if any(getattr(row, name) is not None for row in rows)]
+    later = [name for name in COLUMNS[len(_ALWAYS_WRITTEN) :] if any(row.value(name) is not None for row in rows)]
     return (*_ALWAYS_WRITTEN, *later, *own_columns(rows))
 
 
@@ -289,19 +295,22 @@ def read_table(path: str | Path) -> list[TrialRow]:
 def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
     if len(cells) != len(header):
         raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
-    values: dict[str, Any] = {"own": {}}
+    fields: dict[str, Any] = {}
+    measures: dict[str, float] = {}
     for column, cell in zip(header, cells, strict=True):
-        if column not in _TYPES:
-            if NAME.fullmatch(column) and _NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
-                values["own"][column] = float(cell)
-            continue
         try:
-            values[column] = _value(column, cell)
+            value = _value(column, cell)
         except ValueError:
-            raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
-    if values["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {values['status']!r} is none of {', '.join(STATUSES)}")
-    return TrialRow(**values)
+            if column in DICTIONARY:
+                raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
+            continue
+        if column in _TEXTS or column in _WHOLE:
+            fields[column] = value
+        elif value is not None and (column in DICTIONARY or NAME.fullmatch(column)):
+            measures[column] = value
+    if fields["status"] not in STATUSES:
+        raise InputError(f"{path}: line {number}: status {fields['status']!r} is none of {', '.join(STATUSES)}")
+    return TrialRow(**fields, measures=measures)
 
 
 #: What the metadata of a recording must hold: its place in the plan, in the order of a row, and its path.
@@ -318,29 +327,37 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     check_named(recording)
     where = f"{recording.path}: path"
     path = build_path(path_from(about["path"], where), where)
-    measured: dict[str, Any] = {}
+    measures: dict[str, float] = {}
+    failed: dict[str, str] = {}
     if recording.in_phase("move").any():
         try:
-            measured = measure(recording, path)
+            measures, failed = measure(recording, path)
         except InputError:  # ticks are missing, or a sample is no number: then nothing can be measured
             if outcome["status"] in COUNTED:
                 raise
     row = TrialRow(
-        *(about[key] for key in NEEDED[:-1]),
-        outcome["status"],
+        **{key: about[key] for key in NEEDED[:-1]},
+        status=outcome["status"],
         recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
-        energy_residual_J=outcome.get("energy_residual_J"),
-        energy_added_max_J=outcome.get("energy_added_max_J"),
         controller_name=about.get("preset", {}).get("name"),
-        **measured,
+        measures=measures | ledger_of(outcome),
+        failed=failed,
     )
     return with_name(row, {})
 
 
+def ledger_of(outcome: Mapping[str, Any]) -> dict[str, float]:
+    """The columns that come from a trial's energy ledger."""
+    return {name: outcome[name] for name in _LEDGER if outcome.get(name) is not None}
+
+
 def measure(
     recording: "Recording", path: PathAhead, metrics: Sequence[Metric] = METRICS, own: Sequence[Metric] | None = None
-) -> dict[str, Any]:
-    """The measures of a trial as fields of its row; own: of a file of one's own, None: that the recording names."""
+) -> tuple[dict[str, float], dict[str, str]]:
+    """The measures of a trial that have a value, and why some of one's own file gave none, by name.
+
+    own: of a file of one's own, None: that the recording names.
+    """
     failed: dict[str, str] = {}
     if own is None:
         try:
@@ -348,9 +365,7 @@ def measure(
         except InputError as error:  # as where a library is missing that the file needs
             own, failed = (), {"measure": str(error)}
     found = trial_metrics(recording, path, (*metrics, *own), failed)
-    shipped = {name: value for name, value in found.items() if name in BY_NAME}
-    in_file = {name: value for name, value in found.items() if name not in BY_NAME and value is not None}
-    return {**shipped, "own": in_file, "failed": failed}
+    return {name: value for name, value in found.items() if value is not None}, failed
 
 
 def without_value(rows: Iterable[TrialRow], own: Iterable[Metric]) -> list[str]:
@@ -359,7 +374,7 @@ def without_value(rows: Iterable[TrialRow], own: Iterable[Metric]) -> list[str]:
     Trials of blind sessions are left out: their tables hold no such measure.
     """
     counted = [row for row in rows if row.status in COUNTED and isinstance(row.controller, int)]
-    lacking = {metric.title: sum(metric.name not in row.own for row in counted) for metric in own}
+    lacking = {metric.title: sum(metric.name not in row.measures for row in counted) for metric in own}
     of = f"of {len(counted)} trials that count"
     sentences = [f"{title} has no value in {n} {of}." for title, n in lacking.items() if n]
     reasons = Counter(reason for row in counted for reason in row.failed.values())
@@ -378,7 +393,7 @@ def check_named(recording: "Recording") -> None:
     if "status" not in outcome:
         raise InputError(f"{recording.path}: the end record lacks the status")
     values = [(key, about[key]) for key in NEEDED[:-1]]
-    values += [(name, outcome[name]) for name in ("energy_residual_J", "energy_added_max_J") if name in outcome]
+    values += [(name, outcome[name]) for name in _LEDGER if name in outcome]
     for column, value in values:
         try:
             _cell(column, value)

@@ -19,10 +19,8 @@ import numpy as np
 
 from core import tick_log
 from core.device import without_backlash
-from core.simulator.hand import spring_hand
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
-from experiments.analysis.simulation_errors import Moved
 from experiments.benchmark.drake import DrakeRun, drake_version
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
@@ -31,7 +29,7 @@ from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, 
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import load_protocol
-from experiments.study.unrecorded import person_of, simulation_errors, switched_on, trial_of
+from experiments.study.unrecorded import person_of, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
 
@@ -106,9 +104,7 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
         "rows": [asdict(row) for row in rows],
         "reference": {"step_s": TINY_S, "against": AGAINST, "checks": checks},
         "karnopp": band,
-        "fallback": fallback_costs(repeats),
         "tick": tick_cost(quick),
-        "study_errors": [moved._asdict() for moved in study_errors()],
     }
 
 
@@ -283,38 +279,3 @@ def tick_cost(quick: bool) -> dict:
         "us_per_tick": seconds / ticks * 1e6,
         "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
     }
-
-
-def study_errors() -> list[Moved]:
-    """How far the measures of the paper's study move with step and fidelity, in its first operator's first block."""
-    load_kernels()
-    protocol = load_protocol()
-    return simulation_errors(protocol, person_of(load_population(), protocol.seed, 1), "01")
-
-
-def fallback_costs(repeats: int) -> list[dict]:
-    """How often `event` hands steps to `stepping`, and what such a step costs, on the four-brake bench device.
-
-    In three cases: a hand spring too stiff for RK4; brakes switched in every step; brakes switched as in S4.
-    """
-    device = bench_devices()[1]
-    free, _, _, switching = bench_scenes(device)
-    stiff = spring_hand((1e6, 0.0, 1e6), (30.0, 0.0, 30.0), force_max=60.0, target=(0.09, 0.42))
-    fast = np.arange(2000) * 1e-3
-    cases = (
-        ("hand spring of 1e6 N/m", lambda: stiff, np.zeros(1), free.torques),
-        ("brakes switched every step", switching.hand, fast, np.tile(switching.torques[:4], (500, 1))),
-        ("brakes switched every 10 ms (S4)", switching.hand, switching.times, switching.torques),
-    )
-    found = []
-    for name, hand, times, torques in cases:
-        wall, ledger = math.inf, None
-        for _ in range(repeats):
-            s = Simulation(device, START, hand=hand())
-            start = time.perf_counter()
-            s.rows(2, Schedule(times, torques), Grid(0, 1, 2000, 1e-3))
-            wall, ledger = min(wall, time.perf_counter() - start), s.ledger()
-        assert ledger is not None
-        found.append({"case": name, "steps": ledger.steps, "events": ledger.events, "fallbacks": ledger.fallbacks,
-                      "us_per_step": wall / 2000 * 1e6})  # fmt: skip
-    return found

@@ -4,9 +4,7 @@ from collections.abc import Iterable
 
 import matplotlib
 
-from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.sheet import BLUE, BROWN, GREY, ORANGE, PAGE_IN, PALE, STYLE, figure_bytes, new_figure
-from experiments.analysis.simulation_errors import Moved, error_table
 from experiments.benchmark.bench import PEERS
 
 #: step of the rows that the table shows
@@ -24,7 +22,7 @@ _SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
 
 
 def table(result: dict) -> str:
-    """All integrators at 1 ms, the check of the reference, delta_omega, the fall-back and the costs."""
+    """All integrators at 1 ms, the check of the reference, delta_omega and the costs."""
     lines = [
         f"{'':40}  us a  4 acc.              RMS     largest S3 creep         fall-",
         f"{'integrator':15} {'device':18} scene  step      us  ratio    error m     error m      m/s  events backs"
@@ -52,22 +50,10 @@ def table(result: dict) -> str:
         + (f"{k['rms_error_m']:.1e} m" if k["creep_m_s"] is None else f"{k['creep_m_s']:.1e} m/s")
         for k in result["karnopp"]
     ]
-    lines += ["", "fall-back to stepping, four-brake, 1 ms"]
-    lines += [
-        f"  {f['case']:34} {f['fallbacks']:5d} of {f['steps']} steps, {f['events']} events, "
-        f"{f['us_per_step']:.2f} us a step"
-        for f in result["fallback"]
-    ]
     tick = result["tick"]
     lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
     lines += [
         f"{tick['trials']} trials of a study    {tick['study_simulation_s']:.2f} s of computing, {tick['ticks']} ticks"
-    ]
-    moved = [Moved(**row) for row in result["study_errors"]]
-    lines += [
-        "",
-        "the paper's study, how far a trial's measures move: median / largest",
-        error_table(moved, CONTROLLER),
     ]
     return "\n".join(lines)
 

@@ -44,7 +44,7 @@ from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import new_folders, reading_stored
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import TEXT_COLUMNS
-from experiments.session.blind import HIDDEN
+from experiments.session.blind import without_telltales
 from experiments.session.checksums import read_sealed
 from experiments.session.consent import agreed
 from experiments.session.files import STORED, TABLE, recordings_in, refuse_no_folder, relative_to, rows_of
@@ -174,7 +174,7 @@ def _trial_or_reason(path: Path, session: _Session) -> ExportedTrial | str:
     blind = session.blind or isinstance(row.controller, str)  # a code
     if blind:
         about, outcome = ({k: of[k] for k in of if k in _SHOWN_WHILE_BLIND} for of in (about, outcome))
-        row = replace(row, **HIDDEN)
+        row = without_telltales(row)
     return ExportedTrial(
         home.parent.name, home.name, recording, row, about, outcome, session.begun.get(row.run, ""), session.software,
         blind,

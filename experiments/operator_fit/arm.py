@@ -170,6 +170,20 @@ def best_delay(delays: np.ndarray, squares: list[float], samples: int) -> float:
     return float(delays[i] + 0.5 * (a - c) / (a - 2.0 * b + c))
 
 
+def whitened_across(
+    trials: list[Motion], base: dict[str, float], delays: list[tuple[int, int]]
+) -> tuple[list[NormalEquations], int]:
+    """The normal equations across the path with each pair of a felt and a seen delay (samples), and their samples.
+
+    All are whitened by the autoregression of the middle pair. InputError: no run is long enough.
+    """
+    found = [across_runs(trials, felt, seen, base["seen_least_m"], base["foresight_s"]) for felt, seen in delays]
+    if not found[0]:
+        raise InputError("the handle never moved for 0.8 s without a stop, no arm can be fitted")
+    memory = fit_whitened(found[len(found) // 2], len(trials))[1]
+    return [whiten(runs, len(trials), memory) for runs in found], sum(len(run.force) for run in found[0])
+
+
 def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.ndarray]) -> np.ndarray:
     """The numbers of ACROSS (1 + g, 7) from all trials, and without each group of them; delays in s, NaN: not seen.
 
@@ -177,37 +191,34 @@ def fit_across(trials: list[Motion], base: dict[str, float], groups: list[np.nda
     """
     choices = [np.ones(len(trials), bool), *groups]
 
-    def normals(felt: np.ndarray, seen: np.ndarray) -> tuple[list[NormalEquations], int]:
-        lists = [across_runs(trials, f, s, base["seen_least_m"], base["foresight_s"]) for f in felt for s in seen]
-        if not lists[0]:
-            raise InputError("the handle never moved for 0.8 s without a stop, no arm can be fitted")
-        memory = fit_whitened(lists[len(lists) // 2], len(trials))[1]
-        return [whiten(runs, len(trials), memory) for runs in lists], sum(len(run.force) for run in lists[0])
-
-    def delays(tried: np.ndarray, felt: np.ndarray, seen: np.ndarray) -> list[float]:
-        of_each, samples = normals(felt, seen)
-        return [best_delay(tried, [normal.solve(keep)[1] for normal in of_each], samples) for keep in choices]
-
-    def numbers(felt: int, seen: int) -> np.ndarray:
-        normal = normals(np.array([felt]), np.array([seen]))[0][0]
-        solved = np.array([normal.solve(keep)[0] for keep in choices])
-        return np.column_stack([solved[:, :3], solved[:, 3:5] / solved[:, :1]])
+    def best_delays(tried: np.ndarray, delays: list[tuple[int, int]]) -> list[float]:
+        normals, samples = whitened_across(trials, base, delays)
+        return [best_delay(tried, [normal.solve(keep)[1] for normal in normals], samples) for keep in choices]
 
     usual_felt, usual_seen = (round(base[key] / SAMPLE_S) for key in ("felt_delay_s", "seen_delay_s"))
     felt = usual_felt
     for _ in range(ROUNDS):  # each at the other's best
         before = felt
-        seen_s = delays(SEEN, np.array([felt]), SEEN)
-        seen = usual_seen if np.isnan(seen_s[0]) else round(seen_s[0])
-        felt_s = delays(FELT, FELT, np.array([seen]))
-        felt = usual_felt if np.isnan(felt_s[0]) else round(felt_s[0])
-        found = numbers(felt, seen)
+        seen_delays = best_delays(SEEN, [(felt, delay) for delay in SEEN.tolist()])
+        seen = usual_seen if np.isnan(seen_delays[0]) else round(seen_delays[0])
+        felt_delays = best_delays(FELT, [(delay, seen) for delay in FELT.tolist()])
+        felt = usual_felt if np.isnan(felt_delays[0]) else round(felt_delays[0])
+        found = _numbers_across(trials, base, (felt, seen), choices)
         if not found[0, 3] > half_width(found[1:, 3]):  # no felt correction stands out, and so no delay of it
-            felt, felt_s = usual_felt, [np.nan] * len(choices)
-            found = numbers(felt, seen)
+            felt, felt_delays = usual_felt, [np.nan] * len(choices)
+            found = _numbers_across(trials, base, (felt, seen), choices)
         if felt == before:
             break
-    return np.column_stack([found, SAMPLE_S * np.array(felt_s), SAMPLE_S * np.array(seen_s)])
+    return np.column_stack([found, SAMPLE_S * np.array(felt_delays), SAMPLE_S * np.array(seen_delays)])
+
+
+def _numbers_across(
+    trials: list[Motion], base: dict[str, float], delays: tuple[int, int], choices: list[np.ndarray]
+) -> np.ndarray:
+    """The first five numbers of ACROSS (choices, 5), with these delays."""
+    (normal,), _ = whitened_across(trials, base, [delays])
+    solved = np.array([normal.solve(keep)[0] for keep in choices])
+    return np.column_stack([solved[:, :3], solved[:, 3:5] / solved[:, :1]])
 
 
 def half_width(without: np.ndarray) -> float:
@@ -239,16 +250,16 @@ def fit_pace(trials: list[Motion], stiffness: float, damping: float, mass: float
         if np.max(hand[first:last] - x[first:last]) > MOST_LEAD_M:
             continue
         samples = np.concatenate([np.arange(15), np.arange(first, last)])
-
-        def missed(
-            p: np.ndarray, hand: np.ndarray = hand, samples: np.ndarray = samples, length: float = length
-        ) -> np.ndarray:
-            course = np.array([minimum_jerk((i * SAMPLE_S - p[1]) / p[2]) for i in samples])
-            return p[0] + length * (course[:, 0] + damping / stiffness / p[2] * course[:, 1]) - hand[samples]
-
         start = [hand[:15].mean(), 0.25, max(last * SAMPLE_S, 0.4)]
-        fit = least_squares(missed, start, bounds=([-0.1, 0.0, 0.2], [0.1, 2.0, 60.0]))
+        given = samples, hand[samples], length, damping / stiffness
+        fit = least_squares(_missed, start, bounds=([-0.1, 0.0, 0.2], [0.1, 2.0, 60.0]), args=given)
         pull = np.linalg.pinv(fit.jac) * fit.fun  # (3, samples): what each residual does to the numbers
         near = toeplitz(np.maximum(1.0 - np.arange(len(fit.fun)) / CORRELATED, 0.0))  # Newey and West
         found.append([*fit.x[1:], (pull @ near @ pull.T)[1, 1]])
     return np.array(found).reshape(-1, 3)
+
+
+def _missed(p: np.ndarray, samples: np.ndarray, hand: np.ndarray, length: float, lag_s: float) -> np.ndarray:
+    """By how much (m) a minimum-jerk course from p[0] (m) on, after p[1] s and for p[2] s, misses the hand there."""
+    course = np.array([minimum_jerk((i * SAMPLE_S - p[1]) / p[2]) for i in samples])
+    return p[0] + length * (course[:, 0] + lag_s / p[2] * course[:, 1]) - hand

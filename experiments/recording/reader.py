@@ -110,7 +110,7 @@ def _outcome(text: bytes) -> dict[str, Any]:
 
 
 def _json(text: bytes) -> Any:
-    """Read what `writer.as_json` writes. ValueError for numbers that are not finite."""
+    """Read what `stream.as_json` writes. ValueError for numbers that are not finite."""
 
     def refuse(word: str) -> None:
         raise ValueError(f"{word} is no number")

@@ -3,10 +3,9 @@
 import contextlib
 import errno
 import io
-import json
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -14,9 +13,7 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from fastcrc.crc32 import iso_hdlc as crc32
 
-from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
@@ -32,17 +29,8 @@ from experiments.recording.atomic_files import (
     written_beside,
 )
 from experiments.recording.reader import read_parquet, read_recording
-from experiments.recording.schema import (
-    FORM,
-    SEAL,
-    TEXT_COLUMNS,
-    Recording,
-    Sensors,
-    column_words,
-    footer_at,
-    recording_columns,
-    same_content,
-)
+from experiments.recording.schema import SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at, same_content
+from experiments.recording.stream import TickStream, arrow_array, arrow_words, as_json, make_schema, seal
 
 BATCH_ROWS = 1000  # most rows in a batch: what a damaged byte can cost. Smaller: slower, larger files
 WRITE_INTERVAL_S = 0.1  # rows wait at most this long (and for the next call): what a kill can cost
@@ -78,27 +66,15 @@ class RecordingWriter:
         """
         self.path = Path(path)
         self.rows = 0  # rows taken
-        self.rows_written = 0  # rows in the file: what a kill cannot take any more
-        self.bytes_written = 0
+        self.rows_written = self.bytes_written = 0  # in the file: what a kill cannot take any more
         self.trouble: OSError | None = None  # why the file gets no more; None: it has everything
-        self._raised = False  # of the trouble
         self.ended = False  # the stream has its end record
         self.longest_sync_s = 0.0  # that the disk made us wait
-        self._in_stream = 0  # rows
-        self._memory: list[bytes] | None = []  # the whole stream; None: beyond MOST_IN_MEMORY the file alone has it
-        self._memory_bytes = 0
-        self._columns = recording_columns(braked, sensors)
-        self._none = np.empty((0, tick_log.BENCH_WIDTH if sensors else tick_log.WIDTH))
-        self._words = {name: arrow_words(words) for name, words in column_words(decisions).items()}
-        schema = make_schema(braked, metadata, decisions, sensors)
-        self._schema = schema.with_metadata({**schema.metadata, "crc32": SEAL})
-        self._sink = io.BytesIO()
-        self._stream = pa.ipc.new_stream(self._sink, self._schema)
+        self._stream = TickStream(braked, metadata, sensors, decisions)
+        self._memory: io.BytesIO | None = io.BytesIO()  # the whole stream; None: beyond MOST_IN_MEMORY
         self._waiting: list[np.ndarray] = []
-        self._sequence = 0
         self._sync = sync
-        self._stream.write_batch(self._batch(self._none))
-        header = seal(_before_first_batch(self._drain_sink()))
+        header = self._stream.header()
         refuse_existing_files([self.path])
         with refusing(self.path, "the recording cannot be created"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
@@ -120,25 +96,25 @@ class RecordingWriter:
         """
         self._need_open()
         rows = np.array(rows, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] != self._none.shape[1]:
-            raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._none.shape[1]})")
+        if rows.ndim != 2 or rows.shape[1] != self._stream.width:
+            raise ValueError(f"ticks of shape {rows.shape}, not (n, {self._stream.width})")
         self.rows += len(rows)
-        if self.trouble is not None and (self._memory is None or self._memory_bytes > MOST_IN_MEMORY):
+        if self.trouble is not None and (self._memory is None or self._memory.tell() > MOST_IN_MEMORY):
             return  # lost, and counted as such
         if len(rows):
             self._waiting.append(rows)
         now = time.perf_counter()
-        self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
-        if self._sync and now - self._last_sync >= SYNC_INTERVAL_S:
-            self.flush()
-        self._raise_once()
+        with self._raising_new_trouble():
+            self._write_batches(everything=now - self._last_write >= WRITE_INTERVAL_S)
+            if self._sync and now - self._last_sync >= SYNC_INTERVAL_S:
+                self.flush()
 
     def flush(self) -> None:
         """Write every row to the file and, unless `sync` is off, to the disk."""
         self._need_open()
-        self._write_batches(everything=True)
-        self._bring_to_disk()
-        self._raise_once()
+        with self._raising_new_trouble():
+            self._write_batches(everything=True)
+            self._bring_to_disk()
 
     def close(self, outcome: dict[str, Any] | None = None) -> None:
         """Write the rest and the end record with the trial's outcome (status, reason, ..): anything JSON holds.
@@ -150,10 +126,9 @@ class RecordingWriter:
             try:
                 self._write_batches(everything=True)
                 if not self.lost:
-                    self._write_message(self._none, end="end", outcome=outcome_json)
-                    self._stream.close()
+                    for message in self._stream.end(outcome_json):
+                        self._append(message)
                     self.ended = True
-                    self._append(self._drain_sink())
                 self._bring_to_disk()
             finally:
                 self._release()
@@ -172,7 +147,7 @@ class RecordingWriter:
     @property
     def lost(self) -> int:
         """Rows that are neither in the file nor in memory."""
-        kept = self._in_stream + sum(map(len, self._waiting))
+        kept = self._stream.rows + sum(map(len, self._waiting))
         if self.trouble is not None and self._memory is None:
             kept = self.rows_written
         return self.rows - kept
@@ -195,14 +170,14 @@ class RecordingWriter:
         path = path or self.path
         if self._memory is None:
             raise InputError(f"{path}: its ticks are not in memory")
-        content = b"".join(self._memory)
+        content = self._memory.getvalue()
         with refusing(path, "the recording cannot be written"):
             path.parent.mkdir(exist_ok=True)
             if path.exists() and not content.startswith(path.read_bytes()):
                 set_aside(path, OTHER)
         replace_file(path, content, self._sync)
         self.path, self.trouble = path, None
-        self.rows_written, self.bytes_written = self._in_stream, len(content)
+        self.rows_written, self.bytes_written = self._stream.rows, len(content)
 
     def __enter__(self) -> Self:
         return self
@@ -218,10 +193,12 @@ class RecordingWriter:
         if not self._open:
             raise ValueError("the recording is closed")
 
-    def _raise_once(self) -> None:
-        """OSError, once, if the file takes no more."""
-        if self.trouble is not None and not self._raised:
-            self._raised = True
+    @contextlib.contextmanager
+    def _raising_new_trouble(self) -> Iterator[None]:
+        """OSError if the file has failed meanwhile, and not before."""
+        before = self.trouble
+        yield
+        if self.trouble is not None and before is None:
             raise self.trouble
 
     def _release(self) -> None:
@@ -233,27 +210,6 @@ class RecordingWriter:
             except OSError as error:  # as of a network drive, which writes only now
                 self.trouble = error
 
-    def _drain_sink(self) -> bytes:
-        """The bytes that Arrow has written since the last call."""
-        taken = self._sink.getvalue()
-        self._sink.seek(0)
-        self._sink.truncate()
-        return taken
-
-    def _batch(self, rows: np.ndarray) -> pa.RecordBatch:
-        columns = np.ascontiguousarray(rows.T)
-        arrays = []
-        for name, place in self._columns:
-            if name not in TEXT_COLUMNS:
-                arrays.append(arrow_array(columns[place]))
-                continue
-            with np.errstate(invalid="ignore"):
-                codes = columns[place].astype(TEXT_COLUMNS[name].to_pandas_dtype())
-            if np.any((codes != columns[place]) | (codes < 0) | (codes >= len(self._words[name]))):
-                raise ValueError(f"a tick has a {name} code without a word")
-            arrays.append(pa.DictionaryArray.from_arrays(arrow_array(codes), self._words[name]))
-        return pa.RecordBatch.from_arrays(arrays, schema=self._schema)
-
     def _write_batches(self, everything: bool) -> None:
         """Write the waiting rows: all, or as many as fill whole batches."""
         waiting = sum(map(len, self._waiting))
@@ -263,30 +219,22 @@ class RecordingWriter:
         end = waiting if everything else waiting - waiting % BATCH_ROWS
         self._waiting = [rows[end:]] if end < waiting else []
         for start in range(0, end, BATCH_ROWS):
-            self._write_message(rows[start : min(start + BATCH_ROWS, end)])
+            self._append(self._stream.message(rows[start : min(start + BATCH_ROWS, end)]))
         self._last_write = time.perf_counter()
         self._attempt(self._check_place)
-
-    def _write_message(self, rows: np.ndarray, **more: str) -> None:
-        about = {"crc32": SEAL.decode(), "sequence": str(self._sequence), "first_row": str(self._in_stream)}
-        self._stream.write_batch(self._batch(rows), custom_metadata={**about, "rows": str(len(rows)), **more})
-        self._sequence += 1
-        self._in_stream += len(rows)
-        self._append(seal(self._drain_sink()))
 
     def _append(self, message: bytes) -> None:
         """Append a whole message to memory and, whole or not at all, to the file."""
         if self._memory is not None:
-            self._memory.append(message)
-            self._memory_bytes += len(message)
+            self._memory.write(message)
 
         def append() -> None:
             append_whole(self._file, message, self.bytes_written)
             self.bytes_written += len(message)
-            self.rows_written = self._in_stream
+            self.rows_written = self._stream.rows
 
         self._attempt(append)
-        if self._memory_bytes > MOST_IN_MEMORY and self.trouble is None:
+        if self._memory is not None and self._memory.tell() > MOST_IN_MEMORY and self.trouble is None:
             self._memory = None
 
     def _bring_to_disk(self) -> None:
@@ -313,15 +261,6 @@ class RecordingWriter:
             self.trouble = error
             with contextlib.suppress(OSError):  # the first error is the one to tell
                 os.close(self._file)
-
-
-def _before_first_batch(stream: bytes) -> bytes:
-    """The schema and the dictionaries at the start of a stream."""
-    source = pa.BufferReader(stream)
-    end = 0
-    while pa.ipc.read_message(source).type != "record batch":
-        end = source.tell()
-    return stream[:end]
 
 
 def convert_to_parquet(path: str | Path, sync: bool = True) -> Recording:
@@ -385,50 +324,3 @@ def _parquet_bytes(recording: Recording) -> bytes:
         writer.add_key_value_metadata({"outcome": as_json(recording.outcome, "outcome"), "crc32": SEAL.decode()})
     data = sink.getvalue().to_pybytes()
     return seal(data, footer_at(data))
-
-
-def make_schema(
-    braked: str, metadata: dict[str, Any], decisions: tuple[str, ...], sensors: Sensors | None,
-    columns: Iterable[str] | None = None,
-) -> pa.Schema:  # fmt: skip
-    """The Arrow schema of a recording, without a checksum. InputError for metadata that JSON cannot hold.
-
-    columns: of a recording by an earlier version, which has fewer; None: all.
-    """
-    about = {"form": FORM, "braked": braked, "text": column_words(decisions), "metadata": metadata}
-    if sensors:
-        about["sensors"] = sensors._asdict()
-    names = [name for name, _ in recording_columns(braked, sensors)] if columns is None else columns
-    kinds = {name: pa.dictionary(code, pa.string()) for name, code in TEXT_COLUMNS.items()}
-    fields = [pa.field(name, kinds.get(name, pa.float64()), nullable=False) for name in names]
-    return pa.schema(fields, metadata={"phd": as_json(about, "metadata")})
-
-
-def as_json(about: dict[str, Any], part: str) -> str:
-    """JSON text for a recording. InputError, which names `part`, for what JSON cannot hold."""
-    try:
-        return json.dumps(about, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"recording: the {part} cannot be stored as JSON: {error}") from None
-
-
-def arrow_array(values: np.ndarray) -> pa.Array:
-    """Numbers without gaps as an Arrow array on the same memory.
-
-    `pa.array` would import pandas, where it is installed, to check their type.
-    """
-    kind = pa.from_numpy_dtype(values.dtype)
-    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
-
-
-def arrow_words(words: Sequence[str]) -> pa.Array:
-    """Texts as an Arrow array; see `arrow_array`."""
-    encoded = [word.encode() for word in words]
-    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
-
-
-def seal(message: bytes, start: int = 0) -> bytes:
-    """The message with its checksum in place of the first `SEAL` from byte `start` on."""
-    at = message.index(SEAL, start)
-    return b"".join((memoryview(message)[:at], b"%08x" % crc32(message), memoryview(message)[at + len(SEAL) :]))

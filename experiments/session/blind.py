@@ -13,7 +13,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
@@ -22,8 +22,6 @@ from experiments.plan import PlannedTrial, codes
 from experiments.recording.atomic_files import reading_stored, replace_file
 
 KEY = "key.json"
-#: Measures that may reveal a controller: those that tell it by themselves, and all of an own file.
-HIDDEN: dict[str, Any] = {metric.name: None for metric in METRICS if metric.tells_controller} | {"own": {}}
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 
@@ -67,4 +65,10 @@ def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
 
 def blinded(row: TrialRow) -> TrialRow:
     """A coded row without what reveals its controller."""
-    return replace(row, controller_name=row.controller, **HIDDEN) if isinstance(row.controller, str) else row
+    return replace(without_telltales(row), controller_name=row.controller) if isinstance(row.controller, str) else row
+
+
+def without_telltales(row: TrialRow) -> TrialRow:
+    """A row without the measures that may reveal its controller: some shipped ones, and all of an own file."""
+    telltale = {metric.name for metric in METRICS if metric.tells_controller} | row.own.keys()
+    return replace(row, measures={name: value for name, value in row.measures.items() if name not in telltale})

@@ -32,11 +32,11 @@ from experiments.recording.atomic_files import reading_stored, replace_file
 CHECKSUM, AFTER = "crc32", "after"
 END = "journal.end"
 NO_CHECKSUM = "no checksum, written by an earlier version"
+CANNOT_BE_READ = "cannot be read"
 
-_DIGITS = r"[0-9a-f]{8}"
-_WHOLE_END = re.compile(rf', "{AFTER}": "({_DIGITS})", "{CHECKSUM}": "({_DIGITS})"\}}$'.encode())
-_ANY_END = re.compile(rf'"{CHECKSUM}": "{_DIGITS}"\}}'.encode())
-_TAIL = len('12345678"}')
+_HEX = rb"[0-9a-f]{8}"
+_WHOLE = re.compile(rb'(?P<before>.*, "after": "(?P<after>%b)", "crc32": ")(?P<own>%b)"\}' % (_HEX, _HEX), re.DOTALL)
+_CHECKSUM_IN_IT = re.compile(rb'"crc32": "%b"\}' % _HEX)
 
 
 def _digits(data: bytes) -> str:
@@ -87,75 +87,81 @@ class Lines(NamedTuple):
 def next_line(about: Mapping[str, Any], journal: bytes) -> bytes:
     """The next line of a journal, with its checksums."""
     texts = journal.splitlines()
-    start = next((i for i in reversed(range(len(texts))) if _is_whole(texts[i])), 0)
-    line = json.dumps({**about, AFTER: _digits(b"\n".join(texts[start:])), CHECKSUM: "00000000"}).encode()
-    return line[:-_TAIL] + _digits(line[:-_TAIL]).encode() + b'"}\n'
+    start = next((i for i in reversed(range(len(texts))) if _checksums(texts[i])), 0)
+    text = json.dumps({**about, AFTER: _digits(b"\n".join(texts[start:]))})
+    before = f'{text[:-1]}, "{CHECKSUM}": "'.encode()
+    return before + _digits(before).encode() + b'"}\n'
 
 
 def read_lines(journal: bytes) -> Lines:
-    """The valid lines of a journal, and the faults of the others."""
+    """The valid lines of a journal, and the faults of the others.
+
+    Whole lines stand by themselves. Lines without a checksum are judged by the next whole line, whose `after` is that
+    of them and of the whole line before them.
+    """
     texts = journal.splitlines()
-    wholes = [i for i, text in enumerate(texts) if _is_whole(text)]
-    read = Lines({}, [], [], [texts[i][-_TAIL:-2].decode() for i in wholes], len(texts))
-    without_checksum: list[int] = []
-    is_cut = bool(texts) and not journal.endswith((b"\n", b"\r"))  # the last line
-    for before, i in pairwise((None, *wholes, None)):  # two whole lines; None: the start or the end of the journal
+    whole = {i: found for i, text in enumerate(texts) if (found := _checksums(text))}
+    read = Lines({}, [], [], [found.own for found in whole.values()], len(texts))
+    unguarded: list[int] = []
+    last_is_open = bool(texts) and not journal.endswith((b"\n", b"\r"))
+    for before, i in pairwise((None, *whole, None)):  # two whole lines; None: the start or the end of the journal
         first, end = 0 if before is None else before + 1, len(texts) if i is None else i
-        follows = i is not None and _link(texts[i]) == _digits(b"\n".join(texts[before or 0 : i]))
+        follows = i is not None and whole[i].after == _digits(b"\n".join(texts[before or 0 : i]))
         is_changed = before is not None and i is not None and not follows
         faults = len(read.faults)
-        for j in range(first, end):  # the lines between them
-            may_be_cut = follows or not wholes or (is_cut and j == len(texts) - 1)
-            if _take_without_checksum(read, j, texts[j], is_changed, may_be_cut):
-                without_checksum.append(j)
+        for j in range(first, end):
+            may_be_cut = follows or not whole or (last_is_open and j == len(texts) - 1)
+            about, fault = _without_checksum(texts[j], is_changed, may_be_cut)
+            if about is not None:
+                read.valid[j + 1] = about
+                unguarded.append(j)
+            elif fault:
+                read.faults.append(f"line {j + 1}: {fault}")
+            else:
+                read.notes.append(f"line {j + 1}: was not finished, a crash cut it off")
         if i is None:
             break
         if not follows and len(read.faults) == faults:
             read.faults.append(_break_of_chain(texts, i, before))
         if follows or texts[i] not in texts[:i]:
-            _add_valid(read, i, texts[i])
-    if without_checksum:
-        read.notes.append(f"{_lines(without_checksum)}: {NO_CHECKSUM}")
+            if (about := _json_object(texts[i])) is None:
+                read.faults.append(f"line {i + 1}: {CANNOT_BE_READ}")
+            else:
+                read.valid[i + 1] = {key: value for key, value in about.items() if key not in (AFTER, CHECKSUM)}
+    if unguarded:
+        read.notes.append(f"{_lines(unguarded)}: {NO_CHECKSUM}")
     return read
 
 
-def _is_whole(text: bytes) -> bool:
-    """Whether a line matches its own checksum."""
-    found = _WHOLE_END.search(text)
-    return found is not None and found[2].decode() == _digits(text[:-_TAIL])
+def _without_checksum(text: bytes, is_changed: bool, may_be_cut: bool) -> tuple[dict[str, Any] | None, str]:
+    """The fields of a line that an earlier version wrote, or None and its fault, "" for one that a crash cut off.
 
-
-def _link(text: bytes) -> str:
-    """The checksum of the lines before it that a line holds."""
-    found = _WHOLE_END.search(text)
-    return found[1].decode() if found else ""
-
-
-def _take_without_checksum(read: Lines, i: int, text: bytes, changed: bool, may_be_cut: bool) -> bool:
-    """Read a line without a valid checksum; whether an earlier version wrote it.
-
-    changed: since the next whole line was written. may_be_cut: a crash may have cut it off.
+    is_changed: since the next whole line was written.
     """
-    about = None if changed or _ANY_END.search(text) else _json_object(text)
-    if about is not None and AFTER not in about and CHECKSUM not in about:
-        read.valid[i + 1] = about
-        return True
-    if about is None and may_be_cut and not text.endswith(b"}") and not _ANY_END.search(text):
-        read.notes.append(f"line {i + 1}: was not finished, a crash cut it off")
-    elif changed or about is not None or _ANY_END.search(text):
-        read.faults.append(f"line {i + 1}: does not match its checksum, it was changed")
-    else:
-        read.faults.append(f"line {i + 1}: cannot be read")
-    return False
+    had_checksum = _CHECKSUM_IN_IT.search(text) is not None
+    about = None if is_changed or had_checksum else _json_object(text)
+    if about is not None and not {AFTER, CHECKSUM} & about.keys():
+        return about, ""
+    if about is None and may_be_cut and not had_checksum and not text.endswith(b"}"):
+        return None, ""
+    if is_changed or had_checksum or about is not None:
+        return None, "does not match its checksum, it was changed"
+    return None, CANNOT_BE_READ
 
 
-def _add_valid(read: Lines, i: int, text: bytes) -> None:
-    """Add the fields of a whole line."""
-    about = _json_object(text)
-    if about is None:
-        read.faults.append(f"line {i + 1}: cannot be read")
-    else:
-        read.valid[i + 1] = {key: value for key, value in about.items() if key not in (AFTER, CHECKSUM)}
+class _Checksums(NamedTuple):
+    """Those at the end of a whole line."""
+
+    after: str  # of the lines before it
+    own: str
+
+
+def _checksums(text: bytes) -> _Checksums | None:
+    """The checksums of a line that matches its own; None: it does not, or has none."""
+    found = _WHOLE.fullmatch(text)
+    if found is None or found["own"].decode() != _digits(found["before"]):
+        return None
+    return _Checksums(found["after"].decode(), found["own"].decode())
 
 
 def _break_of_chain(texts: Sequence[bytes], i: int, before: int | None) -> str:

@@ -348,5 +348,5 @@ def rows_without_recording(session: Path, journal: JournalSummary) -> list[Trial
 
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:
     """The row of a trial without measures, from its place in the plan."""
-    participant = session.parent.name.removeprefix("sub-")
-    return TrialRow(participant, *(event[name] for name in PlannedTrial._fields), status)
+    place = {name: event[name] for name in PlannedTrial._fields}
+    return TrialRow(participant=session.parent.name.removeprefix("sub-"), **place, status=status)

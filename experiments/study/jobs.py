@@ -118,26 +118,6 @@ def _run_waiting(work: Work, out: Path, resume: bool, workers: Executor, progres
     return Finished(table, len(work.jobs) - len(waiting), ticks, time.perf_counter() - began)
 
 
-def first_done(work: Work, out: Path) -> bytes:
-    """The table as far as it goes, while it is made or once it is: up to the first job that is not done yet.
-
-    Those after it may be there too; they are left out, for they are the ones that took less time. InputError: none.
-    """
-    stored, table = out / f"{work.kind}.json", out / f"{work.kind}.csv"
-    _compare(stored, work)
-    if table.exists():
-        return table.read_bytes()
-    rows = []
-    for job in work.jobs:
-        try:
-            rows.append((out / PARTS / f"{job.number:06d}.csv").read_bytes())
-        except FileNotFoundError:
-            break
-    if not rows:
-        raise InputError(f"{out}: nothing is done yet")
-    return csv_bytes([work.columns]) + b"".join(rows)
-
-
 def going_on(out: Path) -> str:
     """The message of work that was interrupted and can go on."""
     return f"{out}: interrupted; go on with the same command and --resume"

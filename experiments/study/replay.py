@@ -31,19 +31,10 @@ from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
 from experiments.numbers import percent
 from experiments.progress import Progress, no_progress
-from experiments.protocol import Protocol, check_reach, load_protocol, middle_of
+from experiments.protocol import Protocol, check_reach, middle_of
 from experiments.recording.atomic_files import refuse_existing_files, write_new_file
 from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
-from experiments.study.replay_motion import (
-    Recorded,
-    RecordedHand,
-    force_hand,
-    has_arm,
-    has_start,
-    read_recorded,
-    recorded_arm,
-    run_replay,
-)
+from experiments.study.replay_motion import Recorded, has_start, read_recorded, recorded_hand, run_replay
 from experiments.trial.decisions import Decisions, decide_again
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
 from experiments.trial.trial import Conditions
@@ -67,12 +58,10 @@ class Checked(NamedTuple):
 
 
 class Replacement(NamedTuple):
-    """The controller, device, hand or protocol that replaces the recorded one; None: it stays."""
+    """The controller or device that replaces the recorded one; None: it stays."""
 
-    controller: int | None = None  # its number in the session's protocol, or in `protocol`
+    controller: int | None = None  # its number in the session's protocol
     device: str | None = None  # a name or a file
-    protocol: str | None = None  # likewise; the controller then follows its rules
-    hand: str | None = None  # "target" or "force"; None: the target where it was recorded, else the force
 
 
 AS_RECORDED = Replacement()
@@ -86,93 +75,90 @@ def replay(
     out: a new CSV file for the replayed ticks. InputError, and nothing written, for what cannot be replayed.
     """
     trial = read_recorded(Path(file))
-    recording, row = trial.recording, trial.row
-    recorded_protocol = trial.stored.protocol
-    own = recorded_protocol.device(row.configuration)
-    chosen, number = choose_controller(trial, other.controller, other.protocol)
-    preset = chosen.controllers[number]
-    onto = own if other.device is None else choose_device(trial, other.device)
-    if onto.castor and not preset.algorithm.steers:
-        raise InputError(f"controller {preset.name}: needs brakes, and {onto.name} has a castor")
-    kind, moved = choose_hand(trial, other.hand)
+    protocol, row = trial.stored.protocol, trial.row
+    number, device = choose_controller(trial, other.controller), choose_device(trial, other.device)
+    preset, own = protocol.controllers[number], protocol.device(row.configuration)
+    if device.castor and not preset.algorithm.steers:
+        raise InputError(f"controller {preset.name}: needs brakes, and {device.name} has a castor")
     if out is not None:
         refuse_existing_files([out])
-    same_device = (onto.text, onto.brake_texts) == (own.text, own.brake_texts)
-    whole = same_device and has_start(recording)
-    conditions = Conditions(trial.path_file, preset, chosen.rules, recorded_protocol.trial)
-    rows, outcome = run_replay(trial, moved, onto, conditions, whole, progress)
-    difference = None
-    checked: Checked | None = None
+    is_own_device = (device.text, device.brake_texts) == (own.text, own.brake_texts)
+    from_start = is_own_device and has_start(trial.recording)
+    hand = recorded_hand(trial.recording, trial.first)
+    conditions = Conditions(trial.path_file, preset, protocol.rules, protocol.trial)
+    rows, outcome = run_replay(trial, hand, device, conditions, from_start, progress)
+    difference = checked = None
     if not isinstance(row.controller, str):  # a blind session does not say which controller it was
-        own_control = recorded_protocol.controllers[row.controller], recorded_protocol.rules
-        checked = check_decisions(recording, own, Conditions(trial.path_file, *own_control, recorded_protocol.trial))
-        if whole and kind == "target" and (preset, chosen.rules) == own_control:
-            difference = first_difference(recording, rows, preset.decisions)
-    rows = rows[trial.first :] if whole else rows
-    replayed = as_recording(trial, rows, onto, preset)
-    ways = way_made(recording, trial.path), way_made(replayed, trial.path)
-    status = row.status, outcome["status"]
-    common = None if status == ("done", "done") else min(ways)
+        recorded = conditions._replace(preset=protocol.controllers[row.controller])
+        checked = check_decisions(trial.recording, own, recorded)
+        if from_start and conditions == recorded:
+            difference = first_difference(trial.recording, rows, preset)
+    rows = rows[trial.first :] if from_start else rows
+    replayed = as_recording(trial, rows, device, preset)
+    ways = way_made(trial.recording, trial.path), way_made(replayed, trial.path)
+    common = None if (row.status, outcome["status"]) == ("done", "done") else min(ways)
     metrics, failed = compare_metrics(trial, replayed, common)
     if out is not None:
         write_ticks(replayed, trial.first, out)
+    ledger = ("energy_residual_J", "energy_added_max_J")
     return {
         "recording": str(file),
         "participant": row.participant,
         "run": row.run,
-        "hand": kind,
+        "hand": hand.kind,
         "before": {
             "device": row.configuration,
-            "controller": controller_words(recorded_protocol, row.controller),
+            "controller": controller_words(protocol, row.controller),
             "status": row.status,
             "way_made": ways[0],
-            "energy_residual_J": row.energy_residual_J,
-            "energy_added_max_J": row.energy_added_max_J,
+            **{name: row.value(name) for name in ledger},
         },
         "after": {
-            "device": onto.name,
-            "controller": controller_words(chosen, number),
+            "device": device.name,
+            "controller": controller_words(protocol, number),
             "way_made": ways[1],
-            **{key: outcome[key] for key in ("status", "energy_residual_J", "energy_added_max_J")},
+            **{key: outcome[key] for key in ("status", *ledger)},
         },
         "compared_way": common,
         "metrics": metrics,
-        "begins": "start" if whole else "move",
+        "begins": "start" if from_start else "move",
         "equal": None if difference is None else not difference,
         "decisions": checked._asdict() if checked else None,
         "largest_tip_difference_m": tip_difference(trial, rows),
         "ticks": len(rows),
-        "note": chosen.note(),
-        "assumed": onto.assumed,
+        "note": protocol.note(),
+        "assumed": device.assumed,
         "says": A_PERSON_WOULD_REACT,
         "warnings": [
-            *(f"the recording: {doubt}" for doubt in recording.outcome.get("warnings", ())),
+            *(f"the recording: {doubt}" for doubt in trial.recording.outcome.get("warnings", ())),
             *(f"the replay: {doubt}" for doubt in outcome["warnings"]),
             *short_ways(common, ways, outcome["status"]),
             *failed,
-            *warnings(same_device and not whole and not recording.sensors, difference, checked),
+            *warnings(is_own_device and not from_start and not trial.recording.sensors, difference, checked),
         ],
         "out": None if out is None else str(out),
     }
 
 
-def choose_controller(trial: Recorded, controller: int | None, protocol: str | None) -> tuple[Protocol, int]:
-    """The protocol that has the controller, and its number there."""
-    if protocol is not None and controller is None:
-        raise InputError(f"{protocol}: the protocol is where a controller is looked up, say which")
-    chosen = trial.stored.protocol if protocol is None else load_protocol(protocol)
-    number = trial.row.controller if controller is None else controller
+def choose_controller(trial: Recorded, controller: int | None) -> int:
+    """The number of a controller in the session's protocol; None: the recorded one. InputError: there is none."""
+    protocol, number = trial.stored.protocol, trial.row.controller if controller is None else controller
     if isinstance(number, str):
         raise InputError(f"{trial.recording.path}: its session is blind, say through which controller")
-    if number not in chosen.controllers:
-        known = ", ".join(f"{number} {preset.name}" for number, preset in chosen.controllers.items())
-        raise InputError(f"controller {number}: the {chosen.name} protocol has none of this number ({known})")
-    return chosen, number
+    if number not in protocol.controllers:
+        known = ", ".join(f"{number} {preset.name}" for number, preset in protocol.controllers.items())
+        raise InputError(f"controller {number}: the {protocol.name} protocol has none of this number ({known})")
+    return number
 
 
-def choose_device(trial: Recorded, device: str) -> Device:
-    """A device, shipped or from a file, that can follow the path and be where the recorded movement begins."""
+def choose_device(trial: Recorded, device: str | None) -> Device:
+    """A device, shipped or from a file, that can follow the path and be where the recorded movement begins.
+
+    None: the recorded one.
+    """
     protocol, segment = trial.stored.protocol, trial.row.segment
+    if device is None:
+        return protocol.device(trial.row.configuration)
     onto = load_device(device)
     paths = {segment: protocol.paths[segment]}
     check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
@@ -182,23 +168,9 @@ def choose_device(trial: Recorded, device: str) -> Device:
     return onto
 
 
-def choose_hand(trial: Recorded, hand: str | None) -> tuple[str, RecordedHand]:
-    """Whether it is the "target" or the "force", and that hand."""
-    recording = trial.recording
-    if hand == "force" or (hand is None and not has_arm(recording)):
-        return "force", force_hand(recording, trial.first)
-    if not has_arm(recording):
-        held_by = recording.metadata.get("hand")
-        raise InputError(f"{recording.path}: no target of the hand ({held_by}) was recorded, replay its force")
-    return "target", recorded_arm(recording)
-
-
-def first_difference(recording: Recording, rows: np.ndarray, decisions: tuple[str, ...]) -> str:
-    """Where all ticks (n, tick_log.WIDTH), replayed, differ from the recorded ones; "": nowhere, bit for bit.
-
-    decisions: the words of the replay.
-    """
-    words = column_words(decisions)
+def first_difference(recording: Recording, rows: np.ndarray, preset: Preset) -> str:
+    """Where all ticks (n, tick_log.WIDTH), replayed, differ from the recorded ones; "": nowhere, bit for bit."""
+    words = column_words(preset.decisions)
     first, where = len(rows), ""
     for name, place in recording_columns(recording.braked):
         if name == "lateness_us" or name not in recording.columns:  # of the machine; of a later version

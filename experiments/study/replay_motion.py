@@ -4,8 +4,8 @@ The hand is one of two:
 target   the recorded arm (spring-damper and mass), pulled by the recorded target: it gives way to another motion as an
          arm does, with the same aim. The other parts of the recorded force (noise, tremor, effort) are held over each
          tick as they were. Recorded of every hand that moved the simulated device.
-force    the recorded force over time, whatever the handle does. Nothing holds the handle near the recorded motion, and
-         it drifts off by millimetres to centimetres.
+force    where no target was recorded, as at a device on the bench: the recorded force over time, whatever the handle
+         does. Nothing holds the handle near the recorded motion, and it drifts off by millimetres to centimetres.
 It is over at the recording's last tick.
 
 On the device of the recording the replay begins with the trial's first tick, the device as the trial before had left it
@@ -87,11 +87,20 @@ class RecordedHand(NamedTuple):
     hand: Hand
     wants: dict[str, np.ndarray]  # field of the grip -> its value at each tick; empty: a force alone
 
+    @property
+    def kind(self) -> str:
+        return "target" if self.wants else "force"
+
     def take(self, tick: int) -> None:
         """Set target and stiffness to those of the recorded hand at a tick."""
         grip = self.hand.grips.view(np.ndarray)[0]
         for name, values in self.wants.items():
             grip[name] = values[tick]
+
+
+def recorded_hand(recording: Recording, first: int) -> RecordedHand:
+    """The recorded arm; where none was recorded, the force from tick `first` on."""
+    return recorded_arm(recording) if has_arm(recording) else force_hand(recording, first)
 
 
 def force_hand(recording: Recording, first: int) -> RecordedHand:
@@ -172,12 +181,11 @@ def run_replay(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The replayed ticks (n, tick_log.WIDTH), and how the trial ended, as `Trial.outcome`.
 
-    whole: from the first tick, on the recorded device, moved by the recorded arm until `move`, when the hand takes
-    over; else from the first tick of `move`. FloatingPointError if the motion is no longer finite.
+    whole: from the first tick, on the recorded device; else from the first tick of `move`. FloatingPointError if the
+    motion is no longer finite.
     """
     recording, row = trial.recording, trial.row
-    moved_by = recorded_arm(recording) if whole and not hand.wants else hand
-    simulated = ReplayedDevice(trial, device, moved_by.hand, whole)
+    simulated = ReplayedDevice(trial, device, hand.hand, whole)
     planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.segment, row.repetition)
     again = SimulatedTrial(simulated, planned, conditions)
     run, first = again.arguments().run, 0 if whole else trial.first
@@ -188,9 +196,7 @@ def run_replay(
     done = 0
     while done < len(rows):
         tick = first + done
-        if tick == trial.first and moved_by is not hand:
-            moved_by, simulated.hand, simulated.state["settled"][0] = hand, hand.hand, 0
-        moved_by.take(tick)
+        hand.take(tick)
         run["held"][0], run["stop"][0] = not away[tick], tick >= stopped
         if not again.run(rows[done : done + 1]):
             break

@@ -1,7 +1,5 @@
 """What a sweep says: each key that it varies against each measure of the figures, and which key moves which most."""
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,6 +10,7 @@ from scipy import stats
 
 from experiments.analysis.metrics import FIGURES, Metric
 from experiments.analysis.sheet import BLUE, PAGE_IN, STYLE, figure_bytes, sheet, title
+from experiments.analysis.trials_table import csv_bytes
 from experiments.numbers import significant
 
 LEVEL = 0.95
@@ -125,11 +124,9 @@ def effect_files(found: Sequence[Effect], name: str) -> dict[str, bytes]:
         for axes, key in zip(grid[0], keys, strict=True):
             title(axes, key)
         drawn = figure_bytes(figure, "png")
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(("key", "value", "measure", "unit", "mean", "low", "high"))
+    lines: list[tuple] = [("key", "value", "measure", "unit", "mean", "low", "high")]
     for effect in found:
         for value, mean, half in zip(effect.values, effect.means, effect.half, strict=True):
             ends = ("", "") if math.isnan(half) else (mean - half, mean + half)
-            lines.writerow((effect.key, value, effect.measure.name, effect.measure.shown_unit, mean, *ends))
-    return {"effects.png": drawn, "effects.csv": text.getvalue().encode()}
+            lines.append((effect.key, value, effect.measure.name, effect.measure.shown_unit, mean, *ends))
+    return {"effects.png": drawn, "effects.csv": csv_bytes(lines)}

@@ -6,8 +6,6 @@ under every seed and in all but 2.5 % of the draws; two of which neither is bett
 the end are left out and counted.
 """
 
-import csv
-import io
 import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from core.control.controllers import PARAMETERS
 from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.sheet import BLUE, GREY, PAGE_IN, SMALL, STYLE, figure_bytes, plain, sheet, title
+from experiments.analysis.trials_table import csv_bytes
 from experiments.numbers import significant
 from experiments.study.sweep_effects import ALWAYS, SEED, Person, Row, person_in
 
@@ -76,41 +75,48 @@ def ranks(rows: Sequence[Row], varied: Sequence[str]) -> list[Rank]:
 
 
 def _ranked(where: str, rows: Sequence[Row], measure: Metric, controllers: Sequence[str]) -> list[Rank]:
+    """The controllers by one measure, in a part of the trials; none where fewer than two have a value."""
     people = list(dict.fromkeys(map(person_in, rows)))
-    score = np.full((len(people), len(controllers)), np.nan)
-    tried, done = np.zeros(len(controllers)), np.zeros(len(controllers))
-    cells: dict[tuple[Person, str], list[float]] = {}
-    for row in rows:
-        column = controllers.index(row["controller_name"])
-        tried[column] += 1
-        if row["status"] == "done":
-            done[column] += 1
-            if row[measure.name]:
-                cells.setdefault((person_in(row), row["controller_name"]), []).append(float(row[measure.name]))
-    for (person, name), values in cells.items():
-        score[people.index(person), controllers.index(name)] = measure.scale * np.mean(values)
-    kept = [k for k in range(len(controllers)) if np.isfinite(score[:, k]).any()]
+    scores, reached = _scores(rows, measure, people, controllers)
+    kept = [k for k in range(len(controllers)) if np.isfinite(scores[:, k]).any()]
     if len(kept) < 2:
         return []
-    score, sign = score[:, kept], -1.0 if measure.better == "higher" else 1.0
-    value = np.nanmedian(score, axis=0)
-    seeds = [
-        np.nanmedian(score[[p[1] == seed for p in people]], axis=0) for seed in dict.fromkeys(p[1] for p in people)
-    ]
-    drawn = _drawn(score, people)
-    better = np.all([sign * median[:, None] < sign * median for median in (value, *seeds)], axis=0)
-    better &= np.mean(sign * drawn[:, :, None] < sign * drawn[:, None, :], axis=0) >= SURE
+    scores = scores[:, kept]
+    of_seeds = [scores[[person[1] == seed for person in people]] for seed in dict.fromkeys(p[1] for p in people)]
+    value, *by_seed = (np.nanmedian(some, axis=0) for some in (scores, *of_seeds))
+    drawn = _drawn(scores, people)
+    sign = -1.0 if measure.better == "higher" else 1.0  # the least is the best
+    is_better = np.all([sign * median[:, None] < sign * median for median in (value, *by_seed)], axis=0)
+    is_better &= np.mean(sign * drawn[:, :, None] < sign * drawn[:, None, :], axis=0) >= SURE
     low, high = np.nanquantile(drawn, (1.0 - SURE, SURE), axis=0)
     rank_low, rank_high = np.quantile(_order(sign * drawn), (1.0 - SURE, SURE), axis=0, method="nearest")
-    order, of_seeds = _order(sign * value), np.array([_order(sign * one) for one in seeds])
+    rank, ranks_by_seed = _order(sign * value), _order(sign * np.array(by_seed))
     return [
         Rank(
-            where, measure, controllers[k], int(np.isfinite(score[:, j]).sum()), float(done[k] / tried[k]),
-            float(value[j]), float(low[j]), float(high[j]), int(order[j]), int(rank_low[j]), int(rank_high[j]),
-            tuple(map(int, of_seeds[:, j])), 1 + int(better[:, j].sum()), len(kept) - int(better[j].sum()),
+            where, measure, controllers[k], int(np.isfinite(scores[:, j]).sum()), float(reached[k]),
+            float(value[j]), float(low[j]), float(high[j]), int(rank[j]), int(rank_low[j]), int(rank_high[j]),
+            tuple(map(int, ranks_by_seed[:, j])), 1 + int(is_better[:, j].sum()), len(kept) - int(is_better[j].sum()),
         )
         for j, k in enumerate(kept)
     ]  # fmt: skip
+
+
+def _scores(
+    rows: Sequence[Row], measure: Metric, people: Sequence[Person], controllers: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each person's mean (people, controllers), NaN where there is none; the share of trials that reached the end."""
+    scores, reached = np.full((len(people), len(controllers)), np.nan), np.zeros(len(controllers))
+    for k, name in enumerate(controllers):
+        tried = [row for row in rows if row["controller_name"] == name]
+        done = [row for row in tried if row["status"] == "done"]
+        reached[k] = len(done) / max(len(tried), 1)
+        values: dict[Person, list[float]] = {}
+        for row in done:
+            if row[measure.name]:
+                values.setdefault(person_in(row), []).append(float(row[measure.name]))
+        for person, of_person in values.items():
+            scores[people.index(person), k] = measure.scale * np.mean(of_person)
+    return scores, reached
 
 
 def _drawn(score: np.ndarray, people: Sequence[Person]) -> np.ndarray:
@@ -157,18 +163,14 @@ def rank_sentences(found: Sequence[Rank]) -> list[str]:
 
 def rank_files(found: Sequence[Rank], name: str) -> dict[str, bytes]:
     """File name -> content: the ranks as a table, and the front drawn."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(
-        ("where", "measure", "unit", "controller", "people", "reached", "value", "low", "high", "rank", "rank_low",
-         "rank_high", "rank_by_seed", "place")
+    header = ("where", "measure", "unit", "controller", "people", "reached", "value", "low", "high", "rank", "rank_low",
+              "rank_high", "rank_by_seed", "place")  # fmt: skip
+    lines = (
+        (r.where, r.measure.name, r.measure.shown_unit, r.controller, r.people, r.reached, r.value, r.low, r.high,
+         r.rank, r.rank_low, r.rank_high, " ".join(map(str, r.of_seeds)), r.place)
+        for r in found
     )  # fmt: skip
-    for r in found:
-        lines.writerow(
-            (r.where, r.measure.name, r.measure.shown_unit, r.controller, r.people, r.reached, r.value, r.low, r.high,
-             r.rank, r.rank_low, r.rank_high, " ".join(map(str, r.of_seeds)), r.place)
-        )  # fmt: skip
-    return {"ranks.csv": text.getvalue().encode(), "front.png": _draw_front(found, name)}
+    return {"ranks.csv": csv_bytes([header, *lines]), "front.png": _draw_front(found, name)}
 
 
 def _draw_front(found: Sequence[Rank], name: str) -> bytes:

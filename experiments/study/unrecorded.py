@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy  # its parts, of a second each, are loaded where they are first used
@@ -23,7 +22,7 @@ from experiments.analysis import steering
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.simulation_errors import HAND, STEP, Moved
-from experiments.analysis.trials_table import TrialRow, measure
+from experiments.analysis.trials_table import TrialRow, ledger_of, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
@@ -100,11 +99,11 @@ def run_measured(trial: Trial, label: str, metrics: Sequence[Metric] = METRICS) 
     """Run a trial to its end and measure it: its row, with these measures alone, and its ticks."""
     rows = run_trial(trial)
     outcome = trial.outcome()
-    values: dict[str, Any] = {name: outcome[name] for name in ("energy_residual_J", "energy_added_max_J")}
     about = {steering.KEY: steering.to_metadata(trial.device), "preset": {"kind": trial.preset.kind}}
     recording = recording_of(rows, trial.device.braked, decisions=trial.preset.decisions, metadata=about)
-    values |= measure(recording, trial.path, metrics)
-    return TrialRow(label, *trial.planned, outcome["status"], **values), len(rows)
+    measures, failed = measure(recording, trial.path, metrics)
+    row = TrialRow(label, *trial.planned, outcome["status"], measures=measures | ledger_of(outcome), failed=failed)
+    return row, len(rows)
 
 
 def run_trial(trial: Trial) -> np.ndarray:
@@ -165,7 +164,7 @@ def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Mo
             someone = person._replace(bias_m=person.bias_m + ASIDE_M) if change == HAND else person
             after = measured(planned, someone, again, SUBSTEPS if change == STEP else 1)
             for name in BY_NAME:
-                value, was = getattr(after, name), getattr(before, name)
+                value, was = after.value(name), before.value(name)
                 if value is not None and was is not None:
                     moved = found.setdefault((int(planned.controller), change, name), [])
                     moved.append((abs(value - was), abs(was)))

@@ -43,7 +43,10 @@ def skid_warnings(cobot: np.record, castor: Castor) -> list[str]:
 
 @kernel
 def turn_castor(hand, state, run, t, row):
-    """Stage, in place of SETTLE: the castor's step from t on is taken; acceleration and sensed force follow from it."""
+    """Stage, in place of SETTLE: the castor's step from t on is taken; acceleration and sensed force follow from it.
+
+    Returns the hand's work, J.
+    """
     cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     before, force, steered, goal = cobot.work, (fx, fy, 0.0), 0, UNSTEERED
@@ -56,26 +59,28 @@ def turn_castor(hand, state, run, t, row):
     state.acceleration[0], state.acceleration[1] = (vx - tip[2]) / TICK_S, (vy - tip[3]) / TICK_S
     state.hand_force[0] = fx - arm_kg * state.acceleration[0]
     state.hand_force[1] = fy - arm_kg * state.acceleration[1]
-    run.castor_work = cobot.work - before
+    return cobot.work - before
 
 
 @kernel
-def move_with_castor(mechanism, hand, state, run):
+def move_with_castor(mechanism, data, cobot, work):
     """Stage, in place of STEP: the tip is where the castor has rolled to.
 
     A step that would leave the workspace is not made: the handle stands, and its energy is lost at the stop.
+    work: of the hand in the step, J.
     """
-    cobot, tip, arm_kg = run.cobot, state.tip, hand.grips[0].mass
+    state, scratch, tip, arm_kg = data.state, data.scratch, data.state.tip, data.hand.grips[0].mass
     square = tip[2] * tip[2] + tip[3] * tip[3]
-    stop_gap(mechanism, state.distal_side, cobot.pose[0], cobot.pose[1], run.theta, run.gap, run.side)
-    if min(run.gap[0], run.gap[1], run.gap[2], run.gap[3], run.gap[4]) < 0.0:
+    gap = scratch.gap
+    stop_gap(mechanism, state.distal_side, cobot.pose[0], cobot.pose[1], scratch.theta, gap, scratch.gap_side)
+    if min(gap[0], gap[1], gap[2], gap[3], gap[4]) < 0.0:
         cobot.pose[0], cobot.pose[1], cobot.speed = tip[0], tip[1], 0.0
-        cobot.work -= run.castor_work
+        cobot.work -= work
         state.lost_at_stops += 0.5 * (cobot.mass - arm_kg) * square
         tip[2] = tip[3] = 0.0
     else:
         vx, vy, _ = velocity(cobot)
-        state.work_hand += run.castor_work - 0.5 * arm_kg * (vx * vx + vy * vy - square)
+        state.work_hand += work - 0.5 * arm_kg * (vx * vx + vy * vy - square)
         tip[0], tip[1], tip[2], tip[3] = cobot.pose[0], cobot.pose[1], vx, vy
     update_kinematics(mechanism, state)
     state.steps += 1

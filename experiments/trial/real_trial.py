@@ -152,7 +152,7 @@ class RealTrial(Trial):
         for row in [*self._filled_before(sample.sequence, sensed), sensed]:
             if self.finished:
                 break
-            self._run["newest"][0] = newest and row is sensed
+            self._run["bench"]["newest"][0] = newest and row is sensed
             self.run(row[np.newaxis])
             rows.append(row)
         self._last = sample.sequence, sensed

@@ -93,6 +93,19 @@ ROUNDING_M = 1e-9  # of progress at the end
 #: Our choice: a person's approach, which may take its time, ends a forgotten trial after 10 minutes.
 PERSON_APPROACH_S = 600.0
 
+#: What only the trial of a real device has.
+BENCH = np.dtype(
+    [
+        ("release_force", "f8"),  # N; infinite: a trapped hand is not released
+        ("release_ticks", "i8"),
+        # what changes
+        ("newest", "i8"),  # 0: another sample has come already, so that this tick is recorded and decides nothing
+        ("trapped_ticks", "i8"),  # pushed for, against a full lock; falls as fast as it rose
+        ("power", "f8"),  # W, of the hand at the last tick
+        ("excess", "f8", (4,)),  # A, mean of the measured current less the one that was asked for
+        ("disobeyed_ticks", "i8"),
+    ]
+)
 RUN = np.dtype(
     [
         ("start_radius", "f8"),  # m, within which the start is held
@@ -104,12 +117,9 @@ RUN = np.dtype(
         ("simulated_hand", "i8"),  # 1: the operator drives; 0: the target is set from outside
         ("substeps", "i8"),  # steps of the simulated device in a tick; the controller decides once a tick all the same
         ("real", "i8"),  # 1: a real device; its rows come with its samples in them
-        ("speed_max", "f8"),  # m/s, of a real device
-        ("release_force", "f8"),  # N; infinite: a trapped hand is not released
-        ("release_ticks", "i8"),
+        ("bench", BENCH),
         ("slave", SLAVE),
         ("cobot", COBOT),  # the castor in place of brakes, if there is one
-        ("castor_work", "f8"),  # J, of the hand in its last step
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -122,15 +132,6 @@ RUN = np.dtype(
         ("decision", "i8"),
         ("current", "f8", (4,)),  # A
         ("energy_zero", "f8", (3,)),  # J, ledger at the start of the trial: hand, brakes, stops
-        # of a real device
-        ("newest", "i8"),  # 0: another sample has come already, so that this tick is recorded and decides nothing
-        ("trapped_ticks", "i8"),  # pushed for, against a full lock; falls as fast as it rose
-        ("power", "f8"),  # W, of the hand at the last tick
-        ("excess", "f8", (4,)),  # A, mean of the measured current less the one that was asked for
-        ("disobeyed_ticks", "i8"),
-        ("theta", "f8", (4,)),  # work space
-        ("gap", "f8", (PLACES,)),
-        ("side", "f8", (PLACES,)),
     ]
 )
 
@@ -149,14 +150,13 @@ def new_run(rules: TrialRules, simulated_hand: bool, real: bool = False) -> np.n
         simulated_hand=int(simulated_hand),
         substeps=1,
         real=int(real),
-        speed_max=SPEED_MAX_M_S,
-        release_force=rules.release.force_N if rules.release else math.inf,
-        release_ticks=round(rules.release.time_s / TICK_S) if rules.release else 0,
         phase=APPROACH,
         held=1,
-        newest=1,
         decision=OFF,
     )
+    bench = run["bench"][0]
+    bench["newest"], bench["release_force"] = 1, rules.release.force_N if rules.release else math.inf
+    bench["release_ticks"] = round(rules.release.time_s / TICK_S) if rules.release else 0
     if rules.slave:
         set_slave(run["slave"][0], rules.slave)
     return run
@@ -199,7 +199,7 @@ def run_ticks(trial, rows):
             begin(trial)
         if run.real != 0:
             sense(trial, row)
-        seen = state
+        seen, castor_work = state, 0.0
         if sensors.on != 0:
             seen = trial.sensing.seen[0]
             see(model.mechanism, state, sensors, seen)
@@ -215,7 +215,7 @@ def run_ticks(trial, rows):
         choose_currents(trial, seen, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
         if run.cobot.wheels != 0:
-            turn_castor(data.hand, state, run, t, row)
+            castor_work = turn_castor(data.hand, state, run, t, row)
         elif run.real == 0:
             apply(model, state, run.current)
             resolve(model, data, t)
@@ -223,7 +223,7 @@ def run_ticks(trial, rows):
         log_shown(trial, row)
         log_obstacle(trial, row)
         if run.cobot.wheels != 0:
-            move_with_castor(model.mechanism, data.hand, state, run)
+            move_with_castor(model.mechanism, data, run.cobot, castor_work)
         elif run.real == 0:
             step_device(trial, t)
         run.tick += 1
@@ -267,15 +267,15 @@ def sense(trial, row):
     grip.held[0], grip.held[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.target[0], grip.target[1] = row[log.TIP_X], row[log.TIP_Y]
     update_kinematics(trial.model.mechanism, state)
-    estimate_energies(trial.model.brakes, state, trial.run, row)
+    estimate_energies(trial.model.brakes, state, trial.run.bench, row)
 
 
 @kernel
-def estimate_energies(brakes, state, run, row):
+def estimate_energies(brakes, state, bench, row):
     """A real device's ledger over the last tick and its torques, estimated from sensors and brake model."""
     power = state.hand_force[0] * state.tip[2] + state.hand_force[1] * state.tip[3]
-    state.work_hand += 0.5 * (power + run.power) * TICK_S
-    run.power = power
+    state.work_hand += 0.5 * (power + bench.power) * TICK_S
+    bench.power = power
     for i in range(4):
         state.torque[i] = 0.0
         if brakes.present[i] == 0.0:
@@ -350,7 +350,7 @@ def enter(run, phase, status, reason):
 @kernel
 def guard(trial, row):
     """Stage: the trial ends, brakes off, where a real device does not obey, or it or the hand must be spared."""
-    run, state, brakes = trial.run, trial.data.state, trial.model.brakes
+    run, bench, state, brakes = trial.run, trial.run.bench, trial.data.state, trial.model.brakes
     if run.phase == END:
         return
     if disobeys(brakes, run, row):
@@ -358,22 +358,22 @@ def guard(trial, row):
         return
     if run.phase != MOVE:  # no currents flow
         return
-    x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
-    stop_gap(trial.model.mechanism, state.distal_side, x, y, run.theta, run.gap, run.side)
+    x, y, vx, vy, scratch = state.tip[0], state.tip[1], state.tip[2], state.tip[3], trial.data.scratch
+    stop_gap(trial.model.mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
     for j in range(PLACES):
-        if not run.gap[j] >= -PLACE_SLACK:
+        if not scratch.gap[j] >= -PLACE_SLACK:
             enter(run, END, ABORTED, OUT_OF_PLACE)
             return
-    if not math.sqrt(vx * vx + vy * vy) <= run.speed_max:
+    if not math.sqrt(vx * vx + vy * vy) <= SPEED_MAX_M_S:
         enter(run, END, ABORTED, TOO_FAST)
         return
-    pushed = math.sqrt(state.hand_force[0] ** 2 + state.hand_force[1] ** 2) >= run.release_force
+    pushed = math.sqrt(state.hand_force[0] ** 2 + state.hand_force[1] ** 2) >= bench.release_force
     if pushed and full_lock(brakes, run.current):
-        run.trapped_ticks += 1
-        if run.trapped_ticks >= run.release_ticks:
+        bench.trapped_ticks += 1
+        if bench.trapped_ticks >= bench.release_ticks:
             enter(run, END, ABORTED, TRAPPED)
-    elif run.trapped_ticks > 0:
-        run.trapped_ticks -= 1
+    elif bench.trapped_ticks > 0:
+        bench.trapped_ticks -= 1
 
 
 @kernel
@@ -382,14 +382,14 @@ def disobeys(brakes, run, row):
 
     A driver that stays on, one that is dead, and a board that takes no commands are seen by nothing else.
     """
-    wrong = False
+    bench, wrong = run.bench, False
     for i in range(4):
         if brakes.present[i] == 0.0 or not math.isfinite(row[log.MEASURED + i]):
             continue
-        run.excess[i] += (row[log.MEASURED + i] - run.current[i] - run.excess[i]) / DISOBEYED_MEAN
-        wrong = wrong or not abs(run.excess[i]) <= DISOBEYED_A + DISOBEYED_SHARE * brakes.current_max[i]
-    run.disobeyed_ticks = run.disobeyed_ticks + 1 if wrong else 0
-    return run.disobeyed_ticks >= DISOBEYED_TICKS
+        bench.excess[i] += (row[log.MEASURED + i] - run.current[i] - bench.excess[i]) / DISOBEYED_MEAN
+        wrong = wrong or not abs(bench.excess[i]) <= DISOBEYED_A + DISOBEYED_SHARE * brakes.current_max[i]
+    bench.disobeyed_ticks = bench.disobeyed_ticks + 1 if wrong else 0
+    return bench.disobeyed_ticks >= DISOBEYED_TICKS
 
 
 @kernel
@@ -406,8 +406,8 @@ def choose_currents(trial, seen, row):
     """Stage: the controller decides on the newest sample; outside the movement the brakes are off."""
     run, memory = trial.run, trial.memory
     if run.real != 0:
-        row[log.DECIDED] = 1.0 if run.phase == MOVE and run.newest != 0 else 0.0
-    if run.phase == MOVE and run.newest != 0:
+        row[log.DECIDED] = 1.0 if run.phase == MOVE and run.bench.newest != 0 else 0.0
+    if run.phase == MOVE and run.bench.newest != 0:
         sensed = seen_in(seen.tip, seen.hand_force)
         tick = Tick(sensed, seen.g, seen.mass, trial.model.brakes, memory, run.current)
         run.decision, field = decide(trial.controller, trial.path, tick)

@@ -97,38 +97,35 @@ def find_indices(ranges: Mapping[str, AssumptionRange], shares: np.ndarray, hold
     """
     n, generator = len(shares), np.random.default_rng(SEED)
     sizes = [parts_of(assumption) for assumption in ranges.values()]
-    often, of_all = effective_counts(holds)
-    judged = (often >= LEAST_EITHER) & (of_all - often >= LEAST_EITHER)
+    often, studies = effective_counts(holds)
+    judged = (often >= LEAST_EITHER) & (studies - often >= LEAST_EITHER)
     if not sizes or not judged.any():
         nothing = np.full(len(judged), np.nan)
         none = Split(np.full((len(judged), len(sizes)), np.nan), *[nothing] * 4)
         return Indices(none, none, nothing)
     member = np.hstack([np.eye(size)[part_at(shares[:, j], size)] for j, size in enumerate(sizes)])
-
-    def split(verdicts: np.ndarray, among: np.ndarray | slice = slice(None)) -> Split:
-        found = _split(member[among], sizes, verdicts[..., judged])
-        wide = [np.full((len(judged), *x.shape[1:]), np.nan) for x in found]
-        for field, x in zip(wide, found, strict=True):
-            field[judged] = x
-        return Split(*wide)
-
-    whole = split(holds)
-    dealt = np.array([split(holds[generator.permutation(n)]).first for _ in range(DEALS)])
+    whole = _split(member, sizes, holds, judged)
+    dealt = np.array([_split(member, sizes, holds[generator.permutation(n)], judged).first for _ in range(DEALS)])
     scale = np.sqrt(np.mean(dealt**2, axis=(0, 2)))  # (statements,) of an index by chance
     largest = np.nanmax(dealt / scale[:, np.newaxis], axis=(1, 2))
     some = [generator.permutation(n)[n // LEFT_OUT :] for _ in range(DRAWS)]
-    without = [np.array(field) for field in zip(*(split(holds[drawn], drawn) for drawn in some), strict=True)]
-    changes = (np.mean((field - all_worlds) ** 2, axis=0) for field, all_worlds in zip(without, whole, strict=True))
-    widths = [Z * np.sqrt((LEFT_OUT - 1) * change) for change in changes]
-    return Indices(whole, Split(*widths), scale * np.quantile(largest, LEVEL))
+    without = [_split(member[drawn], sizes, holds[drawn], judged) for drawn in some]
+    changes = [
+        np.mean((np.array(parts) - of_whole) ** 2, axis=0) for *parts, of_whole in zip(*without, whole, strict=True)
+    ]
+    half_width = Split(*(Z * np.sqrt((LEFT_OUT - 1) * change) for change in changes))
+    return Indices(whole, half_width, scale * np.quantile(largest, LEVEL))
 
 
-def _split(member: np.ndarray, sizes: Sequence[int], holds: np.ndarray) -> Split:
-    """The split of the verdicts; member (worlds, parts of all ranges): 1 where a world lies in the part."""
+def _split(member: np.ndarray, sizes: Sequence[int], holds: np.ndarray, judged: np.ndarray) -> Split:
+    """The split of the verdicts, nan where not judged (statements,).
+
+    member (worlds, parts of all ranges): 1 where a world lies in the part.
+    """
     n, triples = holds.shape[:2]
     mean = holds.mean(axis=1)  # of each world
     p = mean.mean(axis=0)
-    variance = np.maximum(p * (1.0 - p), 1e-12)
+    variance = np.where(judged, np.maximum(p * (1.0 - p), 1e-12), np.nan)
     count = member.sum(axis=0)
     of_parts = member.T @ mean / np.maximum(count, 1.0)[:, np.newaxis]
     starts = np.cumsum([0, *sizes[:-1]])

@@ -31,12 +31,9 @@ class Judgement:
     """A table of worlds, with the verdict of each study."""
 
     def __init__(self, table: Sequence[str], ranges: Ranges, shares: np.ndarray) -> None:
-        """table: the lines of worlds.csv; shares (worlds, assumptions): where worlds lie in the ranges, also of those
-        that are not in the table yet.
-        """
-        self.ranges, self.worlds = ranges, read_worlds(table)
-        self.n = len(self.worlds.seeds) // self.worlds.triples
-        self.shares = shares[: self.n]
+        """table: the lines of worlds.csv; shares (worlds, assumptions): where worlds lie in the ranges."""
+        self.ranges, self.worlds, self.shares = ranges, read_worlds(table), shares
+        self.n = len(shares)
         self.studies = self._judged(self.worlds)
 
     def _judged(self, worlds: Worlds, bands: float = 1.0) -> Verdicts:
@@ -115,10 +112,7 @@ def report_files(
         "at_least": ", ".join(at_least) or "never four",
         "nearest": _nearest(found),
     }
-    files = {
-        "overview.png": overview(found.holds, found.chance.holds, found.indices.split, note),
-        "jointly.csv": _jointly_csv(found.studies.holds),
-    }
+    files = {"overview.png": overview(found.holds, found.chance.holds, found.indices.split, note)}
     if found.worlds.triples > 1:
         values |= {"triples": str(found.worlds.triples), "far": _far(found), "distances": _distances(found)}
     if found.indices.any:
@@ -306,11 +300,3 @@ def _indices_csv(found: Judgement) -> bytes:
             numbers = indices.split.first[i, j], indices.half_width.first[i, j], indices.limit[i]
             lines.append((statement.number, column, *("" if np.isnan(x) else f"{x:.4g}" for x in numbers)))
     return csv_bytes(lines)
-
-
-def _jointly_csv(holds: np.ndarray) -> bytes:
-    """Share of studies in which both of two statements hold."""
-    both = holds.astype(float).T @ holds / len(holds)
-    numbers = [statement.number for statement in STATEMENTS]
-    lines = [(number, *(f"{x:.4f}" for x in row)) for number, row in zip(numbers, both, strict=True)]
-    return csv_bytes([("statement", *numbers), *lines])

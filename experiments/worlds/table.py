@@ -45,7 +45,7 @@ def cells_of(rows: Iterable[TrialRow], protocol: Protocol) -> list[str]:
     found: dict[Cell, list[str]] = {cell: [] for cell in cells(protocol)}
     for row in sorted(rows, key=lambda row: (row.participant, row.segment, row.repetition)):
         for metric in JUDGED:
-            value = getattr(row, metric.name) if row.status == "done" else None
+            value = row.value(metric.name) if row.status == "done" else None
             number = math.nan if value is None else value
             found[metric.name, row.configuration, int(row.controller)].append(f"{number:.{DIGITS}g}")
     return [" ".join(texts) for texts in found.values()]
@@ -102,12 +102,11 @@ class Worlds(NamedTuple):
 
 
 def read_worlds(table: Sequence[str]) -> Worlds:
-    """The lines of worlds.csv; those of a world whose triples are not all there are left out."""
+    """The lines of worlds.csv."""
     lines = csv.reader(table)
     header = next(lines)
     rows = list(lines)
     triples = max(int(row[1]) for row in rows)
-    rows = rows[: len(rows) // triples * triples]
     places = [i for i, name in enumerate(header) if name.count(":") == 2]
     trials = max(len(row[places[0]].split()) for row in rows)
     values = np.full((len(rows), len(places), trials), np.nan)

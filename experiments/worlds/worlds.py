@@ -19,7 +19,7 @@ from experiments.analysis.metrics import JUDGED
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import replace_file
-from experiments.study.jobs import Done, Work, device_texts, first_done, run_work, table_lines
+from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines
 from experiments.study.unrecorded import study_trials, with_low_gain_found
 from experiments.worlds.ranges import Ranges, Value
 from experiments.worlds.report import report_files
@@ -106,11 +106,6 @@ def run_worlds(
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
     }
-
-
-def report_so_far(run: WorldsRun, out: Path) -> dict:
-    """The report of the studies that are done, the first of them in order: none is run. InputError: there is none."""
-    return {"out": str(out), **write_report(run, out, first_done(run.work(), out))}
 
 
 def write_report(run: WorldsRun, out: Path, table: bytes) -> dict:

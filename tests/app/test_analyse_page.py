@@ -34,15 +34,18 @@ from experiments.analysis.report import SIMULATED
 from experiments.analysis.trials_table import TrialRow, read_table, write_table
 from experiments.session.files import STUDY
 from experiments.session.session import Session
+from tests.support.rows import with_measures
 
 
 def results_of(participant: str, seed: int) -> list[TrialRow]:
     """A participant's sixty trials, with scores that depend on the controller and a little on chance."""
     generator = np.random.default_rng(seed)
     return [
-        replace(
-            fake_client.result(trial, error=1e-3 * trial.controller + 1e-4 * generator.random()),
-            participant=participant,
+        with_measures(
+            replace(
+                fake_client.result(trial, error=1e-3 * trial.controller + 1e-4 * generator.random()),
+                participant=participant,
+            ),
             mean_tip_force_N=trial.controller + generator.random(),
             acceleration_dft_sum=30.0 * trial.controller + generator.random(),
         )
@@ -101,7 +104,7 @@ def test_a_data_folder_of_180_trials_shows_them_all(qtbot, data: Path) -> None:
 
 def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    rows = tuple(replace(row, own={"late_error_mm": -1.0 * row.run}) for row in page.results.rows)
+    rows = tuple(with_measures(row, late_error_mm=-1.0 * row.run) for row in page.results.rows)
     own = metrics_in("my_measure", MEASURE)
     page._show_results(page.results._replace(rows=rows, own=own))
     assert page.measures.chosen == {"path_error_m", "mean_tip_force_N", "acceleration_dft_sum", "late_error_mm"}
@@ -143,7 +146,7 @@ def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path)
 
 def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_asked(qtbot, data: Path) -> None:
     row = read_table(table_of(data, "01"))[3]
-    change(data, "01", row=replace(row, status="timeout", path_error_m=0.065))
+    change(data, "01", row=with_measures(replace(row, status="timeout"), path_error_m=0.065))
     page = page_on(qtbot, data)
     plot = page.plots[0]
     (cross,) = plot.crosses.points()
@@ -160,7 +163,7 @@ def test_a_logarithmic_axis_shows_the_same_trials(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     QTest.mouseClick(page.logarithmic, Qt.MouseButton.LeftButton)
     values = sorted(point.pos().y() for point in page.plots[0].points.points())
-    wanted = sorted(np.log10(1e3 * row.path_error_m) for row in page.rows)
+    wanted = sorted(np.log10(1e3 * row.value("path_error_m")) for row in page.rows)
     assert values == pytest.approx(wanted) and len(page.plots[0].chart.boxes) == 10
 
 
@@ -281,7 +284,8 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
     row = page.rows[60]
     point = next(p for p in page.plots[0].points.points() if p.data().row == row)
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
-    assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {1e3 * row.path_error_m:.3g} mm"
+    error_mm = 1e3 * row.value("path_error_m")
+    assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {error_mm:.3g} mm"
 
 
 @pytest.fixture

@@ -67,11 +67,13 @@ def test_nothing_but_the_key_tells_a_controller(data):
     stored = json.loads((of(data) / "session.json").read_text())
     assert {trial["controller"] for trial in stored["plan"]} == CODES
     for row in read_table(of(data) / "trials.csv"):
-        assert row.controller in CODES and row.switches_per_s is None and row.unreachable_share is None
+        assert (
+            row.controller in CODES and row.value("switches_per_s") is None and row.value("unreachable_share") is None
+        )
         if row.recording:
             about = read_recording(of(data) / row.recording).metadata
             assert about["controller"] == row.controller and "preset" not in about
-            assert row.path_error_m is not None
+            assert row.value("path_error_m") is not None
     for entry in read_events(of(data)):
         assert entry.about.get("controller", "K1") in CODES and "key" not in entry.about
     others = {name: text for name, text in files(data).items() if not name.endswith("key.json")}
@@ -108,10 +110,10 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
     session.unblind("Dr Weiss")
     assert not session.blind and {trial.controller for trial in session.plan} == {1, 2, 3, 4, 5}
     for before, now in zip(coded_rows, session.rows, strict=True):
-        assert now.controller == key[before.controller] and now.path_error_m == before.path_error_m
-        assert (now.switches_per_s is not None) == bool(now.recording)
+        assert now.controller == key[before.controller] and now.value("path_error_m") == before.value("path_error_m")
+        assert (now.value("switches_per_s") is not None) == bool(now.recording)
         if now.recording and now.controller != 3:  # with a gap, a trial that stayed in it has none either
-            assert (now.unreachable_share is not None) == (now.controller != 1)
+            assert (now.value("unreachable_share") is not None) == (now.controller != 1)
     opened = [entry.about for entry in read_events(session.folder) if entry.event is UNBLINDED]
     assert [(event["who"], event["key"]) for event in opened] == [("Dr Weiss", key)]
     run_trials(session, 1)  # and it goes on, in the open
@@ -139,7 +141,7 @@ def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypa
     assert not recover(data)["faults"]
     rows = read_table(data / "trials.csv")
     assert all(isinstance(row.controller, int) for row in rows)
-    assert all(row.switches_per_s is not None for row in rows if row.recording)
+    assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
 
 
 def test_a_session_without_its_key_does_not_go_on_and_verify_says_so(data):
@@ -177,7 +179,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--unblind"]) == 0
     coded_rows, rows = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
     assert [row.controller for row in rows] == [key[row.controller] for row in coded_rows]
-    assert all(row.switches_per_s is not None for row in rows if row.recording)
+    assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
     opened = [entry.about for entry in read_events(of(data)) if entry.event is KEY_OPENED]
     assert len(opened) == 1 and opened[0]["who"] and opened[0]["analysis"] == str(tmp_path / "out")
     assert all(path.read_bytes() == content for path, content in tables)

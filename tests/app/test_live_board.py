@@ -104,7 +104,7 @@ def a_trial_as_it_should_be(session: BoardSession) -> None:
         done = session.row(session.begin(whole=True))
         if done.status == "done":
             break
-    assert done.status == "done" and done.path_error_m < 0.01
+    assert done.status == "done" and done.value("path_error_m") < 0.01
     recording = read_recording(session.folder / done.recording)
     assert recording.whole and recording.metadata["link"] == "serial" and recording.metadata["hand"] == "force sensor"
     assert np.nanmin(np.diff(recording.column("board_us"))) == 1000.0 and np.ptp(recording.column("encoder_A_counts"))

@@ -277,5 +277,5 @@ def test_times_and_radii_of_a_protocol_are_those_of_its_trials(tmp_path):
     late = text.replace("time_out_s = 30.0\n", "time_out_s = 0.2\n", 1)
     session = new_session(tmp_path / "late", protocol=protocol_of(late))
     run_trials(session, 1)
-    assert session.rows[0].status == "timeout" and session.rows[0].duration_s == pytest.approx(0.2, abs=0.002)
+    assert session.rows[0].status == "timeout" and session.rows[0].value("duration_s") == pytest.approx(0.2, abs=0.002)
     session.close()

@@ -53,7 +53,10 @@ def test_a_trial_that_was_cut_off_keeps_every_whole_batch_and_is_marked_recovere
     assert stream.with_name("run-003.arrows.crashed").read_bytes() == content and not stream.exists()
     row = read_table(of(data) / "trials.csv")[2]
     assert (row.run, row.status) == (3, "recovered")
-    assert row.duration_s == pytest.approx(there.in_phase("move").sum() / 1000, abs=0.002) and row.path_error_m > 0
+    assert (
+        row.value("duration_s") == pytest.approx(there.in_phase("move").sum() / 1000, abs=0.002)
+        and row.value("path_error_m") > 0
+    )
     replaced = "run-003", "trials.csv", "journal.end"
     untouched = {name: text for name, text in before.items() if not any(one in name for one in replaced)}
     after = files(data)
@@ -98,7 +101,7 @@ def test_a_damaged_batch_is_left_out_and_the_rest_is_kept(data):
     kept = read_recording(of(data) / "trials" / "run-003.parquet")
     assert kept.rows == 4000 and "batch 1" in kept.outcome["reason"]
     row = read_table(of(data) / "trials.csv")[2]
-    assert row.status == "recovered" and row.acceleration_dft_sum is None  # no even grid, nothing to filter
+    assert row.status == "recovered" and row.value("acceleration_dft_sum") is None  # no even grid, nothing to filter
 
 
 def test_a_trial_that_was_closed_before_the_crash_counts_as_it_ended(tmp_path):
@@ -194,7 +197,11 @@ def test_a_trial_that_a_bad_force_cut_short_has_a_row_without_measures(data, sta
     assert not recover(data)["faults"]
     rows = read_table(of(data) / "trials.csv")
     assert [row.run for row in rows] == [1, 2, 3] and rows[0].status == status
-    assert rows[0].duration_s is None and rows[0].path_error_m is None and rows[1].path_error_m > 0
+    assert (
+        rows[0].value("duration_s") is None
+        and rows[0].value("path_error_m") is None
+        and rows[1].value("path_error_m") > 0
+    )
 
 
 def test_a_session_that_a_live_process_holds_is_refused_and_not_touched(data, capsys):

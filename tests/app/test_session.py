@@ -52,7 +52,7 @@ def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_rec
     second = session.folder / session.rows[1].recording
     content = second.read_bytes()
     row = session.redo(2, "bumped the table")
-    assert row.status == "redone" and row.path_error_m is not None
+    assert row.status == "redone" and row.value("path_error_m") is not None
     again = session.next_planned()
     assert again.run == 21 and cell(again) == cell(session.plan[1])
     assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "redone"), (3, "done")]
@@ -86,7 +86,7 @@ def test_a_trial_that_is_postponed_comes_at_the_end_of_its_configuration_also_af
 def test_a_skipped_trial_settles_its_cell_without_a_recording_and_can_be_redone(tmp_path):
     session = new_session(tmp_path, protocol=short())
     row = session.skip("late")
-    assert (row.run, row.status, row.recording, row.path_error_m) == (1, "skipped", "", None)
+    assert (row.run, row.status, row.recording, row.value("path_error_m")) == (1, "skipped", "", None)
     assert session.finished_count == 1 and session.next_planned() == session.plan[1]
     session.redo(1, "time enough after all")
     again = session.next_planned()
@@ -111,7 +111,7 @@ def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_record
     run_trials(session, 2)
     content = (session.folder / session.rows[1].recording).read_bytes()
     row = session.exclude(2, "the participant sneezed")
-    assert row.status == "excluded" and row.path_error_m is not None and session.finished_count == 2
+    assert row.status == "excluded" and row.value("path_error_m") is not None and session.finished_count == 2
     assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "excluded")]
     assert (session.folder / row.recording).read_bytes() == content
     told = [entry.about for entry in read_events(session.folder) if entry.event is EXCLUDED]

@@ -180,7 +180,7 @@ def main(arguments: list[str]) -> int:
         shown = [
             f"{scale * float(np.mean(values)):.2f}"
             for measure, scale in SHOWN.items()
-            for values in ([getattr(ran.row, measure) for ran, _ in pairs], [brakes[measure] for _, brakes in pairs])
+            for values in ([ran.row.value(measure) for ran, _ in pairs], [brakes[measure] for _, brakes in pairs])
             if None not in values
         ]
         print(f"| {name} | {len(pairs)} | {' | '.join(shown)} |")

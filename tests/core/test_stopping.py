@@ -5,18 +5,15 @@ import math
 import numpy as np
 import pytest
 
+from core.control.levers import MARGIN, SLOWEST, set_direction, take_places
 from core.control.stopping import (
-    MARGIN,
-    SLOWEST,
     assume_brakes,
     furthest,
     make_stopping,
     safe_radius,
-    set_direction,
     set_lags,
     set_largest_lags,
     slope_and_work,
-    take_places,
 )
 from core.device import Device, load_device
 from core.simulator.state import new_state, pack_mechanism
@@ -66,8 +63,8 @@ def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_doe
         turned, back, highest = np.zeros(4), np.zeros(4), 0.0
         for tip, energy, angles, turns in pushed_about(rng, simulated, push, 400):
             turned, back, highest = turned + angles, back + turns, max(highest, energy)
-            take_places(stopping, *tip, 0.0)
-        take_places(stopping, *simulated.tip, 0.08)
+            take_places(stopping.levers, *tip, 0.0)
+        take_places(stopping.levers, *simulated.tip, 0.08)
         assume_brakes(stopping, stopping.drag, float(back.max()))
         set_lags(stopping, 1.02 * highest + 1e-9)
         for i in np.flatnonzero(device.brakes.present):
@@ -93,7 +90,7 @@ def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name
         checked += 1
         towards = rng.uniform(0.0, 2.0 * math.pi)
         n = np.array([math.cos(towards), math.sin(towards)])
-        set_direction(stopping, *n)
+        set_direction(stopping.levers, *n)
         on = furthest(stopping, energy_of(simulated) + 1e-6, 0.3 * radius)
         back = np.zeros(4)
         for tip, _, _, turns in pushed_about(rng, simulated, push, 300):
@@ -115,11 +112,11 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
         x, y = tips[rng.integers(len(tips))]
         radius, heading = rng.choice([0.005, 0.03, 0.06, 0.1, 0.2]), rng.uniform(0.0, 2.0 * math.pi)
         slopes = np.where(present, stopping.full * rng.choice([0.5, 1.0], 4), 0.0)
-        take_places(stopping, x, y, radius)
+        take_places(stopping.levers, x, y, radius)
         n = np.array([math.cos(heading), math.sin(heading)])
-        set_direction(stopping, *n)
-        left = slopes @ stopping.lever[:, : stopping.rows] - push
-        found = {"held": left.min(), "for progress": (left * stopping.per_way[: stopping.rows]).min()}
+        set_direction(stopping.levers, *n)
+        left = slopes @ stopping.levers.lever[:, : stopping.levers.rows] - push
+        found = {"held": left.min(), "for progress": (left * stopping.levers.per_way[: stopping.levers.rows]).min()}
         r, angles = radius * np.sqrt(rng.random(1500)), rng.uniform(0.0, 2.0 * math.pi, 1500)
         near = np.column_stack((x + r * np.cos(angles), y + r * np.sin(angles)))
         near = near[tip_is_free(device.mechanism, *near.T)]
@@ -139,14 +136,14 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
             update_kinematics(mechanism, state[0])
             (xx, xy, yy), g = state["mass"][0], state["g"][0, :4]
             swift = np.einsum("ia,ab,ib->i", g, np.linalg.inv([[xx, xy], [xy, yy]]), g)
-            assert (swift[present] <= stopping.swift[present]).all(), where
+            assert (swift[present] <= stopping.levers.swift[present]).all(), where
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_work_of_a_brake_is_convex_and_its_slope_lies_between_drag_and_full_yield(name: str) -> None:
     device = load_device(name)
     stopping = make_stopping(device.mechanism, device.brakes._replace(ripple=0.5), PUSHES_N[name])[0]
-    take_places(stopping, 0.0, 0.4, 0.05)
+    take_places(stopping.levers, 0.0, 0.4, 0.05)
     for held in (0.0, 0.6, 1.0):
         for turns in (0.0, 2.0):
             assume_brakes(stopping, stopping.drag + held * (stopping.full - stopping.drag), turns)
@@ -168,7 +165,7 @@ def test_a_rougher_look_is_never_taken_for_a_proof() -> None:
     for push, sure in ((0.7 * (1.0 - MARGIN) * 16.4, True), (16.41, False)):
         stopping = make_stopping(device.mechanism, device.brakes, push)[0]
         assert math.isfinite(safe_radius(stopping, 0.0, 0.4, 1e-6)) == sure
-    take_places(stopping, 0.0, 0.4, 0.02)
-    set_direction(stopping, 0.0, 0.0)
+    take_places(stopping.levers, 0.0, 0.4, 0.02)
+    set_direction(stopping.levers, 0.0, 0.0)
     set_largest_lags(stopping, 0.0, 0.02)
     assert furthest(stopping, 0.0, 0.02) == math.inf

@@ -49,8 +49,8 @@ def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(
 
     same_box = [r for r in rows if (r.controller, r.configuration) == (lost.controller, lost.configuration)]
     assert len(said["changed"]) == 3 and all(lost.configuration in line for line in said["changed"])
-    old = np.median([1e3 * r.path_error_m for r in same_box])
-    new = np.median([1e3 * r.path_error_m for r in same_box if r.run != lost.run])
+    old = np.median([1e3 * r.value("path_error_m") for r in same_box])
+    new = np.median([1e3 * r.value("path_error_m") for r in same_box if r.run != lost.run])
     counts, medians = f"{len(same_box)} -> {len(same_box) - 1} trials", re.search(
         r"median (\S+) -> (\S+) mm \((.*)%\)", said["changed"][0]
     )  # fmt: skip
@@ -145,11 +145,11 @@ def interrupt_at(run, real):
 def test_the_energy_stamp_of_every_trial_stands_in_its_row_and_in_its_file(study):
     for row in read_table(study / "trials.csv"):
         outcome = read_recording(study / row.recording).outcome
-        assert (row.energy_residual_J, row.energy_added_max_J) == (
+        assert (row.value("energy_residual_J"), row.value("energy_added_max_J")) == (
             outcome["energy_residual_J"],
             outcome["energy_added_max_J"],
         )
-        assert abs(row.energy_residual_J) < 1e-6 and row.energy_added_max_J == 0.0
+        assert abs(row.value("energy_residual_J")) < 1e-6 and row.value("energy_added_max_J") == 0.0
 
 
 def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
@@ -157,7 +157,7 @@ def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
         crash_in_trial(session)
     recover(tmp_path)
     rows = write_pooled_table(tmp_path)
-    assert rows[0].energy_residual_J is not None and rows[1].energy_residual_J is None
+    assert rows[0].value("energy_residual_J") is not None and rows[1].value("energy_residual_J") is None
 
 
 def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, tmp_path, capsys):

@@ -56,7 +56,7 @@ def chatter(kind, sensing):
         person = person_of(load_population(), arena.seed, number)
         planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
         trial = trial_of(arena, person, number, planned, switched_on(device, arena), make_preset(kind, kind, {}))
-        found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].chatter_per_s)
+        found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].value("chatter_per_s"))
     return np.mean(found)
 
 

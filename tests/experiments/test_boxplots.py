@@ -20,6 +20,7 @@ from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import label, load_protocol
+from tests.support.rows import with_measures
 
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
 LABELS = {number: label(preset.name) for number, preset in load_protocol().controllers.items()}
@@ -33,9 +34,11 @@ def study(participants=3, blocks=(1, 2, 3), segments=(1, 2), controllers=range(1
     return [
         TrialRow(
             f"{p:02}", 1, block, configuration, controller, segment, block, "done",
-            path_error_m=1e-3 * float(generator.lognormal()),
-            mean_tip_force_N=float(generator.lognormal()),
-            acceleration_dft_sum=100.0 * float(generator.lognormal()),
+            measures={
+                "path_error_m": 1e-3 * float(generator.lognormal()),
+                "mean_tip_force_N": float(generator.lognormal()),
+                "acceleration_dft_sum": 100.0 * float(generator.lognormal()),
+            },
         )
         for p in range(1, participants + 1)
         for configuration in BOTH
@@ -73,7 +76,9 @@ def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
     rows = study()
     found = boxes(rows, DRAWN[0], BOTH)
     assert len(found) == 10 and {box.n for box in found.values()} == {18}
-    by_hand = [1e3 * row.path_error_m for row in rows if (row.controller, row.configuration) == (4, "four-brake")]
+    by_hand = [
+        1e3 * row.value("path_error_m") for row in rows if (row.controller, row.configuration) == (4, "four-brake")
+    ]
     assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
 
@@ -132,7 +137,7 @@ def test_every_figure_says_what_it_shows_and_with_what_it_was_made_and_a_measure
             assert words in foot, words
         assert figure.axes[0].get_title(loc="left") == "Path error (mm)"
         assert [text.get_text() for text in figure.legends[0].get_texts()] == list(BOTH)
-    figure, _ = drawn([replace(row, path_error_m=None) for row in study(1, controllers=(1, 2))])
+    figure, _ = drawn([with_measures(row, path_error_m=None) for row in study(1, controllers=(1, 2))])
     assert not figure.axes[0].patches and not figure.axes[0].lines
 
 

@@ -31,6 +31,7 @@ from experiments.recording.atomic_files import first_free
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
 from experiments.session.playback import device_of, read_playback
+from tests.support.rows import with_measures
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
@@ -53,13 +54,15 @@ def test_every_trial_that_is_done_is_a_point_on_every_page(page):
         assert len(chart.points) == 180 and not chart.timeouts and not chart.others
         assert all(chart.span[0] <= point.x <= chart.span[1] for point in chart.points)
     error = charts(page, rows, VIEW)[0]
-    assert sorted(point.y for point in error.points) == pytest.approx(sorted(1e3 * row.path_error_m for row in rows))
+    assert sorted(point.y for point in error.points) == pytest.approx(
+        sorted(1e3 * row.value("path_error_m") for row in rows)
+    )
     assert charts(page, rows, VIEW) == charts(page, rows, VIEW)  # the places are fixed: the screen's are the print's
 
 
 def test_a_trial_whose_time_was_up_is_a_cross_and_flattens_no_box_unless_it_is_asked_into_them():
     rows = study()
-    rows[3] = replace(rows[3], status="timeout", path_error_m=0.065)
+    rows[3] = with_measures(replace(rows[3], status="timeout"), path_error_m=0.065)
     chart = charts(POOLED, rows, VIEW)[0]
     assert [point.row for point in chart.timeouts] == [rows[3]] and chart.highest < 7.0
     assert max(at.box.high for at in chart.boxes) < 7.0
@@ -75,8 +78,8 @@ def test_a_trial_whose_time_was_up_is_a_cross_and_flattens_no_box_unless_it_is_a
 
 def test_what_does_not_count_is_grey_and_in_no_box():
     rows = study()
-    rows[0] = replace(rows[0], status="excluded", path_error_m=0.5)
-    rows[1] = replace(rows[1], status="redone", path_error_m=0.5)
+    rows[0] = with_measures(replace(rows[0], status="excluded"), path_error_m=0.5)
+    rows[1] = with_measures(replace(rows[1], status="redone"), path_error_m=0.5)
     chart = charts(POOLED, rows, VIEW)[0]
     assert [point.row for point in chart.others] == rows[:2]
     assert "Grey: trials that do not count." in legend(chart, VIEW)
@@ -126,7 +129,7 @@ def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controll
 
 
 def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
-    rows = [replace(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
+    rows = [with_measures(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
     curve = dict(charts(ORDER, rows, VIEW)[0].curve)
     assert curve[30.0] == pytest.approx(30.0) and curve[1.0] == pytest.approx(3.5)
 
@@ -222,7 +225,7 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     trial = read_playback(data / "sub-01" / "ses-01" / "trials" / "run-003.parquet")
     assert trial.title == "P01 run 3" and trial.row.run == 3 and len(trial.error) == len(trial.ticks) == len(trial.t)
     moving = ~np.isnan(trial.error)
-    assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.path_error_time_m)
+    assert 1e3 * trial.error[moving].mean() == pytest.approx(1e3 * trial.row.value("path_error_time_m"))
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
 
 

@@ -279,7 +279,7 @@ def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, t
         assert not [name for name, content in text.items() if b"sdof" in content or b"current_" in content]
         assert not [name for name, content in text.items() if b'"seed"' in content or b"torque" in content]
     assert [r.controller for r in read_table(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
-    assert {type(r.unreachable_share) for r in read_table(outs["csv"] / "trials.csv")[:3]} == {type(None)}
+    assert {type(r.value("unreachable_share")) for r in read_table(outs["csv"] / "trials.csv")[:3]} == {type(None)}
     assert not errors(outs["bids"])
 
 

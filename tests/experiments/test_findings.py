@@ -34,6 +34,7 @@ from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.statistics import Interval, mean_interval, spreads
 from experiments.analysis.trials_table import TrialRow
 from experiments.protocol import load_protocol
+from tests.support.rows import with_measures
 
 TABLE_I = load_protocol().controllers
 
@@ -61,11 +62,13 @@ def study(people=12, devices=DEVICES, table=PAPER, wider=2.0, noise=0.02, seed=0
                     rows.append(
                         TrialRow(
                             f"{p:02}", len(rows) + 1, 1 + i % 3, device, controller, 1 + i % 2, 1 + i % 3, "done",
-                            path_error_m=1e-3 * (own["error"] * error + away * spread),
-                            mean_tip_force_N=own["force"] * force,
-                            acceleration_dft_sum=own["acceleration"] * acceleration,
-                            acceleration_dft_sum_ramp_removed=0.7 * own["acceleration"] * acceleration,
-                            duration_s=3.0,
+                            measures={
+                                "path_error_m": 1e-3 * (own["error"] * error + away * spread),
+                                "mean_tip_force_N": own["force"] * force,
+                                "acceleration_dft_sum": own["acceleration"] * acceleration,
+                                "acceleration_dft_sum_ramp_removed": 0.7 * own["acceleration"] * acceleration,
+                                "duration_s": 3.0,
+                            },
                         )
                     )  # fmt: skip
     return rows
@@ -78,7 +81,7 @@ def verdicts(rows):
 def changed(rows, column, by, controller=None, device=None, participant=None):
     """The rows with one column times a factor, where they match."""
     return [
-        replace(row, **{column: by * getattr(row, column)})
+        with_measures(row, **{column: by * row.value(column)})
         if row.controller in ([controller] if controller else range(1, 6))
         and row.configuration in (device or row.configuration)
         and row.participant == (participant or row.participant)
@@ -166,9 +169,9 @@ def test_order_of_rows_names_of_people_units_of_force_and_trials_that_do_not_cou
     before = [(one.verdict, ratios(one)) for one in findings(rows)]
     others = [replace(row, participant=f"p{row.participant}x") for row in rows]
     random.Random(1).shuffle(others)
-    others = [replace(row, mean_tip_force_N=7.0 * row.mean_tip_force_N) for row in others]
+    others = [with_measures(row, mean_tip_force_N=7.0 * row.value("mean_tip_force_N")) for row in others]
     for status in ("aborted", "redone", "recovered"):
-        others.append(replace(others[0], status=status, path_error_m=1.0, mean_tip_force_N=1e3))
+        others.append(with_measures(replace(others[0], status=status), path_error_m=1.0, mean_tip_force_N=1e3))
     after = [(one.verdict, ratios(one)) for one in findings(others)]
     assert [verdict for verdict, _ in after] == [verdict for verdict, _ in before]
     for (_, now), (_, then) in zip(after, before, strict=True):
@@ -202,7 +205,7 @@ def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_
         "only 67 % of the trials of 'SDOF with gap' on three-brake reached the end"
         in found.sentence.lower().replace("sdof", "SDOF")
     )
-    nothing = [replace(r, path_error_m=None) if r.controller == 3 else r for r in rows]
+    nothing = [with_measures(r, path_error_m=None) if r.controller == 3 else r for r in rows]
     assert "Nothing measured" in findings(nothing)[5].sentence
 
 
@@ -306,8 +309,8 @@ def test_a_difference_and_its_reverse_are_never_both_reductions_and_similar_has_
 
 def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_box():
     rows = [row for row in study(people=2) if (row.controller, row.configuration) == (2, "four-brake")]
-    middle = np.median([row.path_error_m for row in rows])
-    by_hand = np.mean([abs(row.path_error_m - middle) for row in rows if row.participant == "02"])
+    middle = np.median([row.value("path_error_m") for row in rows])
+    by_hand = np.mean([abs(row.value("path_error_m") - middle) for row in rows if row.participant == "02"])
     assert spreads(rows, "path_error_m")["02", "four-brake", 2] == pytest.approx(by_hand)
 
 
@@ -460,7 +463,7 @@ def test_a_missing_box_leaves_its_statements_open_and_no_others_and_a_statement_
 def test_boxes_pool_the_trials_of_everyone_that_reached_the_end(status):
     rows = study(people=3)
     boxes = {cell: box for cell, box in pooled_boxes(rows).items() if cell[1:] == ("three-brake", 2)}
-    errors = sorted(r.path_error_m for r in rows if (r.configuration, r.controller) == ("three-brake", 2))
+    errors = sorted(r.value("path_error_m") for r in rows if (r.configuration, r.controller) == ("three-brake", 2))
     assert boxes[ERROR, "three-brake", 2] == tuple(np.quantile(errors, (0.25, 0.5, 0.75))) and len(errors) == 18
     late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
     found = {one.statement.number: one for one in box_findings_of(late)}

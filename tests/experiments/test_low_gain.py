@@ -72,4 +72,4 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it_as
     assert main([*asked, "--resume", "--low-gain", "5"]) == 2
     assert "--low-gain: the study was begun with no vibration" in capsys.readouterr().err
     trials = [row for row, _ in study_trials(found, PEOPLE, 1) if row.controller == 5]
-    assert trials and all(np.isfinite(row.path_error_m) for row in trials)
+    assert trials and all(np.isfinite(row.value("path_error_m")) for row in trials)

@@ -169,9 +169,9 @@ def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: 
     text = f"{MEASURE}\nMEASURES = (Measure('a', 'A', '', lambda m: {answer}),)\n"
     recording = read_recording(study.out / read_table(study.out / "trials.csv")[0].recording)
     path = build_path(path_from(recording.metadata["path"], "path"), "path")
-    found = measure(recording, path, (), metrics_in("odd", text))
-    assert re.search(wanted, found["failed"].get("a", "")) and (found["own"] == {}) == bool(wanted)
-    assert wanted or (found["own"] == {"a": 0.5} and isinstance(found["own"]["a"], float) and not found["failed"])
+    measured, failed = measure(recording, path, (), metrics_in("odd", text))
+    assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)
+    assert wanted or (measured == {"a": 0.5} and isinstance(measured["a"], float) and not failed)
 
 
 def test_two_protocols_may_have_files_of_one_name_with_other_texts(tmp_path: Path):

@@ -360,7 +360,7 @@ def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rul
     for row, _ in study_trials(protocol, load_population(), 1):
         cell = row.configuration, row.controller
         for found, measure in ((released, "released_share"), (locked, "locked_share")):
-            found.setdefault(cell, []).append(getattr(row, measure))
+            found.setdefault(cell, []).append(row.value(measure))
     for (device, controller), shares in released.items():
         if controller == 1:
             assert shares == [None, None]

@@ -46,9 +46,8 @@ def by_controller(data, controller, device="three-brake"):
 
 def test_no_brake_adds_energy_and_the_ledger_closes_whatever_the_hand_is_led_through(data):
     for path in (by_controller(data, 1), by_controller(data, 2, "four-brake")):
-        for asked in ((2, "three-brake", "target"), (4, "three-brake", "force"), (4, "four-brake", "target")):
-            controller, device, hand = asked
-            after = replay(path, Replacement(controller, device, hand=hand))["after"]
+        for asked in ((2, "three-brake"), (4, "four-brake")):
+            after = replay(path, Replacement(*asked))["after"]
             assert after["energy_added_max_J"] == 0.0 and abs(after["energy_residual_J"]) < 1e-6, asked
 
 
@@ -85,19 +84,6 @@ def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
         assert all(metric["before"] is not None or metric["after"] is not None for metric in told["metrics"].values())
     for told in seen:
         assert told["ticks"] <= read_recording(told["recording"]).rows
-
-
-def test_a_replayed_force_is_the_recorded_force_at_every_tick_whatever_it_moves(data, tmp_path):
-    path = by_controller(data, 2)
-    trial = read_recorded(path)
-    for number, device in enumerate((None, "four-brake")):
-        out = tmp_path / f"{number}.csv"
-        told = replay(path, Replacement(5, device, hand="force"), out)
-        table = table_of(out)
-        assert told["hand"] == "force" and len(table["t_s"]) == told["ticks"] > 100
-        for name in ("t_s", "hand_fx_N", "hand_fy_N"):
-            recorded = trial.recording.column(name)[trial.first :][: told["ticks"]]
-            assert np.allclose(np.array(table[name], dtype=float), recorded, rtol=0.0, atol=1e-9), name
 
 
 def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
@@ -158,9 +144,7 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
         ([str(path), "--controller", "0"], "whole number"),
         ([str(path), "--device", "nobody's"], "unknown device"),
         ([str(path), "--device", str(small)], "cannot follow path 1"),
-        ([str(path), "--hand", "foot"], "invalid choice"),
-        ([str(path), "--protocol", "paper"], "say which"),
-        ([str(path), "--controller", "1", "--protocol", "none"], "none"),
+        ([str(path), "--controller", "4", "--device", "unicycle"], "needs brakes, and unicycle has a castor"),
     ):
         assert word in refusal(capsys, "replay", *asked, "--out", out), asked
         assert not out.exists()

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
+from pyarrow import csv
 from sessions import closed_session, crash_in_trial, move_to_the_end, new_session, run, run_to_move, run_trials
 
 from app.cli import main
@@ -193,10 +194,17 @@ def test_a_recording_of_another_version_is_replayed_from_its_movement_and_that_i
     path = copied(recordings(session.folder)[0], tmp_path / "arm", without_arm)
     told, said = replayed(path)
     assert said == ("move", None, None) and told["hand"] == "force" and told["warnings"] == [OTHER_VERSION]
+    recording = read_recording(path)
+    first = np.flatnonzero(recording.in_phase("move"))[0]
+    for number, device in enumerate((None, "four-brake")):
+        told = replay(path, Replacement(5, device), tmp_path / f"{number}.csv")
+        table = csv.read_csv(tmp_path / f"{number}.csv")
+        assert told["hand"] == "force" and told["ticks"] > 100, "the recorded force, whatever it moves"
+        for name in ("t_s", "hand_fx_N", "hand_fy_N"):
+            there = recording.column(name)[first:][: told["ticks"]]
+            assert np.allclose(table[name].to_numpy(), there, rtol=0.0, atol=1e-9), name
     assert main(["replay", str(path), "--controller", "4", "--json"]) == 0
     assert OTHER_VERSION in capsys.readouterr().err
-    assert main(["replay", str(path), "--hand", "target"]) == 2
-    assert "no target of the hand (operator) was recorded" in capsys.readouterr().err
 
 
 def test_another_controller_starts_from_the_same_approach_and_makes_no_promise_of_equality(session):

@@ -43,6 +43,7 @@ from experiments.analysis.statistics import (
 )
 from experiments.analysis.trials_table import TrialRow
 from experiments.recording.reader import read_recording
+from tests.support.rows import with_measures
 
 DEVICES = ("three-brake", "four-brake")
 
@@ -59,8 +60,8 @@ def study(people=6, error=lambda row: 1e-3 * row.controller, duration=lambda row
                 run += 1
                 controller, segment, repetition = tasks[i]
                 row = TrialRow(f"{p:02}", run, repetition, device, controller, segment, repetition, "done")
-                row = replace(row, duration_s=duration(row))
-                rows.append(replace(row, path_error_m=error(row), mean_tip_force_N=float(generator.lognormal())))
+                row = with_measures(row, duration_s=duration(row))
+                rows.append(with_measures(row, path_error_m=error(row), mean_tip_force_N=float(generator.lognormal())))
     return rows
 
 
@@ -214,7 +215,7 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
     def duration(row):
         return float((2.0 if row.controller == 5 else 1.0) / speeds[97 * row.run + int(row.participant)])
 
-    results = statistics(study(6, lambda row: 5e-3 - 1e-3 * np.log2(row.duration_s), duration))
+    results = statistics(study(6, lambda row: 5e-3 - 1e-3 * np.log2(row.value("duration_s")), duration))
     slope = only(results, statistic="m_per_doubling")
     assert slope.value == pytest.approx(1e-3) and slope.low == pytest.approx(1e-3) and slope.high == pytest.approx(1e-3)
     assert only(results, statistic="correlation").value == pytest.approx(1.0)
@@ -229,14 +230,15 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
 
 def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_nothing_at_all():
     rows = study(people=5)
-    late = [replace(r, status="timeout", duration_s=30.0) if r.run == 7 else r for r in rows]
+    late = [with_measures(replace(r, status="timeout"), duration_s=30.0) if r.run == 7 else r for r in rows]
     whole = statistics(rows)
     plain = [r for r in whole if r.test == "speed" and r.statistic != "mean_error"]
     assert [r.value for r in statistics(late) if r.test == "speed" and r.statistic == "doublings_above_own_mean"] == [
         pytest.approx(r.value) for r in plain if r.statistic == "doublings_above_own_mean"
     ]
     for status in ("aborted", "excluded", "timeout"):
-        more = [replace(rows[0], run=900 + i, status=status, path_error_m=9.0, duration_s=0.1) for i in range(5)]
+        other = with_measures(replace(rows[0], status=status), path_error_m=9.0, duration_s=0.1)
+        more = [replace(other, run=900 + i) for i in range(5)]
         assert statistics(rows + more) == whole and (statistics(rows + more, timeouts=True) != whole) == (
             status == "timeout"
         )
@@ -267,10 +269,16 @@ def test_every_pair_of_controllers_and_every_measure_is_there():
 
 def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_is_named():
     rows = [
-        replace(r, path_error_time_m=2.0 * r.path_error_m, peak_error_m=1.0 - r.path_error_m, sparc=-1.0 * r.controller,
-                acceleration_dft_sum=float(r.controller), acceleration_weighted_rms_m_s2=r.controller**2.0)
+        with_measures(
+            r,
+            path_error_time_m=2.0 * r.value("path_error_m"),
+            peak_error_m=1.0 - r.value("path_error_m"),
+            sparc=-1.0 * r.controller,
+            acceleration_dft_sum=float(r.controller),
+            acceleration_weighted_rms_m_s2=r.controller**2.0,
+        )
         for r in study(people=3)
-    ]  # fmt: skip
+    ]
     results = sensitivity(rows)
     by = {(r.measure, r.configuration): r for r in results}
     assert by["path_error_m", "four-brake"].first == "1 < 2 < 3 < 4 < 5"
@@ -304,7 +312,8 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     exact = amplitude_sum(weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert dft_sum(read_recording(path), Smoothness()) == pytest.approx(own, rel=1e-9)
     assert dft_sum(read_recording(path), Smoothness(cutoff_hz=None)) == pytest.approx(exact, rel=1e-12)
-    trial = replace(study(people=1)[0], controller=1, recording=path.name, acceleration_dft_sum=own)
+    trial = replace(study(people=1)[0], controller=1, recording=path.name)
+    trial = with_measures(trial, acceleration_dft_sum=own)
     recording = read_recording(tmp_path / trial.recording)
     found = {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
     assert len({round(value, 6) for value in (*found.values(), own)}) == len(SMOOTHNESS) + 1
@@ -327,7 +336,8 @@ def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_react
     rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = np.where(t > 0.4, 3.0, 1.0), 0.0
     path = record(tmp_path / "run-001.arrows", rows)
     assert ticks_moving(read_recording(path))[0] == 410
-    trial = replace(study(people=1)[0], controller=1, recording=path.name, duration_s=0.999, mean_tip_force_N=2.199)
+    trial = replace(study(people=1)[0], controller=1, recording=path.name)
+    trial = with_measures(trial, duration_s=0.999, mean_tip_force_N=2.199)
     found = {r.measure: r.value for r in sensitivity([trial], tmp_path) if r.test == "reaction"}
     assert found["mean_tip_force_N"] == pytest.approx(3.0 / 2.199) and found["duration_s"] == pytest.approx(
         0.589 / 0.999
@@ -338,7 +348,9 @@ def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_react
 
 def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each_definition_on_each_device():
     rows = [
-        replace(row, acceleration_dft_sum=2.0 * row.controller, acceleration_exact_dft_sum=float(row.controller) ** 2)
+        with_measures(
+            row, acceleration_dft_sum=2.0 * row.controller, acceleration_exact_dft_sum=float(row.controller) ** 2
+        )
         for row in study(people=2)
     ]
     found = {

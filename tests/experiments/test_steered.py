@@ -40,14 +40,18 @@ def test_steered_the_path_is_kept_far_better_than_by_brakes_and_freely_it_is_not
     rows = read_table(study / "trials.csv")
     assert {row.status for row in rows} == {"done"} and len(rows) == 12
     error = {
-        (name, number): np.mean([r.path_error_m for r in rows if (r.configuration, r.controller) == (name, number)])
+        (name, number): np.mean(
+            [r.value("path_error_m") for r in rows if (r.configuration, r.controller) == (name, number)]
+        )
         for name in ("four-brake", "unicycle")
         for number in (1, 2)
     }
     assert error["unicycle", 2] < 0.1 * error["four-brake", 2] < error["four-brake", 1]
     assert error["unicycle", 1] > 1e-3, "a free caster does not guide"
     steered = [row for row in rows if row.configuration == "unicycle"]
-    assert all(row.energy_added_max_J == 0.0 and abs(row.energy_residual_J) < 1e-12 for row in steered)
+    assert all(
+        row.value("energy_added_max_J") == 0.0 and abs(row.value("energy_residual_J")) < 1e-12 for row in steered
+    )
 
 
 def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(study):
@@ -58,8 +62,6 @@ def test_its_trials_are_replayed_to_the_last_bit_and_its_hand_through_brakes(stu
         assert found["equal"] and found["decisions"]["different"] == 0 and found["begins"] == "start"
     other = replay(trials / f"run-{rows[0].run:03d}.parquet", Replacement(device="four-brake"))
     assert other["begins"] == "move" and other["after"]["way_made"] > 0.3
-    with pytest.raises(InputError, match="Proportional, high gain: needs brakes, and unicycle has a castor"):
-        replay(trials / f"run-{rows[0].run:03d}.parquet", Replacement(controller=4, protocol="paper"))
     back = [row for row in read_table(study / "trials.csv") if row.configuration == "four-brake"][0]
     assert replay(trials / f"run-{back.run:03d}.parquet", Replacement(device="unicycle"))["after"]["way_made"] > 0.3
 

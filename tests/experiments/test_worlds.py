@@ -28,7 +28,7 @@ from experiments.worlds.pictures import wilson
 from experiments.worlds.ranges import AssumptionRange, load_ranges
 from experiments.worlds.report import Judgement, report_files, where_it_holds
 from experiments.worlds.table import Verdicts, Worlds, columns, judge, read_worlds
-from experiments.worlds.worlds import WorldsRun, report_so_far, run_worlds, worlds_of
+from experiments.worlds.worlds import WorldsRun, run_worlds, worlds_of
 
 RANGES = """
 name = "small"
@@ -98,7 +98,7 @@ def is_row_of(line: dict[str, str], study: Path) -> None:
         for device in ("three-brake", "four-brake"):
             for controller in range(1, 6):
                 found = [
-                    getattr(trial, metric.name)
+                    trial.value(metric.name)
                     for trial in sorted(trials, key=lambda trial: (trial.participant, trial.segment, trial.repetition))
                     if (trial.configuration, trial.controller) == (device, controller)
                 ]
@@ -199,28 +199,6 @@ def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys,
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     assert main(["worlds", str(small), "--n", "2", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
     assert "--cluster: needs dask.distributed" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
-def test_the_report_on_a_run_under_way_counts_the_first_worlds_that_are_whole_and_runs_nothing(
-    small, whole, tmp_path, capsys
-):
-    run, cut = WorldsRun(load_ranges(small), 2, triples=2), tmp_path / "cut"
-    (cut / "parts").mkdir(parents=True)
-    (cut / "worlds.json").write_bytes((whole / "worlds.json").read_bytes())
-    with pytest.raises(InputError, match="nothing is done yet"):
-        report_so_far(run, cut)
-    parts = (whole / "worlds.csv").read_text().splitlines(keepends=True)[1:]
-    for number in (1, 2, 4):  # of the second world a triple is missing, though a later one is there
-        (cut / "parts" / f"{number:06d}.csv").write_text(parts[number - 1])
-    assert main(["worlds", str(small), *TWICE, "--report", "--out", str(cut)]) == 0
-    assert "1 worlds of the ranges 'small'" in (cut / "report" / "report.md").read_text()
-    assert sorted(path.name for path in cut.iterdir()) == ["parts", "report", "worlds.json"]
-    (cut / "worlds.csv").write_bytes((whole / "worlds.csv").read_bytes())
-    report_so_far(run, cut)  # in place of the earlier one
-    assert (cut / "report" / "report.md").read_bytes() == (whole / "report" / "report.md").read_bytes()
-    assert "was begun with another n" in refusal(
-        capsys, "worlds", small, "--n", 3, "--triples", 2, "--report", "--out", cut
-    )
 
 
 def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, monkeypatch):

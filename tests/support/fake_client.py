@@ -89,8 +89,10 @@ def result(trial: PlannedTrial, status: str = "done", error: float = 0.002) -> T
     """The row of a trial that is over."""
     return TrialRow(
         "01", trial.run, trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition, status,
-        path_error_m=error, mean_tip_force_N=3.0, acceleration_dft_sum=40.0, duration_s=2.4,
         recording=f"trials/run-{trial.run:03d}.parquet",
+        measures={
+            "path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_dft_sum": 40.0, "duration_s": 2.4,
+        },
     )  # fmt: skip
 
 

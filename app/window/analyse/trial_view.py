@@ -143,7 +143,7 @@ class TrialView(Panel):
         self.about.setText(f"{trial.controller} · {trial.about}")
         status = row.status if row is not None else "in no table"
         damaged = " · damaged: some ticks are missing" if trial.damaged else ""
-        values = {m.name: getattr(row, m.name) for m in METRICS} if row is not None else {}
+        values = {m.name: row.value(m.name) for m in METRICS} if row is not None else {}
         self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
         lines = [
             f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None

@@ -62,7 +62,7 @@ class Measure(QWidget):
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
         name, scale = self._metric.name, self._metric.scale
-        value = getattr(now, name)
+        value = now.value(name)
         self.value.setText("–" if value is None else f"{scale * value:.3g}")
         ring = pg.mkPen(COLOURS.text, width=2)
         groups = (
@@ -72,7 +72,7 @@ class Measure(QWidget):
         self.points.clear()
         highest = 0.0
         for rows, size, brush, pen in groups:
-            values = [scale * value for value in (getattr(row, name) for row in rows) if value is not None]
+            values = [scale * value for value in (row.value(name) for row in rows) if value is not None]
             self.points.addPoints(x=values, y=[0.0] * len(values), size=size, brush=brush, pen=pen)
             highest = max(highest, *values, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
@@ -151,7 +151,8 @@ class TrialCard(Panel):
         same = [other for other in here if other.controller == row.controller]
         self.dot.setStyleSheet(f"color: {colour}")
         self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
-        took = f" in {row.duration_s:.1f} s" if row.duration_s is not None else ""
+        duration_s = row.value("duration_s")
+        took = f" in {duration_s:.1f} s" if duration_s is not None else ""
         ended = {"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status)
         own = [f"{name} {value:.3g}" for name, value in row.own.items()]  # by their names, which end in their units
         name = opened.protocol.controller_name(row.controller)

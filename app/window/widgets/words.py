@@ -130,14 +130,15 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
     if opened is None or trial.status != "done":
         return []
     protocol, language, parts = opened.protocol, opened.protocol.sentences, []
-    if protocol.feedback == "time" and trial.duration_s is not None:
-        parts.append(language["time"].format(seconds=f"{trial.duration_s:.1f}"))
-    if protocol.feedback == "error" and trial.path_error_m is not None:
-        parts.append(language["error"].format(mm=f"{1e3 * trial.path_error_m:.1f}"))
-    if protocol.cues is not None and trial.duration_s is not None:
-        if trial.duration_s < protocol.cues.too_fast_s:
+    duration_s, error_m = trial.value("duration_s"), trial.value("path_error_m")
+    if protocol.feedback == "time" and duration_s is not None:
+        parts.append(language["time"].format(seconds=f"{duration_s:.1f}"))
+    if protocol.feedback == "error" and error_m is not None:
+        parts.append(language["error"].format(mm=f"{1e3 * error_m:.1f}"))
+    if protocol.cues is not None and duration_s is not None:
+        if duration_s < protocol.cues.too_fast_s:
             parts.append(language["slower"])
-        elif trial.duration_s > protocol.cues.too_slow_s:
+        elif duration_s > protocol.cues.too_slow_s:
             parts.append(language["faster"])
     return parts
 
