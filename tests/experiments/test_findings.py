@@ -33,9 +33,6 @@ from experiments.analysis.findings import (
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.statistics import Interval, mean_interval, spreads
 from experiments.analysis.trials_table import TrialRow
-from experiments.protocol import load_protocol
-
-TABLE_I = load_protocol().controllers
 
 DEVICES = ("three-brake", "four-brake")
 #: As the paper found them: path error (mm), its spread, force, acceleration.
