@@ -410,9 +410,11 @@ def test_the_table_is_enough_to_judge_and_to_write_the_report(small, whole):
     assert files["overview.png"].startswith(b"\x89PNG") and "all_hold" in summary
 
 
-def test_a_report_with_enough_worlds_says_what_decides_and_what_to_measure_first(small):
-    ranges, made = load_ranges(small), made_table(1, 300)
-    shares = ranges.drawn(300, 1)
+def test_a_report_with_enough_worlds_says_what_decides_and_what_to_measure_first(small, monkeypatch):
+    for name in ("DEALS", "DRAWS"):
+        monkeypatch.setattr(f"experiments.worlds.indices.{name}", 50)
+    ranges, made = load_ranges(small), made_table(1, 150)
+    shares = ranges.drawn(150, 1)
     error = [place for place, cell in enumerate(made.cells) if cell[0] == "path_error_m" and cell[2] == 3]
     made.values[:, error] *= np.where(shares[:, 0] < 0.5, 0.5, 2.0)[:, np.newaxis, np.newaxis]  # by the rules
     body = [
