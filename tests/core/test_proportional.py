@@ -50,13 +50,6 @@ def test_literally_only_the_rate_counts_and_a_joint_at_rest_is_no_candidate():
     assert joint_sense(0.0, 3.0, True, LITERAL.still_rate) == 0.0
 
 
-@pytest.mark.parametrize("along_beta", [False, True])
-def test_the_five_forces_of_figure_14_give_the_influence_matrix_of_the_paper(along_beta):
-    forces = [(0.8, -0.6), (0.0, -1.0), (-0.7, -0.7), (-1.0, 0.0), (-0.8, 0.6)]  # v points up to the right
-    h = np.array([influence(*force, 0.1, 0.05, 0.02, along_beta) for force in forces]).T
-    assert h.tolist() == [[1, 0, -1, -1, -1], [-1, -1, -1, 0, 1]]
-
-
 @pytest.mark.parametrize("rules", [SETTLED, LITERAL])
 def test_a_component_below_a_fiftieth_of_the_force_has_no_effect(rules):
     for small, effect in ((0.0199, 0), (0.0201, 1)):

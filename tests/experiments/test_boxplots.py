@@ -15,7 +15,7 @@ from protocols import study_data
 
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
-from experiments.analysis.charts import Box, View, box_statistics, boxes
+from experiments.analysis.charts import View, box_statistics, boxes
 from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow
@@ -54,13 +54,6 @@ def test_a_box_is_the_one_that_matplotlib_would_draw_and_holds_every_value(value
     assert box.outliers == pytest.approx(sorted(oracle["fliers"]))
     assert box.low <= box.q1 <= box.median <= box.q3 <= box.high
     assert sum(box.low <= value <= box.high for value in values) + len(box.outliers) == len(values) == box.n
-
-
-def test_a_box_by_hand():
-    """1..9, 30: positions 0.25 * 9 = 2.25, 4.5, 6.75 between the sorted values; reach 1.5 * 4.5 = 6.75 to 14.5."""
-    values = [30.0, 9, 1, 8, 2, 7, 3, 6, 4, 5]
-    assert box_statistics(values) == Box(10, 5.5, 3.25, 7.75, 1.0, 9.0, (30.0,))
-    assert box_statistics([2.0]) == Box(1, 2.0, 2.0, 2.0, 2.0, 2.0, ())
 
 
 @pytest.mark.parametrize("values", [[], [1.0, math.nan], [math.inf]])

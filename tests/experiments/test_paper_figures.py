@@ -46,16 +46,6 @@ lines_of_force = st.lists(st.floats(0.0, math.pi), min_size=1, max_size=5)
 BRAKE = brake_of(BRAKE_TEXT, "shipped")
 
 
-@pytest.mark.parametrize("count", range(1, 7))
-@pytest.mark.parametrize("turned", [0.0, 0.4, -2.0])
-def test_evenly_spaced_force_lines_leave_half_a_turn_and_one_gap_whatever_the_velocity(count, turned):
-    lines = turned + math.pi * np.arange(count) / count
-    expected = math.pi + math.pi / count
-    assert worst_unachievable(lines) == pytest.approx(expected)
-    assert mean_unachievable(lines) == pytest.approx(expected)
-    assert math.degrees(expected) == {2: 270.0, 4: 225.0}.get(count, math.degrees(expected)), "two and four of Fig. 1"
-
-
 @given(lines_of_force)
 def test_worst_and_mean_are_those_over_all_directions_of_velocity(lines):
     velocities = (np.arange(720) + 0.5) * math.pi / 360.0
