@@ -19,33 +19,11 @@ from core.control.velocity_field import (
     side_of_path,
     travel_sense,
 )
-from core.files import InputError
 from core.path import BLEND_WIDTH_M, CORNER_M, line, nearest, nearest_piece, point_at
 
 pytestmark = pytest.mark.nojit
 
 angle = st.floats(-math.pi, math.pi)
-
-
-@pytest.mark.parametrize(
-    ("start", "end"),
-    [
-        ((0.1, 0.4), (0.1, 0.4)),
-        ((0.0, math.nan), (0.1, 0.4)),
-        ((0.0, 0.4), (math.inf, 0.4)),
-    ],
-)
-def test_a_segment_without_length_or_with_numbers_that_are_not_finite_is_refused(start, end):
-    with pytest.raises(InputError, match="path"):
-        line(start, end)
-
-
-@given(segments, point)
-def test_progress_along_and_distance_across_lead_back_to_the_point(path, at):
-    progress, distance, tx, ty = nearest(path, *at)
-    assert math.hypot(tx, ty) == pytest.approx(1.0)
-    assert path.x0 + progress * tx - distance * ty == pytest.approx(at[0], abs=1e-12)
-    assert path.y0 + progress * ty + distance * tx == pytest.approx(at[1], abs=1e-12)
 
 
 def come_to(path, at):
