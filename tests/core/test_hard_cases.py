@@ -202,9 +202,10 @@ def test_tip_ten_thousand_times_heavier_or_lighter_than_the_links(bench, ratio, 
         assert abs(ledger.residual) < (1e-5 if integrator == "event" else 0.1) * (1.0 + ledger.work_hand)
 
 
-@pytest.mark.parametrize(("integrator", "seconds"), [("event", 3600), ("stepping", 600)])
-def test_an_hour_stays_finite_and_passive(integrator, seconds):
-    """3.6 million steps (at first order a sixth of that) with brakes that switch four times a second."""
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_ten_minutes_stay_finite_and_passive(integrator):
+    """600,000 steps with brakes that switch four times a second."""
+    seconds = 600
     times = np.arange(4 * seconds) * 0.25
     order = ("A", "B", "E")
     values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])

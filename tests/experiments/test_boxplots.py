@@ -15,7 +15,7 @@ from protocols import study_data
 
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
-from experiments.analysis.charts import View, box_statistics, boxes
+from experiments.analysis.charts import View, box_statistics
 from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow
@@ -60,14 +60,6 @@ def test_a_box_is_the_one_that_matplotlib_would_draw_and_holds_every_value(value
 def test_a_box_of_nothing_or_of_no_number_is_refused(values):
     with pytest.raises(ValueError, match="box"):
         box_statistics(values)
-
-
-def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
-    rows = study()
-    found = boxes(rows, DRAWN[0], BOTH)
-    assert len(found) == 10 and {box.n for box in found.values()} == {18}
-    by_hand = [1e3 * row.path_error_m for row in rows if (row.controller, row.configuration) == (4, "four-brake")]
-    assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
 
 @pytest.mark.parametrize("timeouts", [False, True])

@@ -20,7 +20,7 @@ from core.device import build_device, load_device
 from core.files import InputError
 from core.linkage import tip_force_map
 from core.mechanism import JOINTS
-from core.workspace import held_in_any_direction, tip_is_free
+from core.workspace import tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import STYLE, figure_bytes
 from experiments.paper_figures import Drawn, draw_all, pictures, scooter
@@ -195,17 +195,6 @@ def test_the_selected_sdof_path_is_the_valid_one_nearest_the_desired_velocity(ba
             angles[joint] = math.acos(p @ (field.beta_x, field.beta_y))
     assert len(angles) == 2 == sum(sense != 0.0 for sense in choice.senses.values())
     assert choice.selected == min(angles, key=angles.get)
-
-
-@given(st.integers(0, 10_000), st.integers(2, 4))
-def test_a_lock_holds_a_force_of_that_size_in_every_direction_and_a_larger_one_not_in_all(seed, count):
-    rng = np.random.default_rng(seed)
-    rows, torque = rng.normal(size=(count, 2)), rng.uniform(0.5, 5.0, count)
-    held = held_in_any_direction(rows, torque)
-    angles = np.linspace(0.0, math.pi, 20_001)
-    support = np.abs(rows @ (np.cos(angles), np.sin(angles))).T @ torque
-    step = angles[1] * np.hypot(*rows.T) @ torque  # no more than that between two directions
-    assert support.min() - step <= held <= support.min() * (1.0 + 1e-12)
 
 
 def test_only_the_display_with_two_brakes_finds_no_valid_one_and_holds_least():
