@@ -97,7 +97,7 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
     asked = question_of(protocol, ("none", "4"), "path_error_m", FOUND)
     populations = {name: load_population(name) for name in ("average", "steady")}
     done = []
-    summary = power(protocol, asked, populations, 8, tmp_path / "out", done.append)
+    summary = power(protocol, asked, populations, 6, tmp_path / "out", done.append)
     assert "simulated" in summary["warnings"][0] and done[-1] == 1.0
     with (tmp_path / "out" / "power.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -105,14 +105,14 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
     assert {(row["from"], row["configuration"]) for row in rows} == wanted
     assert (tmp_path / "out" / "power.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="not empty"):
-        power(protocol, asked, populations, 8, tmp_path / "out")
+        power(protocol, asked, populations, 6, tmp_path / "out")
 
 
 @pytest.mark.usefixtures("rough")
 def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_path):
     protocol = short(paths=1)
     asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
-    rows = [row for row, _ in study_trials(protocol, load_population(), 7)]
+    rows = [row for row, _ in study_trials(protocol, load_population(), 6)]
     write_table(tmp_path / "trials.csv", rows)
     assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["answers"]) == 3
     write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)
