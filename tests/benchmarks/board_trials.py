@@ -5,6 +5,7 @@ without (encoder steps, a velocity from positions, a tick on the wire, noise) is
 difference can be told apart by its cause. No wall clock: a trial takes as long as the machine needs.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -164,10 +165,26 @@ class Setting(NamedTuple):
         path = build_path(self.protocol.paths[self.planned.segment], "path")
         return path.x0, path.y0
 
+    def operator(self) -> EmulatedOperator:
+        """The person's hand at the start, which goes by the phases of the trial alone."""
+        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        operator = EmulatedOperator(self.person, path, self.start, self.generator())
+        operator.go_on = lambda x, y: None
+        return operator
+
     @property
     def preset(self) -> Preset:
         """Its controller."""
         return self.protocol.controllers[int(self.planned.controller)]
+
+
+def exchanged(trial: RealTrial, operator: EmulatedOperator, ticks: Callable[[], int]) -> Iterator[list[np.ndarray]]:
+    """The rows of each exchange of a trial with its device, the operator in step with its phases."""
+    while not trial.finished and ticks() < LONGEST_TICKS:
+        phase = tick_log.PHASES.index(trial.phase)
+        if phase != operator.phase:
+            operator.enter(phase)
+        yield trial.exchange()
 
 
 def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
@@ -188,10 +205,8 @@ def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
     """The same over the board."""
     protocol, planned = setting.protocol, setting.planned
     device = with_counts(setting.device, how.counts)
-    path_file = protocol.paths[planned.segment]
+    path_file, operator = protocol.paths[planned.segment], setting.operator()
     trial = RealTrial(device, planned, Conditions(path_file, setting.preset, protocol.rules, protocol.trial))
-    operator = EmulatedOperator(setting.person, trial.path, setting.start, setting.generator())
-    operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
     bench = BoardInStep(device, operator, setting.start, how)
     link = SerialDevice(device, bench.name, clock=bench.now, open_port=lambda name: bench)
     link.open()
@@ -201,12 +216,7 @@ def on_the_board(setting: Setting, how: Effects) -> tuple[str, Metrics]:
         link.sensing.motion = QuickMotion(how.window) if how.window else TrueMotion(bench.device)
     trial.connect(link)
     bench.begin()
-    rows: list[np.ndarray] = []
-    while not trial.finished and bench.ticks < LONGEST_TICKS:
-        phase = tick_log.PHASES.index(trial.phase)
-        if phase != operator.phase:
-            operator.enter(phase)
-        rows += trial.exchange()
+    rows = [row for some in exchanged(trial, operator, lambda: bench.ticks) for row in some]
     link.close()
     return measured(trial, np.array(rows))
 

@@ -14,9 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.emulated_operator import EmulatedOperator
 from core import tick_log
-from core.path import build_path
 from experiments.protocol import load_protocol
 from experiments.recording.schema import Sensors
 from experiments.session import files
@@ -26,7 +24,7 @@ from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.board import Board
 from hardware.serial_device import SerialDevice
 from tests.benchmarks.board_bench import settings
-from tests.benchmarks.board_trials import ALL, LONGEST_TICKS, BoardInStep, Setting
+from tests.benchmarks.board_trials import ALL, BoardInStep, Setting, exchanged
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support")]
 from firmware_board import Image, Pipe, firmware_boards  # noqa: E402
@@ -53,9 +51,7 @@ def run_session(
 
 def one_trial(session: Session, setting: Setting, board: type[Board]) -> None:
     """A trial from its first tick to its row."""
-    path = build_path(session.protocol.paths[setting.planned.segment], "path")
-    operator = EmulatedOperator(setting.person, path, setting.start, setting.generator())
-    operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
+    operator = setting.operator()
     bench = BoardInStep(setting.device, operator, setting.start, ALL, board)
     link = SerialDevice(setting.device, bench.name, clock=bench.now, open_port=lambda name: bench)
     link.open()
@@ -65,11 +61,8 @@ def one_trial(session: Session, setting: Setting, board: type[Board]) -> None:
     with writer:
         trial.connect(link)
         bench.begin()
-        while not trial.finished and bench.ticks < LONGEST_TICKS:
-            phase = tick_log.PHASES.index(trial.phase)
-            if phase != operator.phase:
-                operator.enter(phase)
-            writer.write(np.array(trial.exchange()).reshape(-1, tick_log.BENCH_WIDTH))
+        for rows in exchanged(trial, operator, lambda: bench.ticks):
+            writer.write(np.array(rows).reshape(-1, tick_log.BENCH_WIDTH))
         session.finish(trial, writer)
     link.close()
 

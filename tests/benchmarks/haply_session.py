@@ -14,10 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.emulated_operator import EmulatedOperator
 from core import tick_log
 from core.device import load_device
-from core.path import build_path
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics
 from experiments.analysis.trials_table import TrialRow
@@ -29,28 +27,15 @@ from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.device import HeldHand
 from hardware.haply.device import HaplyDevice
 from tests.benchmarks.board_bench import settings
-from tests.benchmarks.board_trials import LONGEST_TICKS, Setting, on_the_simulated_device
+from tests.benchmarks.board_trials import Setting, exchanged, on_the_simulated_device
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "support")]
 from haply_mock import MockHaply, Served  # noqa: E402
+from real_bench import Late  # noqa: E402
 
 DEVICE = load_device("haply-2diy")
 TIP = (0.0, 0.11)
 SHOWN = {"path_error_m": 1e3, "mean_tip_force_N": 1.0, "chatter_per_s": 1.0}
-
-
-class Late:
-    """A person who begins with the trial."""
-
-    def __init__(self, operator: EmulatedOperator) -> None:
-        self.operator, self.hand, self.begun = operator, operator.hand, False
-
-    def tick(self, x: float, y: float) -> None:
-        if self.begun:
-            self.operator.tick(x, y)
-
-    def obey(self, order: dict) -> None:
-        """Nobody gives orders here."""
 
 
 class Ran(NamedTuple):
@@ -64,9 +49,7 @@ class Ran(NamedTuple):
 
 def one_trial(session: Session, setting: Setting, terminal: bool) -> Ran:
     """A trial from its first tick to its row."""
-    path = build_path(session.protocol.paths[setting.planned.segment], "path")
-    operator = EmulatedOperator(setting.person, path, setting.start, setting.generator())
-    operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
+    operator = setting.operator()
     hand = Late(operator)
     mock = MockHaply(setting.device, hand, setting.start)
     served = Served(mock) if terminal else None
@@ -83,11 +66,7 @@ def one_trial(session: Session, setting: Setting, terminal: bool) -> Ran:
     with writer:
         trial.connect(link)
         hand.begun = True
-        while not trial.finished and mock.ticks < LONGEST_TICKS:
-            phase = tick_log.PHASES.index(trial.phase)
-            if phase != operator.phase:
-                operator.enter(phase)
-            rows = trial.exchange()
+        for rows in exchanged(trial, operator, lambda: mock.ticks):
             writer.write(np.array(rows).reshape(-1, tick_log.BENCH_WIDTH))
             given = np.maximum(given, mock.plant.work)
             if rows and trial.phase == "move":

@@ -103,19 +103,6 @@ def test_without_a_time_constant_output_equals_input():
 
 
 @pytest.mark.nojit
-def test_torque_rises_more_slowly_than_it_falls_and_most_slowly_at_rest():
-
-    def share(current: float, y: float, rpm: float) -> float:
-        """Share of the way to the new torque after 20 ms."""
-        return (after(current, y, rpm * RPM, 0.02) - y) / (torque_gain(BRAKES, 0, current) - y)
-
-    speeds = (0.0, 0.5, 2.0, 8.1)
-    rising, falling = ([share(i, y, rpm) for rpm in speeds] for i, y in ((1.0, 0.35), (0.0, 5.3)))
-    assert np.all(np.array(rising) < falling)
-    assert np.all(np.diff(rising) > 0.0) and np.all(np.diff(falling) > 0.0)
-
-
-@pytest.mark.nojit
 def test_inside_the_backlash_each_direction_has_its_own_yield():
     """At the upper edge the brake holds its yield against + motion and k_2 against - motion; k_2 both ways inside."""
     for edge, plus, minus in ((1.0, 4.0, 0.35), (-1.0, 0.35, 4.0), (0.0, 0.35, 0.35)):

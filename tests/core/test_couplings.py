@@ -17,16 +17,8 @@ from core.simulator.state import CARRIED
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import START, BenchScene
 
-ONCE, STILL = np.zeros(1), np.zeros((2, 3))
+ONCE = np.zeros(1)
 coupled = pytest.mark.parametrize("bar", COUPLED, ids=lambda bar: bar.name)
-
-
-def pushed(bar, force, commands, duration, step=1e-3, integrator="event", tip=START, velocity=(0.0, 0.0)):
-    """A simulation under a constant force (N), and its rows, one a step."""
-    simulation = Simulation(
-        bar.device, tip, velocity, integrator=integrator, hand=new_hand(forces=np.array([force], dtype=float))
-    )
-    return simulation, simulation.run(duration, step, commands)
 
 
 def angles(bar, joint: str, tips) -> np.ndarray:
@@ -72,27 +64,6 @@ def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity)
     turned = angles(bar, joint, rows[:, 1:3])
     assert np.ptp(rows[:, 1]) + np.ptp(rows[:, 2]) > 0.01
     assert np.abs(turned - turned[0]).max() < 5e-15 * sum(abs(a) + abs(b) for j, a, b in bar.couplings if j == joint)
-
-
-def test_pter_coupled_in_reverse_moves_on_a_straight_line_through_its_base():
-    _, rows = pushed(PTER, (-4.0, 6.0), yields(PTER, 0.0, C=20.0), 0.5)
-    x, y = rows[:, 1:3].T
-    assert np.ptp(y) > 0.05
-    assert np.abs(x * START[1] - y * START[0]).max() < 1e-15
-
-
-def test_pter_coupled_directly_is_a_brake_at_an_elbow():
-    """With four equal arms the row of A - B is that of E: one motion, slip and stick."""
-    elbow = replace(PTER, couplings=(), rotor=0.0, braked="AEB", name="with a brake at E")
-    clutch = replace(PTER, rotor=0.0, couplings=PTER.couplings[:1], braked="AEB", name="with a clutch")
-    found = []
-    for bar in (elbow, clutch):
-        times, torques = switching(replace(bar, braked="AEB"), 0.5)
-        simulation = Simulation(bar.device, START, hand=wave_hand(S4))
-        found.append(simulation.rows(501, Schedule(times, torques), Grid(0, 500, 1, 1e-3)))
-    assert found[0][:, 1:3] == pytest.approx(found[1][:, 1:3], abs=1e-12)
-    assert np.array_equal(found[0][:, 9], found[1][:, 9])
-    assert np.ptp(found[0][:, 2]) > 0.01
 
 
 @coupled

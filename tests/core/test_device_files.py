@@ -164,11 +164,6 @@ def test_a_copied_device_file_is_as_good_as_the_shipped_name_and_a_brake_is_foun
     assert set(mine.brake_texts) == {"brakes/weak.toml", "mrb-2107-3"}
 
 
-def test_measured_files_are_not_called_assumed():
-    measured = device(('provenance = "assumed"', 'provenance = "measured"'), brake=BRAKE.replace("assumed", "bench 3"))
-    assert not measured.assumed
-
-
 @pytest.mark.parametrize("said", ["measured; tip mass assumed", "Assumed", "an assumption", "unknown", "", " ", None])
 def test_a_number_that_is_assumed_or_of_unknown_origin_makes_the_device_assumed_in_the_device_and_a_brake(said):
     line = "" if said is None else f'provenance = "{said}"'

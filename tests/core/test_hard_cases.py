@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, random_five_bar, rods, stops_of, yields
-from scipy.optimize import brentq
+from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, rods, stops_of, yields
 
 from core.simulator.hand import Hand, new_hand, spring_hand, wave_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
@@ -80,42 +79,6 @@ def test_brakes_on_one_line_hold_together():
             if stays:
                 assert np.all(np.abs(rows[:, 6]) <= 2.0) and np.all(np.abs(rows[:, 8]) <= 1.0)
             check(simulation, rows)
-
-
-ODD = random_five_bar(6)  # its rows E and B line up at some tips; those of the shipped devices never do
-
-
-def parallel_tip() -> np.ndarray:
-    """A tip at which the rows of E and B are parallel."""
-
-    def sine(x: float, y: float) -> float:
-        g = ODD.rows(np.array([x, y]))
-        return g[1, 0] * g[2, 1] - g[1, 1] * g[2, 0]
-
-    for y in np.linspace(0.1, 0.5, 41):
-        xs = [x for x in np.linspace(-0.4, 0.4, 200) if ODD.is_open(np.array([x, y]), 0.35)]
-        for low, high in zip(xs[:-1], xs[1:], strict=True):
-            if high - low < 5e-3 and sine(low, y) * sine(high, y) < 0.0:
-                return np.array([brentq(sine, low, high, args=(y,), xtol=1e-16), y])
-    raise AssertionError("no such tip")
-
-
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
-def test_brakes_parallel_at_an_instant_stay_passive_there(integrator):
-    """Start at the tip where two locked brakes line up, pushed across their line: it jams within a short way."""
-    p = parallel_tip()
-    line = ODD.rows(p)[1]
-    across = np.array([-line[1], line[0]]) / np.linalg.norm(line)
-    for force in (5.0 * across, -5.0 * across, 5.0 * across + 1e-3 * line):
-        end = []
-        for step in (1e-3, 5e-4):
-            hand = new_hand(forces=force[None])
-            simulation = Simulation(ODD.device, tuple(p), integrator=integrator, hand=hand)
-            rows = simulation.run(1.0, step, np.array([0.0, 5.6, 5.6, 0.0]))
-            check(simulation, rows)
-            end.append(rows[-1, 1:3])
-        assert 1e-3 < np.linalg.norm(end[0] - p) < 0.1
-        assert end[0] == pytest.approx(end[1], abs=2e-6 if integrator == "event" else 2e-3)
 
 
 def test_reversal_inside_the_backlash_at_a_millionth_of_a_radian_per_second():
@@ -239,9 +202,10 @@ def test_tip_ten_thousand_times_heavier_or_lighter_than_the_links(bench, ratio, 
         assert abs(ledger.residual) < (1e-5 if integrator == "event" else 0.1) * (1.0 + ledger.work_hand)
 
 
-@pytest.mark.parametrize(("integrator", "seconds"), [("event", 3600), ("stepping", 600)])
-def test_an_hour_stays_finite_and_passive(integrator, seconds):
-    """3.6 million steps (at first order a sixth of that) with brakes that switch four times a second."""
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_ten_minutes_stay_finite_and_passive(integrator):
+    """600,000 steps with brakes that switch four times a second."""
+    seconds = 600
     times = np.arange(4 * seconds) * 0.25
     order = ("A", "B", "E")
     values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])

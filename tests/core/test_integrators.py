@@ -80,11 +80,6 @@ def test_energy_residual_falls_with_the_step(bench, scene):
     assert fine < 0.15 * coarse
 
 
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
-def test_the_same_scene_twice_is_the_same_to_the_last_bit(bench, integrator):
-    assert np.array_equal(*(run(bench, "S4", 1e-3, 0.5, integrator)[0] for _ in range(2)))
-
-
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 def test_a_run_in_pieces_equals_one_run(bench, integrator, fidelity):
@@ -117,21 +112,6 @@ def test_a_command_inside_a_step_splits_it(bench, integrator):
     late = Simulation(bench.device, START, integrator=integrator, hand=hand)
     held = late.rows(41, Schedule(np.array([0.0, 0.011, 0.021]), values), Grid(0, 40, 1, 1e-3))
     assert np.abs(held[:, 1:3] - fine[:, 1:3]).max() > 1e-6  # the split is seen: not the same as at the next edge
-
-
-def test_halving_the_step_moves_no_event_by_more_than_a_step(bench):
-    """The stuck brakes at each millisecond are the same, but within a step of a change."""
-    for scene in SCENES:
-        wave = S4 if scene == "S4" else S1
-        coarse, fine = (Simulation(bench.device, START, hand=wave_hand(wave)) for _ in range(2))
-        times, values = (HOLDS, yields(bench, 0.3, A=5.6 if scene == "S2" else 0.3)[None])
-        if scene == "S4":
-            times, values = switching(bench, 2.0)
-        one = coarse.rows(2001, Schedule(times, values), Grid(0, 2000, 1, 1e-3))[:, 9]
-        two = fine.rows(2001, Schedule(times, values), Grid(0, 2000, 2, 5e-4))[:, 9]
-        for k in np.flatnonzero(one != two):
-            near = two[max(0, k - 1) : k + 2]
-            assert one[k] in near
 
 
 def test_forces_at_the_row_are_the_forces_of_the_motion(bench):

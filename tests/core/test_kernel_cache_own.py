@@ -291,12 +291,3 @@ def test_without_the_users_cache_processes_that_start_each_other_share_a_folder_
     assert answer == COMPILED + FROM_DISK
     assert said.count("\n") == 1 and "this command compiles them for itself" in said
     assert not list(temporary.iterdir())
-
-
-@posix
-def test_a_full_cache_disk_is_one_sentence_and_the_program_runs_on(tmp_path: Path) -> None:
-    tree = small_tree(tmp_path / "tree")
-    limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))\n" + CALL
-    answer, said = run(tree, limited)
-    assert answer == COMPILED and said.count("\n") == 1 and "cannot be kept" in said and "File too large" in said
-    assert not [file for file in (tree / "cache").rglob("*") if file.is_file()]

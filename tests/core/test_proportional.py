@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from synthetic_device import brakes_on, random_mass, random_rows
+from synthetic_device import brakes_on, random_rows
 
 from core.control.algorithm import Tick
 from core.control.proportional import (
     Push,
     best_brake,
     commanded_force,
-    decision_velocity,
     force_direction,
-    impending_direction,
-    in_beta,
     influence,
     joint_sense,
     priority,
@@ -37,26 +34,6 @@ def field_along(direction: float) -> Field:
     return Field(0.0, c, s, s, -c, c, s)
 
 
-@given(angle, angle, st.floats(0.0, 2.0))
-def test_the_space_of_desired_velocity_is_a_rotation_by_beta(direction, of_vector, size):
-    along, across = in_beta(size * math.cos(of_vector), size * math.sin(of_vector), field_along(direction))
-    assert along == pytest.approx(size * math.cos(of_vector - direction), abs=1e-12)
-    assert across == pytest.approx(size * math.sin(of_vector - direction), abs=1e-12)
-
-
-@given(angle, st.floats(1e-3, 1e3), angle)
-def test_the_force_of_a_brake_lies_along_its_row_and_takes_power_from_the_tip(direction, size, motion):
-    g = (size * math.cos(direction), size * math.sin(direction))
-    v = (math.cos(motion), math.sin(motion))
-    omega = g[0] * v[0] + g[1] * v[1]
-    assume(omega != 0.0)
-    f = force_direction(*g, joint_sense(omega, 0.0, False, 0.0))
-    angle_13 = math.atan2(g[1], g[0]) + (math.pi if omega > 0 else 0.0)  # Eq. (13)
-    assert f == pytest.approx((math.cos(angle_13), math.sin(angle_13)), abs=1e-12)
-    assert f[0] * v[0] + f[1] * v[1] < 0.0
-    assert force_direction(0.0, 0.0, 1.0) == (0.0, 0.0)
-
-
 def test_settled_2_a_slow_joint_takes_the_sense_in_which_a_felt_hand_would_turn_it():
     slow = 0.019
     for rate in (slow, -slow, 0.0):
@@ -71,34 +48,6 @@ def test_literally_only_the_rate_counts_and_a_joint_at_rest_is_no_candidate():
     assert joint_sense(1e-12, -3.0, True, LITERAL.still_rate) == 1.0
     assert joint_sense(-1e-12, 3.0, True, LITERAL.still_rate) == -1.0
     assert joint_sense(0.0, 3.0, True, LITERAL.still_rate) == 0.0
-
-
-@pytest.mark.parametrize("along_beta", [False, True])
-def test_the_five_forces_of_figure_14_give_the_influence_matrix_of_the_paper(along_beta):
-    forces = [(0.8, -0.6), (0.0, -1.0), (-0.7, -0.7), (-1.0, 0.0), (-0.8, 0.6)]  # v points up to the right
-    h = np.array([influence(*force, 0.1, 0.05, 0.02, along_beta) for force in forces]).T
-    assert h.tolist() == [[1, 0, -1, -1, -1], [-1, -1, -1, 0, 1]]
-
-
-@given(angle, st.floats(0.1, 30.0), st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
-def test_influence_says_whether_a_short_push_of_the_force_makes_a_velocity_component_grow(direction, force, v):
-    assume(all(component == 0.0 or abs(component) > 1e-3 for component in v))
-    f = (force * math.cos(direction), force * math.sin(direction))
-    h = influence(*f, *v, LITERAL.no_effect, False)
-    for component in (0, 1):
-        if abs(f[component]) > 0.03 * force:
-            grown = abs(v[component] + 1e-6 * f[component]) - abs(v[component])
-            assert h[component] == np.sign(grown)
-        elif abs(f[component]) < 0.01 * force:
-            assert h[component] == 0
-
-
-@given(angle, st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
-def test_settled_counts_a_force_along_beta_as_increasing_also_when_the_tip_moves_back(direction, v):
-    f = (math.cos(direction), math.sin(direction))
-    h = influence(*f, *v, SETTLED.no_effect, True)
-    assert h[0] == (0 if abs(f[0]) <= 0.02 else np.sign(f[0]))
-    assert h[1] == influence(*f, *v, SETTLED.no_effect, False)[1]
 
 
 @pytest.mark.parametrize("rules", [SETTLED, LITERAL])
@@ -163,21 +112,3 @@ def test_the_force_is_proportional_to_v_beta_y_and_never_above_the_normalised_fo
     assert force == commanded_force(gain, -v_beta_y, most)
     if gain * abs(v_beta_y) < most:
         assert force == pytest.approx(gain * abs(v_beta_y))
-
-
-@given(seed, angle, st.floats(1e-3, 50.0))
-def test_the_impending_direction_is_that_of_the_acceleration_from_rest(seed, push, force):
-    mass = random_mass(np.random.default_rng(seed))
-    f = force * np.array([math.cos(push), math.sin(push)])
-    a = np.linalg.solve([[mass[0], mass[1]], [mass[1], mass[2]]], f)
-    assert impending_direction(*f, mass) == pytest.approx(tuple(a / np.linalg.norm(a)), abs=1e-9)
-    assert impending_direction(0.0, 0.0, mass) == (0.0, 0.0)
-
-
-def test_settled_1_at_rest_under_a_felt_hand_the_velocity_is_2_mm_s_along_the_push():
-    rest = SETTLED.rest_speed
-    assert decision_velocity(0.0, 0.0, Push(True, 0.6, -0.8), rest) == pytest.approx((0.0012, -0.0016))
-    assert decision_velocity(0.0019, 0.0, Push(True, 0.6, -0.8), rest) == pytest.approx((0.0012, -0.0016))
-    assert decision_velocity(0.0021, 0.0, Push(True, 0.6, -0.8), rest) == (0.0021, 0.0)
-    assert decision_velocity(0.0019, 0.0, Push(False, 0.6, -0.8), rest) == (0.0019, 0.0)
-    assert decision_velocity(0.0, 0.0, Push(True, 0.6, -0.8), LITERAL.rest_speed) == (0.0, 0.0)

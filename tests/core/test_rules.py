@@ -16,9 +16,8 @@ from core.control import algorithm
 from core.control import controllers as control
 from core.control.algorithm import LOCKED, Tick, pushes_away
 from core.control.controllers import decide, make_controller
-from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED, rule_set
+from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED
 from core.control.velocity_field import Field, Seen, new_memory
-from core.files import InputError
 from core.path import line
 from core.simulator.state import pack_brakes
 
@@ -43,12 +42,6 @@ def decision(controller, x, y, v, f, g=None, mass=MASS, memory=None):
     current, memory = np.zeros(4), new_memory() if memory is None else memory
     seen = Seen(*map(float, (x, y, *v, *f)))
     return decide(controller, PATH, Tick(seen, g, mass, BRAKES, memory, current))[0], current
-
-
-def test_there_are_two_rule_sets_and_no_third():
-    assert set(RULE_SETS) == {"settled", "literal"}
-    with pytest.raises(InputError, match="rules"):
-        rule_set("paper")
 
 
 @given(angle, st.floats(1e-6, 60.0), st.floats(0.005, 0.04))

@@ -16,7 +16,7 @@ from core.simulator.hand import new_hand
 from core.simulator.load_sharing import share_at_rest
 from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import new_state
-from core.simulator.stick_slip import FREE, STILL, Joints, holding_torque, largest_excess, solve_at_rest
+from core.simulator.stick_slip import STILL, Joints, solve_at_rest
 
 DIRECTIONS = [np.array([math.cos(a), math.sin(a)]) for a in np.radians(np.arange(0, 360, 10))]
 
@@ -113,24 +113,6 @@ def test_motion_from_rest_is_the_best_of_all_stick_and_slip_modes(seed, kind):
     assert np.all(there >= here - 1e-12)
 
 
-@pytest.mark.nojit
-def test_without_brakes_a_resting_tip_is_free():
-    mass, f, g, _, plus, minus, _ = problem(1, "symmetric")
-    held, a, _ = solve(mass, f, g, np.zeros(PLACES, dtype=np.int64), plus, minus, 0)
-    assert held == FREE
-    assert mass @ a == pytest.approx(f)
-
-
-@pytest.mark.nojit
-def test_holding_torque_leaves_the_joint_without_acceleration():
-    for seed in range(20):
-        mass, f, g, *_ = problem(seed, "symmetric")
-        bias = float(np.random.default_rng(seed).normal())
-        whole = mass[0, 0], mass[0, 1], mass[1, 1]
-        torque = holding_torque(whole, (g[0, 0], g[0, 1]), bias, (f[0], f[1]))
-        assert g[0] @ np.linalg.solve(mass, f + g[0] * torque) + bias == pytest.approx(0.0, abs=1e-10)
-
-
 def hold_limit(g: np.ndarray, yields: np.ndarray, u: np.ndarray) -> float:
     """Largest force along u that brakes balance: the edge of the zonotope sum of [-y_i, y_i] g_i, by linear program."""
     equal = np.column_stack([g.T, u])
@@ -159,20 +141,6 @@ def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_1
         rows = above.run(0.01, 1e-3, yields)
         assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-8
         assert u @ (rows[-1, 1:3] - p) > 0.0
-
-
-def test_excess_changes_sign_at_the_zonotope_bound(any_five_bar):
-    p, g, yields = locked(any_five_bar, 3)
-    stops = PLACES - 4
-    whole = np.vstack([g, np.zeros((stops, 2))])
-    active = np.array([*(yields > 0.0).astype(np.int64), *[0] * stops])
-    cost = np.array([*yields, *[0.0] * stops])
-    lines = any_five_bar.device.mechanism.lines
-    for u in DIRECTIONS:
-        limit = hold_limit(g, yields, u)
-        for share, outside in ((1 - 1e-9, False), (1 + 1e-9, True)):
-            f = share * limit * u
-            assert (largest_excess(Joints(whole, active, cost, cost, lines), f[0], f[1]) > 0.0) == outside
 
 
 def least_squares_split(g, low, high, f) -> np.ndarray:

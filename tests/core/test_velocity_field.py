@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -20,40 +19,11 @@ from core.control.velocity_field import (
     side_of_path,
     travel_sense,
 )
-from core.files import InputError
-from core.path import BLEND_WIDTH_M, CORNER_M, Arc, Polyline, build_path, line, nearest, nearest_piece, point_at
+from core.path import BLEND_WIDTH_M, CORNER_M, line, nearest, nearest_piece, point_at
 
 pytestmark = pytest.mark.nojit
 
 angle = st.floats(-math.pi, math.pi)
-
-
-@pytest.mark.parametrize(
-    ("start", "end"),
-    [
-        ((0.1, 0.4), (0.1, 0.4)),
-        ((0.0, math.nan), (0.1, 0.4)),
-        ((0.0, 0.4), (math.inf, 0.4)),
-    ],
-)
-def test_a_segment_without_length_or_with_numbers_that_are_not_finite_is_refused(start, end):
-    with pytest.raises(InputError, match="path"):
-        line(start, end)
-
-
-@given(segments, point)
-def test_progress_along_and_distance_across_lead_back_to_the_point(path, at):
-    progress, distance, tx, ty = nearest(path, *at)
-    assert math.hypot(tx, ty) == pytest.approx(1.0)
-    assert path.x0 + progress * tx - distance * ty == pytest.approx(at[0], abs=1e-12)
-    assert path.y0 + progress * ty + distance * tx == pytest.approx(at[1], abs=1e-12)
-
-
-def test_distance_is_positive_left_of_the_way_to_the_end_and_progress_runs_past_the_ends():
-    path = line((-0.1, 0.4), (0.1, 0.4))
-    assert nearest(path, 0.25, 0.43)[:2] == pytest.approx((0.35, 0.03))
-    assert nearest(path, -0.2, 0.37)[:2] == pytest.approx((-0.1, -0.03))
-    assert nearest(line((0.1, 0.4), (-0.1, 0.4)), 0.0, 0.43)[1] == pytest.approx(-0.03)
 
 
 def come_to(path, at):
@@ -150,31 +120,3 @@ def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, sha
     assert field.distance == pytest.approx(abs(off), abs=1e-9)
     cosine = math.cos(0.5 * math.pi * min(abs(off) / path.blend_width, 1.0))
     assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
-
-
-@pytest.mark.parametrize("offset", [-0.06, -0.01, 0.0, 0.03])
-@pytest.mark.parametrize(
-    "path_file",
-    [
-        Arc((0.0, 0.3), 0.1, 160.0, 20.0),
-        Arc((0.0, 0.35), 0.05, -90.0, 150.0),
-        Polyline(((-0.09, 0.32), (0.0, 0.42), (0.09, 0.36))),
-        Polyline(((-0.08, 0.3), (0.08, 0.3), (0.0, 0.4))),
-    ],
-    ids=["arc", "tight arc", "corner", "sharp corner"],
-)
-def test_a_tip_that_goes_where_the_field_points_comes_to_the_path_and_along_it_to_its_end(path_file, offset):
-    """Steps of 0.5 mm along beta under a push along the path, with tip noise of 20 um."""
-    path, memory, generator = build_path(path_file, "it"), new_memory(), np.random.default_rng(0)
-    x, y, tx, ty = point_at(path, 0.1 * path.length)
-    tip = np.array([x - offset * ty, y + offset * tx])
-    for _ in range(1500):
-        _, _, tx, ty = nearest(path, *tip)
-        seen = tip + generator.normal(size=2) * 2e-5
-        field = field_at(path, memory, Seen(*seen, 0.0, 0.0, 5.0 * tx, 5.0 * ty), SETTLED)
-        tip = tip + 5e-4 * np.array([field.beta_x, field.beta_y])
-        if math.dist(tip, (path.x1, path.y1)) < 0.003:
-            break
-    else:
-        raise AssertionError(f"not at the end but at {tip}")
-    assert field.distance < 0.003

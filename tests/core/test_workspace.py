@@ -88,34 +88,6 @@ def test_a_device_whose_stops_leave_room_around_a_pose_is_accepted():
         accepted += 1
 
 
-def test_a_cell_that_is_ruled_out_holds_no_free_tip():
-    """Random cells of random five-bars with stops, each with 400 tips inside, against the test of single tips."""
-    generator = np.random.default_rng(2)
-    ruled_out = 0
-    for _ in range(60):
-        ends = np.sort(generator.uniform(-math.pi, math.pi, (4, 2)), axis=1)
-        stops = {joint: tuple(map(float, pair)) for joint, pair in zip(JOINTS, ends, strict=True) if pair[1] > pair[0]}
-        mechanism = mechanism_of(with_stops(random_bar(generator), dict(list(stops.items())[: generator.integers(5)])))
-        for number in (0, 1):
-            arm = (mechanism.arm_1, mechanism.arm_2)[number]
-            ranges = [workspace._joint_ranges(mechanism, one) for one in (0, 1)]
-            if not ranges[0][1] or not ranges[1][1]:
-                continue
-            cells = workspace._Cells(
-                *generator.uniform(-math.pi, math.pi, (2, 40)), *generator.uniform(0.0, 0.3, (2, 40))
-            )
-            may = workspace._may_be_free(mechanism, number, ranges[1 - number], cells)
-            share = generator.uniform(-1.0, 1.0, (2, 400, 1))
-            inside = workspace._Cells(
-                cells.base + share[0] * cells.half_base, cells.elbow + share[1] * cells.half_elbow, *np.zeros((2, 1))
-            )
-            x, y, _, _ = workspace._tips_of(arm, inside)
-            own_side = -arm.side * np.sin(inside.elbow) > 0.0  # else the arm reaches that tip with the other elbow
-            assert not np.any(tip_is_free(mechanism, x, y) & own_side & ~may)
-            ruled_out += np.count_nonzero(~may)
-    assert ruled_out > 400
-
-
 @pytest.mark.parametrize(
     "stops, certain",
     [

@@ -84,11 +84,6 @@ def test_without_a_table_to_compare_with_that_is_said(study, tmp_path):
     assert "cannot be compared" in analyze(folder, tmp_path / "out")["changed"][0]
 
 
-def test_a_whole_folder_changes_nothing(study, tmp_path):
-    done = analyze(study, tmp_path / "out")
-    assert done["left_out"] == [] and done["changed"] == []
-
-
 def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, monkeypatch):
     def interrupted(data, folder, **_):
         folder.mkdir()

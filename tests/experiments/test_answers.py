@@ -7,7 +7,6 @@ import pytest
 from exports import rows, table, validate
 from sessions import closed_session, files
 
-from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, AnswerSet, View
 from experiments.export.export import export
@@ -134,15 +133,3 @@ def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):
     write_phenotype(tmp_path, answers)
     head = (tmp_path / "phenotype" / "tlxsmoothness.tsv").read_text().splitlines()[0]
     assert f"four-brake_controller-3_{next(iter(FIRST))}" in head.split("\t")
-
-
-def test_the_live_bench_writes_what_the_export_reads(tmp_path):
-    from experiments.session.journal import ANSWERS, NOTE, write_event
-
-    home = tmp_path / "sub-07" / "ses-01"
-    home.mkdir(parents=True)
-    values = m.Answers(FIRST).values
-    write_event(home, ANSWERS, False, configuration="four-brake", block=3, values=values)
-    write_event(home, NOTE, False, text="x")
-    [answers], [note] = answers_and_notes([home])
-    assert answers[:5] == ("07", "four-brake", 3, 0, FIRST) and note[1:] == ("07", "x")

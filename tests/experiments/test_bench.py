@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from devices import BENCH
 
-import core.brake
 from app.cli import main
-from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import pack_brakes
 from experiments.benchmark.bench import PEERS, BenchRun, Peer, Row, creep, simulated, with_order
 from experiments.benchmark.bench_tables import table, work_precision
-from experiments.benchmark.reference import reference_tips, time_constant, torque_gain
+from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, bench_devices, bench_scenes
 
 BRIEF_S = 0.4
@@ -80,25 +77,6 @@ def test_event_motion_with_lagging_brakes_nears_dop853_on_eq_1_and_eq_5_with_sec
     )
     assert fine < 3e-6
     assert fine < 1e-12 or fine < 0.02 * coarse
-
-
-def test_the_reference_has_the_torque_gain_and_time_constant_of_the_brake_model():
-    brake = bench_devices()[0].brake_files["A"]
-    packed = pack_brakes(bench_devices()[0].brakes, backlash=False)[0]
-    for current in (0.0, 0.1, 0.2, 0.7, 1.0):
-        assert torque_gain(brake, current) == pytest.approx(core.brake.torque_gain(packed, 0, current), rel=1e-14)
-        for rate in (0.0, 1e-3, 0.02, -0.3, 0.83, 5.0):
-            for rising in (True, False):
-                expected = core.brake.time_constant(packed, 0, current, rate, rising)
-                assert time_constant(brake, current, rate, rising) == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.parametrize("scene", SCENES, ids=_name)
-def test_hand_of_a_scene_exerts_the_force_of_the_scene(scene):
-    simulation = Simulation(scene.device, START, hand=scene.hand())
-    for t in (0.0, 0.31, 0.77):
-        simulation.rows(1, Schedule(np.zeros(1), np.zeros((1, 4))), Grid(round(t / 1e-3), round(t / 1e-3), 1, 1e-3))
-        assert simulation.state["hand_force"][0] == pytest.approx(scene.force(t), abs=1e-12)
 
 
 def test_order_is_the_slope_of_the_errors_above_rounding():

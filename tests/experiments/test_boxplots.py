@@ -15,7 +15,7 @@ from protocols import study_data
 
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
-from experiments.analysis.charts import Box, View, box_statistics, boxes
+from experiments.analysis.charts import View, box_statistics
 from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow
@@ -59,27 +59,10 @@ def test_a_box_is_the_one_that_matplotlib_would_draw_and_holds_every_value(value
     assert sum(box.low <= value <= box.high for value in values) + len(box.outliers) == len(values) == box.n
 
 
-def test_a_box_by_hand():
-    """1..9, 30: positions 0.25 * 9 = 2.25, 4.5, 6.75 between the sorted values; reach 1.5 * 4.5 = 6.75 to 14.5."""
-    values = [30.0, 9, 1, 8, 2, 7, 3, 6, 4, 5]
-    assert box_statistics(values) == Box(10, 5.5, 3.25, 7.75, 1.0, 9.0, (30.0,))
-    assert box_statistics([2.0]) == Box(1, 2.0, 2.0, 2.0, 2.0, 2.0, ())
-
-
 @pytest.mark.parametrize("values", [[], [1.0, math.nan], [math.inf]])
 def test_a_box_of_nothing_or_of_no_number_is_refused(values):
     with pytest.raises(ValueError, match="box"):
         box_statistics(values)
-
-
-def test_a_study_of_three_has_18_trials_in_each_of_10_boxes():
-    rows = study()
-    found = boxes(rows, DRAWN[0], BOTH)
-    assert len(found) == 10 and {box.n for box in found.values()} == {18}
-    by_hand = [
-        1e3 * row.value("path_error_m") for row in rows if (row.controller, row.configuration) == (4, "four-brake")
-    ]
-    assert found[4, "four-brake"].median == pytest.approx(np.median(by_hand))
 
 
 @pytest.mark.parametrize("timeouts", [False, True])

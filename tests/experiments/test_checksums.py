@@ -1,5 +1,6 @@
 """Everything in a session folder that means something is covered by a checksum, or follows from what is."""
 
+import contextlib
 import json
 import random
 import shutil
@@ -63,7 +64,7 @@ def test_a_flipped_bit_anywhere_in_the_journal_is_named(data):
     path, draw = of(data) / NAME, random.Random(1)
     content = path.read_bytes()
     assert not read_journal(of(data)).faults and found(data) == {}
-    for place in [*draw.sample(range(len(content)), 400), *range(len(content) - 60, len(content))]:
+    for place in [*draw.sample(range(len(content)), 150), *range(len(content) - 60, len(content))]:
         flip_a_bit(path, place, draw.randrange(8))
         journal = read_journal(of(data))
         assert journal.faults, (place, content[place - 20 : place + 5])
@@ -77,7 +78,7 @@ def test_a_flipped_bit_anywhere_in_the_journal_is_named(data):
 def test_a_flipped_bit_in_a_record_is_noticed_or_means_the_same(data, name):
     path, draw = (data if name == STUDY else of(data)) / name, random.Random(2)
     content, about = path.read_bytes(), read_sealed((data if name == STUDY else of(data)) / name)
-    noticed, places = 0, draw.sample(range(len(content)), 400)
+    noticed, places = 0, draw.sample(range(len(content)), 150)
     for place in places:
         flip_a_bit(path, place, draw.randrange(8))
         try:
@@ -91,16 +92,14 @@ def test_a_flipped_bit_in_a_record_is_noticed_or_means_the_same(data, name):
     assert "was changed" in found(data)[name][0]
 
 
-def test_any_flipped_bit_in_the_note_of_where_the_journal_ends_is_noticed_or_means_the_same(data):
+def test_a_flipped_bit_in_the_note_of_where_the_journal_ends_is_noticed_or_means_the_same(data):
     path = of(data) / END
     content, meant = path.read_bytes(), noted_end(of(data))
     for place in range(len(content)):
-        for bit in range(8):
+        for bit in (place % 8, (place + 5) % 8):
             flip_a_bit(path, place, bit)
-            try:
+            with contextlib.suppress(InputError):
                 assert noted_end(of(data)) == meant, (place, bit)
-            except InputError:
-                pass
             path.write_bytes(content)
     flip_a_bit(path, content.index(b"crc32"))
     assert "journal.end: is damaged (its checksum is missing)" in found(data)[NAME][0]

@@ -33,10 +33,7 @@ from experiments.analysis.findings import (
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.statistics import Interval, mean_interval, spreads
 from experiments.analysis.trials_table import TrialRow
-from experiments.protocol import load_protocol
 from tests.support.rows import with_measures
-
-TABLE_I = load_protocol().controllers
 
 DEVICES = ("three-brake", "four-brake")
 #: As the paper found them: path error (mm), its spread, force, acceleration.
@@ -223,24 +220,9 @@ def test_few_people_decide_only_what_is_plain_among_them_and_one_person_nothing(
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
 
 
-@given(st.lists(st.floats(-100, 100), min_size=3, max_size=14))
-def test_leaving_a_person_out_widens_the_interval_in_the_mean_over_who_is_left_out(differences):
-    """For any data, exactly: half-widths squared, averaged, against Student's quantiles and the square roots of n."""
-    n = len(differences)
-    less = [mean_interval(np.delete(differences, i)) for i in range(n)]
-    half, less_half = half_width(mean_interval(differences)), np.sqrt(np.mean([half_width(one) ** 2 for one in less]))
-    assert less_half >= half - 1e-9
-    factor = stats.t.ppf(0.975, n - 2) / stats.t.ppf(0.975, n - 1) * np.sqrt(n / (n - 1))
-    assert less_half == pytest.approx(factor * half, abs=1e-9) and factor > 1.0
-
-
 def answer(kind, interval, matters):
     """Whether an interval meets a claim of this kind, when so much matters."""
     return Evidence(Claim(kind, "path_error_m", (2,), (1,)), "path_error_m", DEVICES, matters, found=interval).answer
-
-
-def half_width(interval):
-    return 0.5 * (interval.high - interval.low)
 
 
 @given(st.lists(st.floats(-100, 100), min_size=2, max_size=14))
@@ -250,22 +232,6 @@ def test_the_interval_of_the_mean_is_students(differences):
         low, high = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
         assert (found.low, found.high) == pytest.approx((low, high))
     assert found.middle == pytest.approx(np.mean(differences))
-
-
-def test_similarity_gets_no_easier_with_fewer_people():
-    """In 1,000 groups of normal people with a band of one standard deviation: those just not similar are called
-    similar in at most 2.5 %, however few they are; those without a difference the more often the more they are.
-    """
-    draws = np.random.default_rng(1).normal(0.0, 1.0, (1000, 12))
-    right = {SIMILAR: [], AT_MOST: []}
-    for n in (2, 3, 5, 8, 12):
-        same = [mean_interval(group[:n]) for group in draws]
-        apart = [Interval(n, *(1.0 + end for end in found[1:])) for found in same]
-        for kind, shares in right.items():
-            wrong = np.mean([answer(kind, found, 1.0) is True for found in apart])
-            assert wrong <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / len(draws))
-            shares.append(np.mean([answer(kind, found, 1.0) is True for found in same]))
-    assert all(shares == sorted(shares) and shares[0] < 0.15 < 0.6 < shares[-1] for shares in right.values())
 
 
 @pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (9, "")])

@@ -76,7 +76,7 @@ def vertices(path_file):
     """Points (n, 2) of a fine polyline, made without core.path."""
     if isinstance(path_file, Polyline):
         return np.array(path_file.points_m)
-    angles = np.radians(np.linspace(path_file.from_deg, path_file.to_deg, 4001))
+    angles = np.radians(np.linspace(path_file.from_deg, path_file.to_deg, 1001))
     return np.array(path_file.centre_m) + path_file.radius_m * np.column_stack([np.cos(angles), np.sin(angles)])
 
 

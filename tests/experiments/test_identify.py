@@ -70,12 +70,6 @@ def test_95_percent_intervals_cover_the_truth_and_are_narrow_under_ripple_and_no
     assert np.all(half_widths[:, narrow] <= 0.1 * np.abs(values[:, narrow]))
 
 
-def test_more_ripple_widens_the_intervals():
-    calm = numbers(synthetic_steps(BRAKE, 3, BENCH._replace(ripple_N_m=0.1)))[1]
-    rough = numbers(synthetic_steps(BRAKE, 3, BENCH._replace(ripple_N_m=2.0)))[1]
-    assert np.all(rough[[5, 12]] > 1.5 * calm[[5, 12]])
-
-
 def test_ripple_that_repeats_with_the_shaft_leaves_the_steady_torque_alone_over_whole_revolutions():
     t = np.arange(4001) / 1000.0
     for speed in (16.0, 32.0, 64.0):
@@ -193,16 +187,6 @@ def test_the_file_calls_assumed_what_steps_do_not_show_and_nothing_else(quiet):
         assert numbers["given"] == given
         marked = [*numbers["identified"], *given, *expected, "name", "provenance", "command_unit", "torque_table"]
         assert sorted(marked) == sorted(BrakeFile.__struct_fields__)
-
-
-def test_what_is_called_identified_is_neither_given_nor_assumed():
-    """omega_0 from 4 rpm and below is assumed, by hand given, and identified only where the flat part is seen."""
-    for speeds, omega_0, where in ((SPEEDS, None, "identified"), (SPEEDS[:4], None, "assumed"), (SPEEDS, 8.0, "given")):
-        found = identify_steps(synthetic_steps(BRAKE, 1, QUIET, speeds=speeds, repeats=1), "steps.csv", ByHand(omega_0))
-        numbers = summary_of_fit(found)
-        assert [key for key in ("identified", "given", "assumed") if "omega_0_rpm" in numbers[key]] == [where]
-        line = next(one for one in brake_text(found, "mine").splitlines() if one.startswith("omega_0_rpm"))
-        assert f"# {where}" in line
 
 
 def test_the_command_warns_on_stderr_and_in_json(folder, capsys):

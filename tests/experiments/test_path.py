@@ -55,17 +55,6 @@ def test_a_polyline_of_two_points_is_a_segment(start, end):
     assert (polyline.x1, polyline.y1) == pytest.approx((segment.x1, segment.y1), abs=1e-15)
 
 
-@given(st.one_of(segments, curves), share)
-def test_a_point_of_the_path_is_its_own_nearest_point(path, of_length):
-    s = of_length * path.length
-    x, y, tx, ty = point_at(path, s)
-    progress, distance, ux, uy = nearest(path, x, y)
-    assert progress == pytest.approx(s, abs=1e-9) and distance == pytest.approx(0.0, abs=1e-12)
-    assert math.hypot(tx, ty) == pytest.approx(1.0)
-    if from_corners(path, s) > 1e-9:
-        assert (ux, uy) == pytest.approx((tx, ty), abs=1e-7)
-
-
 @given(curves, share, st.floats(-0.003, 0.003))
 def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along_it(path, of_length, offset):
     s = of_length * path.length
@@ -119,31 +108,6 @@ def test_beyond_its_ends_a_path_goes_on_straight(path, beyond, offset):
         if len(path.pieces) == 1 or np.ptp(np.cumsum(path.pieces[:, TURN])) < 1.0:
             found = nearest(path, x - offset * ty, y + offset * tx)
             assert found == pytest.approx((s, offset, tx, ty), abs=1e-9)
-
-
-def inscribed(arc: Arc, pieces: int) -> Polyline:
-    angles = np.radians(np.linspace(arc.from_deg, arc.to_deg, pieces + 1))
-    return Polyline(
-        tuple(
-            (arc.centre_m[0] + arc.radius_m * math.cos(a), arc.centre_m[1] + arc.radius_m * math.sin(a)) for a in angles
-        )
-    )
-
-
-@pytest.mark.parametrize("to_deg", [120.0, -250.0])
-def test_a_polyline_of_more_and_more_pieces_becomes_the_arc(to_deg):
-    arc = Arc((0.02, 0.3), 0.08, 10.0, to_deg)
-    exact, generator = build_path(arc, "arc"), np.random.default_rng(1)
-    tips = [point_at(exact, s)[:2] + generator.normal(size=2) * 0.01 for s in np.linspace(0.0, exact.length, 80)]
-    tips = [tip for tip in tips if 0.005 < nearest(exact, *tip)[0] < exact.length - 0.005]
-    errors = []
-    for pieces in (16, 128):
-        path = build_path(inscribed(arc, pieces), "polyline")
-        differences = np.abs([np.subtract(nearest(path, *tip), nearest(exact, *tip)) for tip in tips])
-        errors.append(differences.max(axis=0))
-    coarse, fine = errors
-    assert coarse[1] / fine[1] > 40.0, "a chord's distance from its arc: the square of its length, 64 times less"
-    assert np.all(fine < coarse / 3.0) and np.all(fine < (1e-3, 1e-4, 0.03, 0.03))
 
 
 CORNER = Polyline(((-0.1, 0.3), (0.0, 0.3), (0.05, 0.38)))

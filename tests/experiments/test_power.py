@@ -40,6 +40,20 @@ class Known:
         return self.scores(np.random.default_rng(seed), 1, people)[0]
 
 
+@pytest.fixture
+def rough(monkeypatch):
+    """Few studies for each number of people: what is written does not depend on how many."""
+    for name, studies in (("people_needed.STUDIES", 50), ("people_needed.REDRAWN", 5), ("power.CURVE_STUDIES", 10)):
+        monkeypatch.setattr(f"experiments.study.{name}", studies)
+
+
+@pytest.fixture
+def few_redrawn(monkeypatch):
+    """The interval of a number from a third of the people drawn anew, and half of the studies."""
+    for name, count in (("REDRAWN", 33), ("STUDIES_REDRAWN", 100)):
+        monkeypatch.setattr(f"experiments.study.people_needed.{name}", count)
+
+
 def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
     generator = np.random.default_rng(1)
     differences = generator.normal(0.3, 1.0, (200, 11))
@@ -50,6 +64,7 @@ def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
     assert signed_rank_chances(differences) == pytest.approx(one_by_one, abs=1e-12)
 
 
+@pytest.mark.usefixtures("few_redrawn")
 @pytest.mark.parametrize("means", [(0.0, 0.8), (0.0, 0.8, 0.4, 0.2)])
 def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(means: tuple[float, ...]):
     people = Known(*means)
@@ -60,6 +75,7 @@ def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(
     assert share_found(people, (0, 1), named.people - 2, 500, seed=99) < FOUND + spread
 
 
+@pytest.mark.usefixtures("few_redrawn")
 @pytest.mark.parametrize("kind, known", [(Resampled, 60), (Normal, 10)])
 def test_the_interval_holds_the_true_number(kind: type, known: int):
     people = Known(0.0, 0.8)
@@ -70,15 +86,9 @@ def test_the_interval_holds_the_true_number(kind: type, known: int):
     assert inside >= 5, "of 8 intervals of 95 %, fewer come true once in 2,500 runs"
 
 
+@pytest.mark.usefixtures("rough")
 def test_more_people_than_can_be_had_are_no_number():
     assert people_needed(Known(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
-
-
-@pytest.fixture
-def rough(monkeypatch):
-    """Few studies for each number of people: what is written does not depend on how many."""
-    for name, studies in (("people_needed.STUDIES", 50), ("people_needed.REDRAWN", 5), ("power.CURVE_STUDIES", 10)):
-        monkeypatch.setattr(f"experiments.study.{name}", studies)
 
 
 @pytest.mark.usefixtures("rough")
@@ -87,7 +97,7 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
     asked = question_of(protocol, ("none", "4"), "path_error_m", FOUND)
     populations = {name: load_population(name) for name in ("average", "steady")}
     done = []
-    summary = power(protocol, asked, populations, 8, tmp_path / "out", done.append)
+    summary = power(protocol, asked, populations, 6, tmp_path / "out", done.append)
     assert "simulated" in summary["warnings"][0] and done[-1] == 1.0
     with (tmp_path / "out" / "power.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -95,14 +105,14 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
     assert {(row["from"], row["configuration"]) for row in rows} == wanted
     assert (tmp_path / "out" / "power.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="not empty"):
-        power(protocol, asked, populations, 8, tmp_path / "out")
+        power(protocol, asked, populations, 6, tmp_path / "out")
 
 
 @pytest.mark.usefixtures("rough")
 def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_path):
     protocol = short(paths=1)
     asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
-    rows = [row for row, _ in study_trials(protocol, load_population(), 7)]
+    rows = [row for row, _ in study_trials(protocol, load_population(), 6)]
     write_table(tmp_path / "trials.csv", rows)
     assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["answers"]) == 3
     write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)

@@ -4,7 +4,6 @@ import contextlib
 import json
 import shutil
 import sys
-import threading
 import zlib
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import write_table
 from experiments.recording import atomic_files
 from experiments.recording import writer as recording_writer
-from experiments.recording.atomic_files import TRIES, remove, replace_file, retry_while_locked, set_aside
+from experiments.recording.atomic_files import TRIES, retry_while_locked
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
@@ -187,19 +186,6 @@ def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power
     assert min(np.diff(syncs)) >= 0.25 and max(np.diff(syncs)) < 0.25 + 0.03
     writer.close()
     assert read_recording(path).rows == 2000
-
-
-def test_a_full_disk_is_an_error_and_leaves_whole_batches(path, monkeypatch):
-    rows = ticks(3000)
-    writer = RecordingWriter(path, "AEB", {}, sync=False)
-    writer.write(rows[:2000])
-    fill_up(monkeypatch, 5000)
-    with pytest.raises(OSError, match="No space left"):
-        writer.write(rows[2000:])
-    with pytest.raises(OSError, match="No space left"):
-        writer.close({"status": "done"})  # it must not claim a whole recording
-    recording = read_recording(path)
-    assert recording.rows == 2000 and not recording.complete and recording.damaged == []
 
 
 def take_away(path, way):
@@ -430,16 +416,3 @@ def test_a_file_that_may_not_be_touched_at_all_is_refused_at_once(waits: list[fl
     with pytest.raises(PermissionError, match="denied"):
         retry_while_locked(do)
     assert not waits
-
-
-def test_files_that_are_open_for_a_moment_are_replaced_set_aside_and_removed(tmp_path: Path) -> None:
-    for what in (lambda path: replace_file(path, b"new"), lambda path: set_aside(path, "damaged"), remove):
-        old = tmp_path / "old"
-        old.write_text("old")
-        file = old.open()
-        threading.Timer(0.3, file.close).start()
-        what(old)
-        assert not old.exists() or old.read_text() == "new"
-        file.close()
-        for path in tmp_path.iterdir():
-            path.unlink()

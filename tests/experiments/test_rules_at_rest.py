@@ -6,7 +6,6 @@ from people import noiseless, somebody
 from protocols import PAPER
 
 from core import tick_log
-from core.control.algorithm import LOCKED
 from core.control.controllers import make_controller
 from core.control.velocity_field import new_memory
 from core.device import load_device
@@ -67,34 +66,6 @@ def test_a_hand_that_pushes_within_45_degrees_of_the_path_starts_to_move_along_i
         rows = push(DEVICES[name], path, number, tip, force, 600)
         speed = rows[:, tick_log.TIP_VX] * tx + rows[:, tick_log.TIP_VY] * ty
         assert speed.max() > SPEED_AT_REST, (tip, force)
-
-
-@pytest.mark.parametrize("number", [2, 3, 4, 5])
-@pytest.mark.parametrize(("name", "path_file"), PLACES)
-def test_a_slow_hand_that_pushes_inward_is_never_locked(name, path_file, number):
-    path, generator = build_path(path_file, "it"), np.random.default_rng(10 + number)
-    for _ in range(8):
-        across = generator.choice([-1.0, 1.0]) * generator.uniform(0.006, 0.02)
-        tip = beside_the_path(path, 0.5 * path.length, across)
-        _, distance, tx, ty = nearest(path, *tip)
-        inward = -np.sign(distance) * np.array([-ty, tx])
-        rows = push(DEVICES[name], path, number, tip, 20.0 * inward, 300)
-        d = np.array([nearest(path, *at)[1] for at in rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]])
-        slow = np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY]) < SPEED_AT_REST
-        still_out = np.sign(d) == np.sign(distance)
-        assert not np.isin(rows[slow & still_out, tick_log.DECISION], list(LOCKED)).any()
-
-
-def test_read_literally_the_rules_deadlock_where_the_settled_ones_do_not():
-    """At rest, a push of 20 N along the path that leans outward by a degree: literal locks, settled lets go."""
-    device = DEVICES["three-brake"]
-    path = build_path(PAPER.paths[1], "it")
-    tip, force = (0.0, 0.402), (20.0 * np.cos(0.02), 20.0 * np.sin(0.02))
-    literal = push(device, path, 4, tip, force, 1000, rules="literal")
-    settled = push(device, path, 4, tip, force, 1000)
-    assert np.isin(literal[1:, tick_log.DECISION], list(LOCKED)).all()
-    assert abs(literal[-1, tick_log.TIP_X] - tip[0]) < 1e-4
-    assert settled[-1, tick_log.TIP_X] - tip[0] > 0.005
 
 
 @pytest.mark.parametrize("name", DEVICES)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -108,21 +107,6 @@ def test_a_run_that_fails_leaves_no_file(scene, tmp_path: Path, monkeypatch, err
     assert not (tmp_path / "out.csv").exists()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of a process's files")
-def test_a_disk_that_fills_leaves_no_file(scene, tmp_path: Path, ramp):
-    import resource
-
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    s = scene(duration_s=2.0)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-    try:
-        with pytest.raises(OSError):
-            simulate(s, tmp_path / "out.csv")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not (tmp_path / "out.csv").exists()
-
-
 def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path, monkeypatch):
     class Diverging(Ramp):
         def run_chunk(self, rows):
@@ -154,15 +138,6 @@ def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: P
     assert all(row[8] == "" and set(row[5:8]) == {"0"} for row in rows[5:13])
     assert np.all(np.diff(np.hypot(tips[5:13, 2], tips[5:13, 3])) > 0)
     assert all(set(row[5:8]) != {"0"} for row in rows[13:])
-
-
-def test_a_scene_runs_the_same_in_one_piece_and_in_many(scene, tmp_path: Path, monkeypatch):
-    more = '[brakes]\nschedule = "brakes.csv"\n[force]\nconstant_N = [9, 2]\n'
-    s = scene(more, 0.3, brakes="t_s,A,E,B\n0,0.3,0.3,0.3\n0.0503,5,0.3,0.3\n0.2,0.3,0.3,5\n")
-    simulate(s, tmp_path / "one.csv")
-    monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 7)
-    simulate(s, tmp_path / "many.csv")
-    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()
 
 
 def test_a_result_that_half_the_step_contradicts_carries_a_warning(scene, tmp_path: Path, capsys):

@@ -211,7 +211,7 @@ def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path)
     out = tmp_path / "out"
     arguments = ["study", "--sweep", str(file), "--out", str(out)]
     with (tmp_path / "workers").open("w") as printed:
-        command = [sys.executable, killed_work.__file__, str(int(signal.SIGTERM)), "one", *arguments]
+        command = [sys.executable, killed_work.__file__, str(int(signal.SIGTERM)), *arguments]
         ended = subprocess.run(command, stdout=printed, stderr=subprocess.PIPE, text=True)
     assert abs(ended.returncode) == signal.SIGTERM  # Windows has no sign before it
     workers = [int(pid) for pid in (tmp_path / "workers").read_text().split()]

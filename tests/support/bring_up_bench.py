@@ -1,11 +1,14 @@
 """A bench in simulated time on which a board is brought up by a scripted builder, perhaps with a mistake."""
 
 import math
+from functools import partial
 
 from simulated_bench import TIP, Bench, reached
 
 from core.tick_log import TICK_S
+from experiments.bring_up.brakes_in_motion import HALF_S, LASTS_S, TIMES
 from experiments.bring_up.bring_up import BringUp, Result
+from experiments.bring_up.checks import in_turn
 from experiments.bring_up.step import Step
 from experiments.bring_up.steps import PATIENCE_S, steps_for
 from hardware.emulated_board.builder import MISTAKES, PRESS_S, SPEED_M_S, BuilderHand, BuiltDevice, board_with
@@ -13,7 +16,7 @@ from hardware.emulated_board.device import hello_of
 from hardware.serial_device import SerialDevice
 
 HOME = (0.0, 0.40)
-SHORT_S = 3.0  # in place of the builder's minute
+SHORT_S, LATENCY_S = 3.0, 1.0  # in place of a minute of the builder's, or of watching the latency
 RESTS_S = 0.3
 
 
@@ -74,20 +77,24 @@ class ScriptedBuilder:
         self.results.append(result)
 
 
-def shortened(steps: list[Step]) -> list[Step]:
-    """The steps without a minute's patience."""
-    return [step._replace(lasts_s=SHORT_S) if step.lasts_s == PATIENCE_S else step for step in steps]
+def shortened(steps: list[Step], rounds: int = 1) -> list[Step]:
+    """The steps without a minute's patience, each brake in motion so many times on and off."""
+    shorter = {
+        PATIENCE_S: {"lasts_s": SHORT_S},
+        LASTS_S: {"lasts_s": rounds * LASTS_S / TIMES, "drive": partial(in_turn, on_s=HALF_S, times=rounds)},
+    }
+    return [step._replace(**shorter.get(step.lasts_s, {})) for step in steps]
 
 
 class Bringing:
     """One bring-up."""
 
-    def __init__(self, device, mistake: str = "", latency_s: float = 1.0, idle: str = "") -> None:
+    def __init__(self, device, mistake: str = "", idle: str = "", rounds: int = 1) -> None:
         self.bench = BuiltBench(device, mistake)
         self.link: SerialDevice = reached(self.bench, device)
         self.builder = ScriptedBuilder(self.bench.hand, idle)
-        self.steps = steps_for(device, self.link.encoders, self.link.force_channels > 0, HOME, latency_s)
-        self.steps = shortened(self.steps)
+        self.steps = steps_for(device, self.link.encoders, self.link.force_channels > 0, HOME, LATENCY_S)
+        self.steps = shortened(self.steps, rounds)
         self.runner = BringUp(self.link, self.builder, self.fall_silent)
 
     def runner_steps(self, names: tuple[str, ...]) -> list[Step]:

@@ -1,9 +1,8 @@
 """A phd that starts at once and is killed when told: everything is imported once, each job runs in a fork of that.
 
-Run as a script it reads jobs from stdin, a JSON object a line, and answers each with a line:
-  {"phd": [arguments], "kill_after_s": 0.3}     run `phd arguments`; kill -9 after that time
-  {"write": stream, "acks": file, "seed": 1, "kill_after_s": 0.3}    write ticks until killed, noting what is flushed
-Answer: {"killed": true | false, "code": exit code if it came to its end}.
+Run as a script it reads jobs from stdin, a JSON object a line: {"phd": [arguments], "kill_after_s": 0.3}. It runs
+`phd arguments`, kill -9 after that time, and answers each with a line: {"killed": true | false, "code": exit code of
+one that came to its end}.
 """
 
 import json
@@ -16,7 +15,6 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PIECE, ROWS = 40, 20_000
 
 
 class KilledPhd:
@@ -48,41 +46,6 @@ class KilledPhd:
         self._folder.cleanup()
 
 
-def written_rows(seed: int):
-    """The ticks that a writer job writes, without end for any test's purposes."""
-    import numpy as np
-    from recorded import ticks
-
-    return np.tile(ticks(5000, seed), (ROWS // 5000, 1))
-
-
-def write(stream: str, acks: str, seed: int) -> None:
-    """Write ticks at twenty times real time until killed; note when each call began and ended, what was given by then,
-    and how many ticks are safe.
-    """
-    from experiments.recording.writer import RecordingWriter
-
-    rows = written_rows(seed)
-    handle = os.open(acks, os.O_WRONLY | os.O_CREAT)
-    with RecordingWriter(stream, "AEB", {"participant": "01"}) as writer:
-        for start in range(0, ROWS, PIECE):
-            began = time.perf_counter()
-            writer.write(rows[start : start + PIECE])
-            os.write(handle, f"{began} {time.perf_counter()} {writer.rows} {writer.rows_written}\n".encode())
-            time.sleep(PIECE / 20_000)
-        signal.pause()  # the kill comes late on this machine
-
-
-def do(job: dict) -> int:
-    """One job; its exit code."""
-    from app.cli import main
-
-    if "phd" in job:
-        return main(job["phd"])
-    write(job["write"], job["acks"], job["seed"])
-    return 0
-
-
 def serve() -> None:
     """Do jobs until stdin ends."""
     from sessions import new_session, run
@@ -90,6 +53,7 @@ def serve() -> None:
     import app.verbs.folders  # noqa: F401  (everything that a job needs is there before the first)
     import experiments.session.recover  # noqa: F401
     import experiments.study.study  # noqa: F401
+    from app.cli import main
     from core import tick_log  # noqa: F401
     from experiments.analysis import sheet
     from experiments.study import unrecorded
@@ -111,7 +75,7 @@ def serve() -> None:
                 os.dup2(null, handle)
             code = 99
             try:
-                code = do(job)
+                code = main(job["phd"])
             finally:
                 os._exit(code)
         deadline = time.perf_counter() + job["kill_after_s"]

@@ -1,6 +1,6 @@
 """`phd ARGS` on many jobs, on two workers, killed as soon as the third job is on the disk: on every machine alike.
 
-python killed_work.py SIGNAL PROCESSES ARGS    PROCESSES: "one", or "group" for all of its process group
+python killed_work.py SIGNAL ARGS
 Before that it prints the number of every process that descends from it.
 """
 
@@ -22,7 +22,7 @@ def descendants(pid: int) -> set[int]:
     return found
 
 
-def main(number: int, group: bool, arguments: list[str]) -> int:
+def main(number: int, arguments: list[str]) -> int:
     """The exit code of a run that is not killed."""
     from app.cli import main as phd
     from experiments.study import jobs
@@ -34,7 +34,7 @@ def main(number: int, group: bool, arguments: list[str]) -> int:
         kept.append(part)
         if len(kept) == DONE:
             print(*descendants(os.getpid()), flush=True)
-            (os.killpg if group else os.kill)(0 if group else os.getpid(), number)
+            os.kill(os.getpid(), number)
 
     jobs.rename = rename_and_die
     jobs.cores = lambda: 2
@@ -44,4 +44,4 @@ def main(number: int, group: bool, arguments: list[str]) -> int:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-    sys.exit(main(int(sys.argv[1]), sys.argv[2] == "group", sys.argv[3:]))
+    sys.exit(main(int(sys.argv[1]), sys.argv[2:]))

@@ -5,21 +5,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control.algorithm import Tick
-from core.control.controllers import Controller, Preset, decide, make_controller
-from core.control.guard import Around, Guard, make_around
+from core.control.algorithm import Tick, release
+from core.control.controllers import Controller, Preset, make_controller
+from core.control.guard import Around, Guard, keep_out, make_around
 from core.control.velocity_field import HOLDS, LOCKED, new_memory, seen_in
 from core.device import Device
 from core.kernels import kernel
 from core.obstacles import ObstacleFile, nearest_obstacle
-from core.path import Path, line
 from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice, move, settle
 from core.workspace import tip_is_free
 from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.trial.encoder_sensing import EncoderSensing, new_sensing, see, sensed
 
-PATH: Path = line((-0.1, 0.4), (0.1, 0.4))
 TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
 #: N, largest pushes: the largest whole ones below half of what a full lock holds near the middle of each workspace; of
 #: pter below 40 %, for the guard promises nothing there for a hand of half.
@@ -42,7 +40,7 @@ class Reach(NamedTuple):
 
 
 @kernel
-def run_pushes(model, data, path, reach, found):
+def run_pushes(model, data, reach, found):
     """All ticks of a `Reach`; found (FOUND,)."""
     memory, forces, current, sensing = reach.memory, reach.forces, reach.current, reach.sensing
     around, state, grip = reach.controller.around[0], data.state[0], data.hand.grips[0]
@@ -61,8 +59,10 @@ def run_pushes(model, data, path, reach, found):
         if sensing.sensors[0].on != 0:
             seen = sensing.seen[0]
             see(model.mechanism[0], state, sensing.sensors[0], seen)
-        what = seen_in(seen.tip, seen.hand_force)
-        decide(reach.controller, path, Tick(what, seen.g, seen.mass, model.brakes[0], memory, current))
+        tick = Tick(seen_in(seen.tip, seen.hand_force), seen.g, seen.mass, model.brakes[0], memory, current)
+        release(current)
+        if around.guard != 0:  # what `decide` does first
+            keep_out(around, tick)
         if memory[LOCKED] > was_locked:
             found[LOCKS] += 1.0
             found[FIRST_LOCK] = min(found[FIRST_LOCK], near.distance) if found[LOCKS] == 1.0 else found[FIRST_LOCK]
@@ -112,7 +112,7 @@ def run_reach(
     found, sensing = np.zeros(FOUND), new_sensing(device.device, assumed)
     forces = np.ascontiguousarray(forces, dtype=float)
     pushes = Reach(controller, sensing, new_memory(), forces, int(feigns), np.zeros(4))
-    run_pushes(device.model, device.data, PATH, pushes, found)
+    run_pushes(device.model, device.data, pushes, found)
     least, last, locks, unsure, first_unsure, entered, fastest, first_lock = found.tolist()
     return Reached(least, last, int(locks), int(unsure), first_unsure, entered, fastest, first_lock)
 
