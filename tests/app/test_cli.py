@@ -97,8 +97,7 @@ WRONG_ARGUMENTS = {
     "low gain": (["study", "--low-gain", "much", "--out", "s"], "--low-gain: must be a number greater than 0"),
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
     "study device twice": (["study", "--device", "pter", "pter", "--out", "s"], "--device: two devices have the same"),
-    "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),
-    "run device": (["run", "--device", "six-brake"], "unknown device 'six-brake'"),
+    "device without a verb": (["--device", "six-brake", "--print-plan"], "unknown device 'six-brake'"),
     "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
 }
 

@@ -25,6 +25,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr(doctor, "serial_ports", list)
     monkeypatch.setattr(doctor, "hid_checks", list)
     monkeypatch.setattr(doctor, "libraries", lambda: Check("libraries", GOOD, "all there"))
+    monkeypatch.setattr(doctor, "kernels", lambda: Check("kernels", GOOD, "compiled"))
     return monkeypatch
 
 

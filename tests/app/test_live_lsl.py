@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from live import live_window
+from processes import gone
 from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
@@ -174,7 +175,9 @@ def test_streams_that_cannot_be_are_refused_before_anything_is_written(
     client = Client(Setup(tmp_path / "data", real_time=False, lsl=True))
     wait_until(lambda: client.refused() or not client.alive)
     assert client.refused().startswith('--lsl: pylsl is not installed; "pip install pylsl" in the program')
-    assert not (tmp_path / "data").exists()
+    assert [said.stage for said in client.receive()] == [m.FAILED] and not client.alive
+    client.stop("")
+    assert gone(client.pid) and not (tmp_path / "data").exists()
 
 
 def test_an_inlet_gets_every_tick_of_a_trial_with_its_time_and_markers_in_order(lsl, tmp_path: Path) -> None:

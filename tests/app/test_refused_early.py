@@ -140,14 +140,25 @@ def test_a_refused_bench_leaves_nothing_behind(tmp_path: Path, there: str) -> No
         place.mkdir()
     before = everything(tmp_path)
     data = tmp_path / ("data" if there else "not/yet/data")
-    assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml"), real_time=False))
+    assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml")))
+    if place.name == "session.json":
+        assert "session.json" in refuse(Setup(data, participant="07")), "a session that is damaged"
     assert everything(tmp_path) == before
 
 
 def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert "is a file, or lies in one" in refuse(Setup(tmp_path / "file" / "data", real_time=False))
+    assert "is a file, or lies in one" in refuse(Setup(tmp_path / "file" / "data"))
     assert everything(tmp_path) == {"file"}
+
+
+def test_a_folder_that_another_window_uses_is_refused_and_left_to_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("app.session_server.server.LOCK_S", 0.05)
+    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as first:
+        first.open()
+        before = everything(tmp_path)
+        assert "is using this folder" in refuse(Setup(tmp_path / "data"))
+        assert everything(tmp_path) == before and first.start().running.run == 1
 
 
 @pytest.mark.parametrize(

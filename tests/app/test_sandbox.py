@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from own_files import own_experiment
 from protocols import PAPER
 from simulated_loop import LocalWindow, local_window
 from synthetic_hand import SyntheticHand
@@ -69,7 +70,7 @@ def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
     for measure in ("path_error_m", "mean_tip_force_N", "acceleration_weighted_rms_m_s2", "duration_s"):
         found = first.measures[measure]
         assert math.isfinite(found) and found > 0.0
-    assert not list(Path(window.opened.folder).glob("sub-*"))  # nothing is written
+    assert not list(Path(window.opened.folder).glob("sub-*")) and window.pulse.proof is None  # nothing is written
     assert window.rows[-100:, tick_log.ARM_FORCE_MAX].min() > 0.0, "the pointer keeps the handle from pass to pass"
 
 
@@ -365,8 +366,21 @@ wall_normal = [0.0, -1.0]
 """
 
 
-@pytest.mark.parametrize(("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE)])
-def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controller: int, added: str) -> None:
+OWN = """
+[[controller]]
+name = "Damper"
+algorithm = "my_damper.py"
+parameters = {damping_N_s_m = 900.0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE), ("three-brake", 4, OWN)]
+)
+def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(
+    tmp_path: Path, device: str, controller: int, added: str
+) -> None:
+    own_experiment(tmp_path)
     (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
     with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
         opened.until_stage(m.NO_SESSION)

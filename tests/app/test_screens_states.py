@@ -81,6 +81,15 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
 
 
+def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.tick(movement(PLAN[0].segment, "AEB", 1.5))
+    screens.hear(ready(1))
+    settle(screens.main)
+    card = screens.run.card
+    assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
+
+
 def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
     """With the brakes that are stuck it would tell the controllers apart."""
     screens.hear(opened(), running(blind=True))
