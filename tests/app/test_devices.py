@@ -173,36 +173,6 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
             emulated.stdout.close()
 
 
-WRONG_LINKS = [
-    (
-        ["--link", "usb"],
-        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'",
-    ),
-    (
-        ["--link", "socket://bench"],
-        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'socket://bench'",
-    ),
-    (["--link", "serial:socket://bench"], "--link: an address must be socket://HOST:NUMBER, not 'socket://bench'"),
-    (["--link", f"serial:{os.devnull}", "--input", "operator"], "--input operator: on the bench the force sensor"),
-    (["--link", "haply:socket://bench:9"], "--link: a Haply is at a serial port, not 'socket://bench:9'"),
-    (["--link", "haply:/dev/none"], "--link haply:/dev/none: there is no such port"),
-    (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS)
-def test_a_link_that_cannot_be_is_one_sentence(arguments: list[str], says: str, tmp_path: Path, capsys) -> None:
-    assert says in refusal(capsys, "run", *arguments, "--data-dir", tmp_path / "data")
-    assert not (tmp_path / "data").exists()
-
-
-@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS[:4])
-def test_a_link_that_cannot_be_is_refused_where_only_the_plan_is_asked_for(
-    arguments: list[str], says: str, tmp_path: Path, capsys
-) -> None:
-    assert says in refusal(capsys, "run", "--print-plan", *arguments, "--data-dir", tmp_path / "data")
-
-
 @pytest.mark.parametrize("link", ["serial:/dev/none", "serial:auto", "socket://127.0.0.1:5000"])
 def test_the_plan_needs_no_device_to_be_there(link: str, tmp_path: Path, capsys) -> None:
     assert main(["run", "--print-plan", "--link", link, "--data-dir", str(tmp_path / "data")]) == 0

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
-from fake_client import PLAN, SHORT_BREAK, opened, ready, result
-from screens import Screens
+from fake_client import PLAN, opened, result
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
@@ -33,19 +32,11 @@ def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
     assert "segment" not in words.describe(PLAN[0], opened(), blind=False)
 
 
-def test_a_break_that_is_over_asks_for_no_more_rest(screens: Screens) -> None:
-    said = "A break: let go of the handle and rest."
-    screens.hear(opened(), ready(3, stage=m.BREAK, card=SHORT_BREAK))
-    notice = screens.run.cards.notice
-    assert notice.text.text() == said
-    screens.run.cards.show_time(1e9)
-    assert notice.title.text() == "The break is over" and "rest." not in notice.text.text()
-
-
 def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
     assert check_loop(IDLE, False, DEFAULT).state == m.GOOD
     late = check_loop(IDLE, False, DEFAULT, LATE)
-    assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed")
+    assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed"), "and no percentile beside it"
+    assert check_loop(IDLE, False, DEFAULT).text == "1 kHz, p99 0 µs"
     assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
     assert check_loop(None, False, None, LATE).state == m.WAITING
 
@@ -64,13 +55,6 @@ def test_a_loop_that_compiles_says_how_far_and_that_it_is_once(monkeypatch) -> N
     loop.receive, loop.send = (lambda wait_s: [m.Prepared(DEFAULT)]), lambda job: None
     runner.watch()
     assert runner.check.text == "preparing"
-
-
-def test_ticks_that_were_missed_do_not_stand_beside_a_percentile_of_no_lateness() -> None:
-    few = m.Timing(0.0, 0.0, 4000.0, 869, "default")
-    late = check_loop(IDLE, False, DEFAULT, few)
-    assert (late.state, late.text) == (m.CAUTION, "869 ticks missed")
-    assert check_loop(IDLE, False, DEFAULT, IDLE).text == "1 kHz, p99 0 µs"
 
 
 def test_without_its_board_a_force_sensor_is_not_ready() -> None:

@@ -21,7 +21,7 @@ from app.progress import ProgressBar
 from app.verbs.common import summary_text
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
-from experiments.study.study import MOST_OPERATORS, run_study
+from experiments.study.study import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
@@ -165,12 +165,6 @@ def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(m
 
 
 # ------------------------------------------------------------------------------------------------------------ too large
-
-
-@pytest.mark.parametrize("many", ["100000000", "1001", "9" * 40])
-def test_more_operators_than_a_study_may_have_are_refused_and_nothing_is_written(tmp_path, capsys, many):
-    said = refusal(capsys, "study", "--operators", many, "--out", tmp_path / "out")
-    assert f"--operators: at most {MOST_OPERATORS}" in said and not list(tmp_path.iterdir())
 
 
 def test_a_study_that_the_disk_has_no_room_for_is_refused_and_nothing_is_written(tmp_path, monkeypatch):

@@ -93,7 +93,7 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     window.look()
     run, before = window.client.state.runner.run, len(window.rows)
     change(window, **what)
-    drive(window, moves(550))
+    drive(window, moves(320))
     rows, trial = window.rows, run.trial
     assert window.client.state.runner.run is run  # the same trial
     assert np.allclose(np.diff(rows[before - 200 :, tick_log.T]), 1e-3, atol=1e-9)  # time does not jump

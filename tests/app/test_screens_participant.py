@@ -8,7 +8,6 @@ import pytest
 from fake_client import (
     LONG_BREAK,
     PATHS,
-    PLAN,
     PRACTICE,
     PRESETS,
     SHORT_BREAK,
@@ -16,7 +15,6 @@ from fake_client import (
     opened,
     paper,
     ready,
-    result,
     running,
     ticks,
 )
@@ -72,13 +70,6 @@ def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens
         screens.hear(opened(hand="force sensor"), running(1))
         screens.tick(ticks(phase), taken=False)
         assert "pointer" not in said(screens), phase
-
-
-def test_each_end_of_a_trial_has_its_word(screens: Screens) -> None:
-    for status, word in (("done", "Well done"), ("timeout", "Time is up"), ("aborted", "Stopped")):
-        screens.hear(opened(), running())
-        screens.hear(ready(1, rows=(result(PLAN[0], status),)))
-        assert screens.participant.view.shown.large == word
 
 
 def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: Screens) -> None:

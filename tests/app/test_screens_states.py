@@ -142,13 +142,6 @@ def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     )
 
 
-def test_a_plan_that_is_done_has_no_time_left(screens: Screens) -> None:
-    screens.hear(opened(), ready(59))
-    assert "min left" in screens.run.panel.left.text()
-    screens.hear(ready(60, stage=m.FINISHED))
-    assert "min left" not in screens.run.panel.left.text()
-
-
 @pytest.mark.parametrize("moment", [False, True])
 def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(screens: Screens, moment: bool) -> None:
     says = "A moment ..." if moment else "Hold the handle in its jig, then go on."
@@ -251,8 +244,10 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
     rows = [*map(result, PLAN)]
+    screens.hear(opened(), ready(59))
+    assert "min left" in screens.run.panel.left.text()
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
-    assert "no result" not in " ".join(visible_texts(console))
+    assert "no result" not in " ".join(visible_texts(console)) and "min left" not in screens.run.panel.left.text()
     assert f"{len(PLAN)} runs are recorded and verified" in " ".join(visible_texts(console))
     screens.hear(opened(), ready(1))
     rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")
@@ -371,15 +366,10 @@ def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(screen
     assert all(view.rect().contains(arrow) for arrow in arrows), arrows
 
 
-def test_nothing_can_be_pressed_on_run_before_there_is_a_protocol(qtbot) -> None:
+def test_before_the_session_server_has_said_anything_run_says_so_and_nothing_can_be_pressed(qtbot) -> None:
     page = RunPage(lambda command: None)
     qtbot.addWidget(page)
     page.show()
     seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
     assert seen and not any(button.isEnabled() for button in seen)
-
-
-def test_before_the_session_server_has_said_anything_run_says_what_it_waits_for(qtbot) -> None:
-    page = RunPage(lambda _: None)
-    qtbot.addWidget(page)
     assert (page.large.text(), page.small.text()) == words.PREPARING
