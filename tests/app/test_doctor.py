@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from pathlib import Path
 
 import pytest
@@ -46,24 +45,15 @@ def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_mad
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.skipif(
-    sys.platform == "win32" or os.geteuid() == 0, reason="to root, and on Windows, every folder is open"
-)
-def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    assert doctor.check_disk(tmp_path).state == BAD
-    tmp_path.chmod(0o700)
+def test_a_folder_that_cannot_be_written_to_is_bad(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert doctor.check_disk(tmp_path / "file").state == BAD
 
 
-def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_full_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
     full = doctor.check_disk(tmp_path)
     assert full.state == BAD and "Make room" in full.advice
-    monkeypatch.setattr(preflight, "TOO_LOW", 0)
-    monkeypatch.setattr(preflight, "LOW", 0)
-    monkeypatch.setattr(preflight, "SLOW_SYNC_S", -1.0)
-    slow = doctor.check_disk(tmp_path)
-    assert slow.state == CAUTION and "local disk" in slow.advice
 
 
 @pytest.mark.parametrize(

@@ -404,8 +404,7 @@ def test_consent_is_asked_on_the_participants_own_screen_where_there_is_one(show
     shown.click(page.start)
     page.answer_consent(True)
     assert page.start.text() == "Start session   01 · 60 trials" and "agreed" in page.standing.text()
-    page.participant.setText("02")
-    page._refresh()
+    shown.type(page.participant, "02")
     shown.click(page.start)
     page.participant_answers = False  # that screen is unplugged
     page.show_snapshot(page.snapshot)

@@ -18,7 +18,6 @@ from waiting import wait_until
 
 from app.cli import main
 from app.progress import ProgressBar
-from app.verbs.common import summary_text
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.study.study import run_study
@@ -263,29 +262,6 @@ def test_what_is_cut_keeps_its_beginning_and_its_end_and_what_is_short_stays_as_
     assert len(str(InputError("word " * 20_000))) <= MOST_SAID
     for most in (MOST_REPEATED, MOST_REPEATED - 2):
         assert cut("x" * most) == "x" * most
-
-
-# ------------------------------------------------------------------------------------------------------------ summaries
-
-
-def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
-    summary = {
-        "done_controller_1": 1.0,
-        "done_controller_2": 0.9583333,
-        "share_done": 0.0,
-        "already_done": 3,
-        "wall_s": 1.0,
-        "low_gain_N_s_m": None,
-    }
-    lines = dict(re.split(r"\s{2,}", line) for line in summary_text(summary).splitlines())
-    assert lines == {
-        "share reached, controller 1": "100 %",
-        "share reached, controller 2": "95.83 %",
-        "share done": "0 %",
-        "already done": "3",
-        "wall (s)": "1",
-        "low gain (N s/m)": "none",
-    }
 
 
 # -------------------------------------------------------------------------------------------- a tree of somebody else's

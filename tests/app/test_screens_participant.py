@@ -137,16 +137,12 @@ def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -
         assert (screens.participant.view._device is not None) == shown
 
 
-def test_a_place_on_the_screen_is_a_place_in_the_workspace_at_any_size(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    view = screens.participant.view
-    for width, height in ((800, 600), (1920, 1080)):
-        screens.participant.resize(width, height)
-        QTest.qWait(10)
-        a, b, c = (view.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
-        assert b.x() - a.x() == pytest.approx(a.y() - c.y()) and b.x() > a.x()
-        for end in ((-0.1, 0.4), (0.1, 0.4), (-0.08, 0.26), (0.08, 0.42)):
-            assert view.rect().contains(view.to_screen(end).toPoint())
+def test_the_path_has_one_scale_with_the_linkage_shown_or_not(screens: Screens) -> None:
+    scales = set()
+    for shown in (False, True):
+        screens.hear(opened("", paper(show_linkage=shown)), before())
+        scales.add(screens.participant.view.scale)
+    assert len(scales) == 1
 
 
 def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) -> None:
@@ -362,12 +358,3 @@ def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screen
     QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
     screens.participant.ask_consent(None)
     assert answers == [True] and screens.participant.view.isVisible()
-
-
-def test_the_path_has_one_scale_with_the_linkage_shown_or_not_and_text_lies_above_the_arms(screens: Screens) -> None:
-    view = screens.participant.view
-    for size in ((1280, 720), (1920, 1080)):
-        for shown in (False, True):
-            screens.participant.resize(*size)
-            screens.hear(opened("", paper(show_linkage=shown)), before())
-            assert 0.2 * view.scale >= 0.5 * min(size) and view.rings_px[0] >= 9.0
