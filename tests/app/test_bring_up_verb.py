@@ -57,9 +57,7 @@ def new_device(device):
 """
 
 
-def test_a_driver_that_fails_gives_one_sentence_with_its_line_and_no_record(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_that_fails_gives_one_sentence_with_its_line_and_no_record(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     driver, data = tmp_path / "my_card.py", tmp_path / "data"
     driver.write_text((ROOT / "docs" / "examples" / "own_device.py").read_text() + CARD)

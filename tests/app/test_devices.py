@@ -103,9 +103,7 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
     assert line.state == CAUTION and "no library" in line.text
 
 
-def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(
-    nothing, dead_port: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(nothing, dead_port, capsys) -> None:
     nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     code, out = said(capsys, "--port", dead_port)
     assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
@@ -124,9 +122,7 @@ def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("verb", ["devices", "doctor"])
-def test_a_port_that_is_not_there_is_one_sentence(
-    verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_port_that_is_not_there_is_one_sentence(verb, capsys, monkeypatch) -> None:
     monkeypatch.setattr(doctor, "examine", at_ports)
     assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: no such file or directory\n"
 
@@ -143,9 +139,7 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
         os.close(theirs)
 
 
-def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
-    nothing, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, capsys, monkeypatch) -> None:
     emulated = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,

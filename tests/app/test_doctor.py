@@ -64,9 +64,7 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tm
         (["no-such-library"], BAD, "no-such-library is missing"),
     ],
 )
-def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
-    monkeypatch: pytest.MonkeyPatch, needs: list[str], state: str, says: str
-) -> None:
+def test_a_library_that_is_missing_or_another_than_asked_for_is_named(monkeypatch, needs, state, says) -> None:
     monkeypatch.setattr(doctor, "wanted_libraries", lambda: [Requirement(need) for need in needs])
     line = doctor.libraries()
     assert line.state == state and says in line.text and bool(line.advice) == (state == BAD)
@@ -87,9 +85,7 @@ def test_where_pip_installed_the_program_the_libraries_asked_for_are_the_same(mo
         ([["A", 1024, 600, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
     ],
 )
-def test_screens_that_are_few_or_small_are_a_caution(
-    monkeypatch: pytest.MonkeyPatch, answer: list, states: list[str]
-) -> None:
+def test_screens_that_are_few_or_small_are_a_caution(monkeypatch, answer, states) -> None:
     tried = type("Tried", (), {"returncode": 0, "stdout": json.dumps(answer), "stderr": ""})
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
     lines = doctor.screens()
@@ -130,9 +126,7 @@ def test_damaged_kernels_are_named_and_removed(tmp_path: Path, monkeypatch: pyte
     assert [file.name for file in tmp_path.rglob("*.kernel")] == ["b.kernel"] and doctor.kernels().state == GOOD
 
 
-def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(tmp_path, monkeypatch) -> None:
     for place in (Place(tmp_path, "it belongs to another user"), Place(None, "it belongs to another user")):
         monkeypatch.setattr(doctor, "cache_place", lambda place=place: place)
         line = doctor.kernels()

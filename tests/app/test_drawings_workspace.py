@@ -203,9 +203,7 @@ def test_a_stuck_brake_widens_the_wedge_and_rest_has_none() -> None:
 
 
 @BOTH
-def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_controllers_choice_is_shown(
-    device: Device,
-) -> None:
+def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_controllers_choice_is_shown(device):
     generator = np.random.default_rng(4)
     for _ in range(200):
         x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5)
@@ -306,9 +304,7 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
 
 @BOTH
 @pytest.mark.parametrize("size", ((430, 420), (1200, 900)))
-def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
-    qtbot, device: Device, size: tuple[int, int]
-) -> None:
+def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(qtbot, device, size) -> None:
     workspace = shown(qtbot, workspace_of(device), *size)
     view, boxes = workspace.view, []
     for whole, path in itertools.product((True, False), PATHS.values()):

@@ -115,9 +115,7 @@ def a_trial_as_it_should_be(session: BoardSession) -> None:
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
 
-def test_a_sensor_on_the_network_is_zeroed_and_recorded_and_a_server_that_is_killed_leaves_no_current(
-    tmp_path: Path,
-) -> None:
+def test_a_sensor_on_the_network_is_zeroed_and_recorded_and_a_server_that_is_killed_leaves_no_current(tmp_path) -> None:
     sensor = PlayedSensor()
     try:
         sensor.counts = (1000, 0, 0, 0, 0, 0)

@@ -85,9 +85,7 @@ def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: W
     assert verify(setup.data_dir)["faults"] == []
 
 
-def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(
-    opened: Window, setup: Setup
-) -> None:
+def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_trial_to_recover(opened, setup) -> None:
     run = opened.start().running.run
     until_current(opened)
     opened.until(lambda _: opened.pulse and opened.pulse.proof and opened.pulse.proof.rows)

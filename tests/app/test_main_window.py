@@ -76,9 +76,7 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(
-    screens: Screens,
-) -> None:
+def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(screens) -> None:
     def shown() -> list[bool]:
         settle(screens.main)
         return [pill.text.isVisible() for pill in screens.main.preflight.pills]
@@ -142,9 +140,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
     assert main.cards.question is None and screens.client.off_causes == []
 
 
-def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(
-    screens: Screens, monkeypatch, tmp_path
-) -> None:
+def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(screens, monkeypatch, tmp_path) -> None:
     main, asked = screens.main, []
     main.restart_asked.disconnect()
     main.restart_asked.connect(lambda *setup: asked.append(setup))
@@ -280,9 +276,7 @@ def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens
     assert screens.main.footer.folder.text() == words.from_home(tmp_path)
 
 
-def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(
-    screens: Screens,
-) -> None:
+def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(screens) -> None:
     folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
     for wide in (1400, SMALLEST[0]):
         screens.main.resize(wide, 700)
@@ -371,9 +365,7 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
     assert screens.press(KEY.Key_Space) == [m.Confirm()]
 
 
-def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(
-    screens: Screens,
-) -> None:
+def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(screens):
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
     assert "Session complete" in visible_texts(console) and not screens.run.panel.start.isEnabled()
     screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
@@ -448,9 +440,7 @@ UNDONE = "/data is gone. All its 812 ticks are in memory. It is tried again ever
 STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
 
 
-def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(
-    screens: Screens, monkeypatch
-) -> None:
+def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(screens, monkeypatch) -> None:
     screens.hear(opened(), ready(3))
     assert not screens.run.panel.elsewhere.isVisible()
     screens.hear(running(3, not_written=UNDONE, checks=STUCK))

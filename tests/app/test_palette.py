@@ -73,9 +73,7 @@ def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
 @pytest.mark.parametrize(
     ("screen", "scale", "shrinks"), [((1920, 1080), "2", True), ((2560, 1440), "2", False), ((1920, 1080), "1", False)]
 )
-def test_on_a_screen_with_little_room_all_is_drawn_smaller(
-    monkeypatch, tmp_path: Path, screen: tuple[int, int], scale: str, shrinks: bool
-) -> None:
+def test_on_a_screen_with_little_room_all_is_drawn_smaller(monkeypatch, tmp_path, screen, scale, shrinks) -> None:
     width, height = screen
     layout = {"name": "one", "x": 0, "y": 0, "width": width, "height": height, "logicalDpi": 96, "dpr": 1}
     (tmp_path / "screens.json").write_text(json.dumps({"screens": [{**layout, "logicalBaseDpi": 96}]}))

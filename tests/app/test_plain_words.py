@@ -128,9 +128,7 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
         ),  # practice cannot be skipped
     ],
 )
-def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(
-    tmp_path, monkeypatch, status: str, block: int, said: str
-) -> None:
+def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(tmp_path, monkeypatch, status, block, said):
     monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
     heard: list[str] = []
     row = replace(result(PLAN[2], status), block=block, run=62)  # a repetition, whose run the plan does not show

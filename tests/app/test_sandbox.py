@@ -109,9 +109,7 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     assert settings == settings._replace(**fields).with_parameters(**parameters)
 
 
-def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(
-    window: LocalWindow,
-) -> None:
+def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(window):
     drive(window, moves(200))
     change(window, sensing="encoders")
     drive(window, moves(400))
@@ -377,9 +375,7 @@ parameters = {damping_N_s_m = 900.0}
 @pytest.mark.parametrize(
     ("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE), ("three-brake", 4, OWN)]
 )
-def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(
-    tmp_path: Path, device: str, controller: int, added: str
-) -> None:
+def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(tmp_path, device, controller, added) -> None:
     own_experiment(tmp_path)
     (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
     with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
@@ -393,9 +389,7 @@ def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(
 
 
 @pytest.mark.parametrize("guarded", [True, False])
-def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(
-    tmp_path: Path, guarded: bool
-) -> None:
+def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(tmp_path, guarded) -> None:
     """The shipped protocol `obstacles`, without control, a wall 10 cm behind the path and a pull of at most 9 N."""
     text = (SHIPPED_FOLDER / "obstacles.toml").read_text() + "\n[mouse]\nforce_max_N = 9.0\n"
     if not guarded:

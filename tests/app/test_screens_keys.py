@@ -174,9 +174,7 @@ def test_without_their_screen_the_participant_is_asked_in_the_main_window(screen
     assert screens.participant.isVisible() and screens.run.participant_answers
 
 
-def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_console(
-    qtbot, screens: Screens, monkeypatch
-) -> None:
+def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_console(qtbot, screens, monkeypatch):
     """The participant has it while they answer, and no longer."""
     monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
     screens.windows.show()

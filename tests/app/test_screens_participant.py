@@ -5,19 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_client import (
-    LONG_BREAK,
-    PATHS,
-    PRACTICE,
-    PRESETS,
-    SHORT_BREAK,
-    before,
-    opened,
-    paper,
-    ready,
-    running,
-    ticks,
-)
+from fake_client import LONG_BREAK, PATHS, PRACTICE, PRESETS, SHORT_BREAK, before, opened, paper, ready, running, ticks
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -292,9 +280,7 @@ def test_instructions_that_nobody_sees_hold_nothing_up_and_do_not_come_after_the
     assert screens.run.panel.start.text() == "Start"
 
 
-def test_the_countdown_of_a_break_goes_on_between_two_words_of_the_server(
-    screens: Screens, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_countdown_of_a_break_goes_on_between_two_words_of_the_server(screens, monkeypatch) -> None:
     clock = SimpleNamespace(now_s=100.0, perf_counter=lambda: clock.now_s)
     monkeypatch.setattr(participant_window, "time", clock)
     screens.hear(opened(), ready(8, stage=m.BREAK, card=SHORT_BREAK))
@@ -317,9 +303,7 @@ def test_nobody_is_asked_to_touch_a_dot_that_is_out_of_sight(screens: Screens) -
                 assert ("Touch" in small) == asked, (x, phase)
 
 
-def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_the_paths_find_room(
-    screens: Screens,
-) -> None:
+def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_the_paths_find_room(screens) -> None:
     view = screens.participant.view
     for name in shipped_protocols():
         protocol = load_protocol(name)

@@ -109,9 +109,7 @@ def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens
     assert view.path == opened().protocol.paths[PLAN[22].segment] and view.tip is not None
 
 
-def test_the_device_that_comes_has_no_numbers_of_the_trial_before_and_no_force_that_nobody_measures(
-    screens: Screens,
-) -> None:
+def test_the_device_that_comes_has_no_numbers_of_the_trial_before_and_no_force_that_nobody_measures(screens) -> None:
     screens.hear(opened(), running(29))
     screens.tick(movement(PLAN[29].segment, "AEB", 1.0))
     view = screens.run.workspace.view
@@ -159,9 +157,7 @@ def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(scre
     assert banner.text().startswith("Brakes off: Esc on the console.")
 
 
-def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(
-    screens: Screens,
-) -> None:
+def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(screens):
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
     banner, line = screens.main.preflight.banner.text(), screens.run.workspace.view
     assert banner.startswith("Brakes off: Esc.") and "Device: not connected. No sample for 200 ms." in banner
@@ -220,9 +216,7 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
 
 
 @pytest.mark.parametrize("blind", [True, False])
-def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(
-    screens: Screens, blind: bool
-) -> None:
+def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens, blind):
     (console, participant), (other_console, other_participant) = pictures(screens, blind)
     assert (console == other_console) == blind and participant == other_participant
 
@@ -332,9 +326,7 @@ def test_a_tone_has_its_frequency_and_no_click_at_its_ends(frequency: float) -> 
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(
-    screens: Screens, monkeypatch, on: bool
-) -> None:
+def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(screens, monkeypatch, on):
     played: list[str] = []
     monkeypatch.setattr(screens.participant.tones, "play", played.append)
     screens.hear(opened(protocol=paper(tones=on)), running())

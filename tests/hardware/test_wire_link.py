@@ -65,9 +65,7 @@ def test_the_delay_from_sample_to_current_is_measured(bench: Bench, link: Serial
     assert link.report()["delay_ticks"] == 3, "a millisecond more each way"
 
 
-def test_a_current_that_makes_no_sense_is_zero_on_the_wire_and_none_is_above_the_brake_files_limit(
-    bench: Bench, link: SerialDevice
-) -> None:
+def test_a_current_that_makes_no_sense_is_zero_on_the_wire_and_none_is_above_the_brake_files_limit(bench, link) -> None:
     bench.heard.clear()
     for currents in ((math.nan, -1.0, 5.0, 0.25), (-math.inf, math.inf, 1e300, 0.25)):
         run(link, 3, currents)
@@ -260,9 +258,7 @@ def once_back(bench: Bench, link: SerialDevice) -> None:
 @pytest.mark.parametrize(
     ("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False), ("uncounted-start@0+0.3", False)]
 )
-def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
-    bench: Bench, link: SerialDevice, fault: str, keeps: bool
-) -> None:
+def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(bench, link, fault, keeps) -> None:
     assert not link.zeroed and link.report()["zero"] is None
     record = link.zero()
     assert link.zeroed and link.report()["zero"] == record._asdict()
@@ -309,9 +305,7 @@ def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, l
     assert not link.zeroed and not link.sensing.force.zero.any()
 
 
-def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
-    bench: Bench, link: SerialDevice, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(bench, link, monkeypatch) -> None:
     exchange, calls = link.exchange, []
 
     def away_at_the_hundredth(currents):
