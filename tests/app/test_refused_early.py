@@ -23,6 +23,7 @@ from core.files import InputError
 from experiments.inputs import OPERATOR
 from experiments.protocol import MOST_TRIALS
 from experiments.session import files as files_module
+from experiments.session.blind import KEY
 from experiments.session.files import other_protocol, refuse_existing
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.journal import unmeasured_row
@@ -101,8 +102,9 @@ def test_before_a_session_it_is_known_whether_it_is_blind(tmp_path: Path, hand: 
     with local_window(Setup(data, str(file), hand=hand, real_time=False)) as bench:
         bench.until_stage("no session")
         assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)
-        snapshot = bench.open("02")
+        snapshot = bench.open("02", blind=True)  # though it was asked for
         assert snapshot.blind == (hand != OPERATOR) and snapshot.notice.startswith("Participant 02: 60 trials to run.")
+        assert bool(list(data.rglob(KEY))) == (hand != OPERATOR)
 
 
 def test_a_folder_in_which_every_participant_has_a_session_can_still_be_opened(tmp_path: Path) -> None:

@@ -140,13 +140,6 @@ def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) 
     assert screens.client.aimed == []
 
 
-def test_keys_on_the_participants_window_do_what_they_do_on_the_console(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
-    assert screens.press(Qt.Key.Key_Space, screens.participant) == [m.Start()]
-    screens.hear(ready(3))
-    assert screens.press(Qt.Key.Key_P, screens.participant, ALT) == [m.Pause(True)]
-
-
 def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.close()
@@ -224,41 +217,31 @@ def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
             assert view.side == 0
 
 
-def test_instructions_are_read_page_by_page_before_the_first_trial(screens: Screens) -> None:
-    window = screens.participant
-    pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
-    screens.hear(opened(protocol=paper(instruction=pages), folder="other"))
-    screens.hear(ready(0))
-    assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
-    assert screens.press(Qt.Key.Key_Space, window) == [] and window.instructions.text.text() == "Follow the line."
-    QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton)
-    assert window.view.isVisible()
-    assert screens.press(Qt.Key.Key_Space, window) == [m.Start()]
-
-
 def instructed(screens: Screens, folder: str) -> None:
     pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
     screens.hear(opened(protocol=paper(instruction=pages), folder=folder), ready(0))
 
 
-@pytest.mark.parametrize("how", ["key", "button", "participant", "both"])
+@pytest.mark.parametrize("how", ["key", "button", "participant", "click", "both"])
 def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages(screens: Screens, how: str) -> None:
     window, start = screens.participant, screens.run.panel.start
     turns = {
         "key": lambda: screens.press(Qt.Key.Key_Space),
         "button": lambda: QTest.mouseClick(start, Qt.MouseButton.LeftButton),
         "participant": lambda: screens.press(Qt.Key.Key_Space, window),
+        "click": lambda: QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton),
     }
     hands = [turns["key"], turns["participant"]] if how == "both" else [turns[how]] * 2
     window.show()
     instructed(screens, how)
     screens.client.sent.clear()
     assert start.text() == "Next page" and screens.run.small.text() == "Space: next page"
+    assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
     for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
         turn()
         assert screens.client.sent == [] and (window.instructions.text.text() == text or not text)
     assert window.view.isVisible() and start.text() == "Start"
-    hands[0]()
+    (turns["key"] if how == "click" else hands[0])()
     assert screens.client.sent == [m.Start()]
     for practice in range(2):  # rows are of the plan alone: after practice there are none yet
         screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE._replace(repetition=practice)))

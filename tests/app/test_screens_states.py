@@ -90,17 +90,6 @@ def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
     assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
 
 
-def test_a_blind_console_has_no_reachable_force_and_gets_it_back_with_the_key(screens: Screens) -> None:
-    """With the brakes that are stuck it would tell the controllers apart."""
-    screens.hear(opened(), running(blind=True))
-    screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
-    workspace = screens.run.workspace
-    assert workspace.view.instant.reachable() is None and not workspace.buttons[REACHABLE].isVisible()
-    screens.hear(running(blind=False))
-    screens.tick(movement(PLAN[0].segment, "AEB", 1.1)[1000:])
-    assert workspace.view.instant.reachable() is not None and workspace.buttons[REACHABLE].isVisible()
-
-
 def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens) -> None:
     screens.hear(opened(), ready(22, stage=m.BREAK, card=LONG_BREAK))
     view = screens.participant.view
@@ -148,13 +137,6 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
     card = screens.run.cards.notice
     assert card is not None and card.title.text() == f"Make {PLAN[0].configuration} ready" and card.text.text() == says
     assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])
-
-
-def test_brakes_that_the_board_took_off_are_said_so_and_others_with_who_did(screens: Screens) -> None:
-    banner = screens.hear(opened(), ready(9, brakes_off="the board: no command for 50 ms")).preflight.banner
-    assert banner.text().startswith("Brakes off: the board: no command for 50 ms.")
-    screens.hear(ready(9, brakes_off="Esc on the console"))
-    assert banner.text().startswith("Brakes off: Esc on the console.")
 
 
 def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(screens):
@@ -219,6 +201,8 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
 def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens, blind):
     (console, participant), (other_console, other_participant) = pictures(screens, blind)
     assert (console == other_console) == blind and participant == other_participant
+    workspace = screens.run.workspace
+    assert (workspace.view.instant.reachable() is None) == blind != workspace.buttons[REACHABLE].isVisible()
 
 
 def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
