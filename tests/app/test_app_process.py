@@ -122,16 +122,13 @@ sys.exit(main(["run", *sys.argv[1:]]))
 """
 
 
-def phd(*arguments: object) -> subprocess.Popen:
-    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", APP, *map(str, arguments)]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C goes to all processes of a console, also to the tests")
 def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> None:
-    data = tmp_path / "data"
-    with phd("--data-dir", data) as window:
+    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", APP, "--data-dir", str(tmp_path / "data")]
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as window:
         assert window.stdout.readline() == "open\n", window.stderr.read()
         below = children(window.pid)
         below += [child for pid in below for child in children(pid)]

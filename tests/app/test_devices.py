@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from emulated import ROOT, Emulated
 from refusals import refusal
 
 from app import doctor
@@ -23,7 +24,6 @@ from experiments.inputs import MOUSE
 from hardware import discovery
 from hardware.emulated_board.plug import LOOPBACK
 
-ROOT = Path(__file__).resolve().parents[2]
 NAVIGATOR = {"path": b"/dev/hidraw77", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
              "product_string": "SpaceNavigator"}  # fmt: skip
 TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_number="123", product="USB Serial",
@@ -139,32 +139,23 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
         os.close(theirs)
 
 
-def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, capsys, monkeypatch) -> None:
-    emulated = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, tmp_path, capsys, monkeypatch) -> None:
+    emulated = Emulated(tmp_path, "--device", "three-brake", "--seed", "9")
+    port = emulated.port
     monkeypatch.setattr("hardware.serial_device.HELLO_S", 60.0)
-    try:
-        assert emulated.stdout is not None
-        port = emulated.stdout.readline().strip()
-        code, out = said(capsys, "--port", port, "--json")
-        (board,) = json.loads(out)["boards"]
-        assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
-        assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
-        assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
-        wire = discovery.Port(port)
-        code, out = said(capsys, "--port", port)
-        wire.close()
-        assert code == 1 and out == f"board           {port}  another program is using it\n"
-        monkeypatch.setattr(doctor, "examine", at_ports)
-        assert main(["doctor", "--port", port]) == 0
-        assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
-    finally:
-        emulated.terminate()
-        emulated.wait(200)
-        if emulated.stdout is not None:
-            emulated.stdout.close()
+    code, out = said(capsys, "--port", port, "--json")
+    (board,) = json.loads(out)["boards"]
+    assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
+    assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
+    assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
+    wire = discovery.Port(port)
+    code, out = said(capsys, "--port", port)
+    wire.close()
+    assert code == 1 and out == f"board           {port}  another program is using it\n"
+    monkeypatch.setattr(doctor, "examine", at_ports)
+    assert main(["doctor", "--port", port]) == 0
+    assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
+    assert emulated.end() == 0
 
 
 @pytest.mark.parametrize("link", ["serial:/dev/none", "serial:auto", "socket://127.0.0.1:5000"])

@@ -1,6 +1,8 @@
 """Try on the server's side: passes, changes in the middle of one, the table; in simulated time."""
 
+import contextlib
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +23,19 @@ from experiments.inputs import OPERATOR
 from experiments.protocol import SHIPPED_FOLDER, load_protocol
 
 
-@pytest.fixture
-def window(tmp_path: Path):
-    with local_window(Setup(tmp_path / "data", sync=False)) as opened:
+@contextlib.contextmanager
+def trying(setup: Setup) -> Iterator[LocalWindow]:
+    """A window whose first pass of Try has begun."""
+    with local_window(setup) as opened:
         opened.until_stage(m.NO_SESSION)
         opened.client.send(m.SetSandbox())
         opened.until(lambda s: s.sandbox and s.running)
+        yield opened
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Iterator[LocalWindow]:
+    with trying(Setup(tmp_path / "data", sync=False)) as opened:
         yield opened
 
 
@@ -260,16 +269,13 @@ def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the
 
 
 def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.SetSandbox())
-        window.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         window.client.send(m.BringBack())
         assert "Only the hand of the pointer" in window.until(lambda s: s.notice_bad).notice
 
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.SetSandbox())
+    with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
         change(window, spring_N_m=500.0)
@@ -378,10 +384,7 @@ parameters = {damping_N_s_m = 900.0}
 def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(tmp_path, device, controller, added) -> None:
     own_experiment(tmp_path)
     (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
-    with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
-        opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.SetSandbox())
-        opened.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
         change(opened, controller=controller, parameters={"gap_m": 0.002})
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
         (one,) = opened.snapshot.sandbox.passes
@@ -396,10 +399,7 @@ def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_gu
         text = text[: text.index("[guard]")] + text[text.index("[[path]]") :]
     file = tmp_path / "obstacles.toml"
     file.write_text(text)
-    with local_window(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
-        window.until_stage(m.NO_SESSION)
-        window.client.send(m.SetSandbox())
-        window.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
         change(window, controller=1)
         drive(window, moves(20))
         while not len(window.rows) or np.count_nonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE) < 2500:
