@@ -314,9 +314,7 @@ def exclude(page: AnalysePage, reason: int) -> None:
     page.cards.question.findChildren(KeyButton)[reason].click()
 
 
-def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(
-    qtbot, recorded: AnalysePage
-) -> None:
+def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then_says_so(qtbot, recorded) -> None:
     page, reason = recorded, EXCLUDE.reasons[1]
     assert page.side.exclude.isVisible()
     exclude(page, 1)
@@ -352,9 +350,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
     assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
 
 
-def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(
-    qtbot, two_trials: Path, monkeypatch
-) -> None:
+def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, two_trials, monkeypatch):
     session = two_trials / "sub-01" / "ses-01"
     page = page_on(qtbot, session)
     begun: list[bytes] = []

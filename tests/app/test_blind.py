@@ -7,17 +7,14 @@ from dataclasses import replace
 import pytest
 from protocols import PAPER, short
 from sessions import Killed, crash_in_trial, files, killing, new_session, of, run_trials
-from simulated_loop import local_window
 
 from app.cli import main
-from app.ipc.messages import Setup
 from core.control.controllers import ALGORITHMS
 from core.files import InputError
 from experiments.analysis.trials_table import read_table
-from experiments.inputs import OPERATOR
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
-from experiments.session.blind import KEY, new_key, read_key
+from experiments.session.blind import new_key, read_key
 from experiments.session.files import cell, read_stored, write_pooled_table
 from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.session.recover import recover
@@ -197,11 +194,3 @@ def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
 
     run_study(tmp_path / "study", 1, short(paths=1, blind="true"), PEOPLE)
     assert all(isinstance(row.controller, int) for row in read_table(tmp_path / "study" / "trials.csv"))
-
-
-def test_a_simulated_operators_session_is_blind_for_nobody(tmp_path):
-    (tmp_path / "own.toml").write_text(short(blind="true").text)
-    with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), hand=OPERATOR, sync=False)) as window:
-        window.open(blind=True)
-        assert not window.snapshot.blind and not window.opened.blind
-        assert not list(tmp_path.rglob(KEY))

@@ -48,21 +48,6 @@ def test_an_interrupt_leaves_the_board_without_current_and_no_record(emulated: E
     assert not list((tmp_path / "bring-up").glob("*"))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"--link": "sim"}, "only a real device is brought up"),
-        ({"--link": "haply:/dev/none"}, "--link: bring-up checks boards with brakes"),
-        ({"--link": "serial:/dev/nowhere"}, "there is no such port"),
-        ({"--device": "nowhere.toml"}, "nowhere.toml"),
-        ({"--by": " "}, "--by: must be the name"),
-    ],
-)
-def test_what_cannot_be_brought_up_is_refused(wrong: dict[str, str], words: str, capsys: pytest.CaptureFixture) -> None:
-    asked = {"--link": "serial:/dev/nowhere", "--by": "A. Builder"} | wrong
-    assert words in refusal(capsys, "bring-up", *(word for pair in asked.items() for word in pair))
-
-
 CARD = """
 class Card(Bus):
     def exchange(self, currents_mA):
@@ -72,9 +57,7 @@ def new_device(device):
 """
 
 
-def test_a_driver_that_fails_gives_one_sentence_with_its_line_and_no_record(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_that_fails_gives_one_sentence_with_its_line_and_no_record(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     driver, data = tmp_path / "my_card.py", tmp_path / "data"
     driver.write_text((ROOT / "docs" / "examples" / "own_device.py").read_text() + CARD)

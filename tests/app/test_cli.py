@@ -74,12 +74,24 @@ def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
     assert files(folder) == before
 
 
+LINKS = "must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py"
 WRONG_ARGUMENTS = {
     "no verb of that name": (["fly"], "invalid choice: 'fly'"),
-    "option without a verb": (["--bogus"], "unrecognized arguments: --bogus"),
+    "option without a verb": (["--bogus"], r"unrecognized arguments: --bogus \(see phd run --help\)"),
     "no scene": (["simulate", "--out", "o.csv"], "required: SCENE.toml"),
     "no output": (["simulate", "scene.toml"], "required: --out"),
-    "unknown option": (["simulate", "scene.toml", "--out", "o.csv", "--fast"], "unrecognized arguments: --fast"),
+    "unknown option": (["doctor", "--json", "--fast"], r"unrecognized arguments: --fast \(see phd doctor --help\)"),
+    "a verb nearly right": (["stdy"], r"did you mean study\?"),
+    "an option nearly right": (["study", "--opertors", "3", "--out", "s"], r"did you mean --operators\?"),
+    "the version nearly right": (["--verison"], r"did you mean --version\?"),
+    "a value nearly right": (["run", "--theme", "drk"], r"did you mean dark\?"),
+    "an empty protocol": (["study", "", "--out", "s"], "unknown protocol ''"),
+    "an empty population": (["study", "--population", "", "--out", "s"], "unknown population ''"),
+    "an empty sweep": (["study", "--sweep", "", "--out", "s"], "unknown sweep ''"),
+    "no pilot": (
+        ["power", "paper", "--between", "1", "3", "--from", "x", "--out", "y"],
+        "x/trials.csv: the table cannot be read: no such file or directory\n",
+    ),
     "shortened option": (["simulate", "scene.toml", "--ou", "o.csv"], "--out"),
     "scene missing": (["simulate", "no.toml", "--out", "o.csv"], r"no\.toml: cannot be read \(no such file"),
     "scene is a folder": (["simulate", ".", "--out", "o.csv"], "cannot be read"),
@@ -92,15 +104,36 @@ WRONG_ARGUMENTS = {
         ["study", "--operators", "0", "--out", "s"],
         "--operators: must be a whole number of at least 1",
     ),
+    "many operators": (["study", "--operators", "1001", "--out", "s"], "--operators: at most 1000"),
+    "endless operators": (["study", "--operators", "9" * 40, "--out", "s"], "--operators: at most 1000"),
     "seed": (["study", "--seed", "-1", "--out", "s"], "--seed"),
     "rules": (["study", "--rules", "none", "--out", "s"], "--rules: invalid choice"),
     "low gain": (["study", "--low-gain", "much", "--out", "s"], "--low-gain: must be a number greater than 0"),
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
     "study device twice": (["study", "--device", "pter", "pter", "--out", "s"], "--device: two devices have the same"),
-    "device without a verb": (["--device", "six-brake"], "unknown device 'six-brake'"),
-    "run device": (["run", "--device", "six-brake"], "unknown device 'six-brake'"),
+    "device without a verb": (["--device", "six-brake", "--print-plan"], "unknown device 'six-brake'"),
     "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
-}
+    "link": (["run", "--link", "usb", "--print-plan"], f"--link: {LINKS}, not 'usb'"),
+    "link, no number": (["run", "--link", "socket://b", "--print-plan"], f"--link: {LINKS}, not 'socket://b'"),
+    "link, no address": (
+        ["run", "--link", "serial:socket://b", "--print-plan"],
+        "--link: an address must be socket://HOST:NUMBER, not 'socket://b'",
+    ),
+    "link and operator": (
+        ["run", "--link", "serial:x", "--input", "operator", "--print-plan"],
+        "--input operator: on the bench the force sensor",
+    ),
+    "Haply at an address": (["run", "--link", "haply:socket://b:9"], "--link: a Haply is at a serial port, not 'sock"),
+    "no Haply": (["run", "--link", "haply:/dev/none"], "--link haply:/dev/none: there is no such port"),
+    "no port": (["run", "--link", "serial:/dev/none"], r"serial:/dev/none: there is no such port \(phd devices lists"),
+    "bring-up, simulated": (["bring-up", "--link", "sim", "--by", "A"], "only a real device is brought up"),
+    "bring-up, Haply": (["bring-up", "--link", "haply:/dev/none", "--by", "A"], "--link: bring-up checks boards with"),
+    "bring-up, no port": (["bring-up", "--link", "serial:/dev/none", "--by", "A"], "there is no such port"),
+    "bring-up, device": (
+        ["bring-up", "--link", "serial:/dev/none", "--by", "A", "--device", "nowhere.toml"], r"nowhere\.toml",
+    ),
+    "bring-up, nobody": (["bring-up", "--link", "serial:/dev/none", "--by", " "], "--by: must be the name"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("arguments, says", WRONG_ARGUMENTS.values(), ids=WRONG_ARGUMENTS)

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 from protocols import short
 
 from app.progress import watch_compiling
@@ -26,32 +25,15 @@ print(*names)
 """
 
 
-def compiled_by(code: str) -> str:
-    """The kernels that a new process compiles for it."""
+def run_python(*arguments: str) -> str:
+    """What a new process prints that compiles."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
-    done = subprocess.run(
-        [sys.executable, "-c", COUNTED.format(code=code)], env=environment, capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()[-1]
+    return done.stdout
 
 
-@pytest.fixture(scope="module")
-def set_up() -> None:
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
-    command = [sys.executable, "-m", "app.compile_kernels"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=500, check=True)
-    assert done.stdout == "kernels: compiled\n"  # a bar, or lines in its place, are on stderr
-
-
-def test_after_the_set_up_a_study_a_simulation_and_a_live_trial_compile_nothing(set_up, tmp_path) -> None:
-    (tmp_path / "short.toml").write_text(short(paths=1).text)
-    study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
-    scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
-    verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
-    assert compiled_by(f"{verbs}from app.loop.loop import run_stopped_trial\nrun_stopped_trial()") == ""
-
-
+#: the window's part
 DRAWING = """
 from app.window.canvas.layers import Instant, directions, field_at_rest, needles
 from core.device import load_device
@@ -64,8 +46,16 @@ assert directions(device, instant.g, field_at_rest(path, instant.tip, 1.0))
 """
 
 
-def test_the_window_compiles_nothing(set_up) -> None:
-    assert compiled_by(DRAWING) == ""
+def test_after_the_set_up_a_study_a_simulation_a_live_trial_and_the_window_compile_nothing(tmp_path) -> None:
+    said = run_python("-m", "app.compile_kernels")
+    assert said == "kernels: compiled\n"  # a bar, or lines in its place, are on stderr
+    (tmp_path / "short.toml").write_text(short(paths=1).text)
+    study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
+    scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
+    verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
+    trial = "from app.loop.loop import run_stopped_trial\nrun_stopped_trial()"
+    compiled = run_python("-c", COUNTED.format(code=verbs + trial + DRAWING)).splitlines()[-1]
+    assert compiled == ""
 
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:

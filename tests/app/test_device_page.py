@@ -70,11 +70,6 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
         assert what in shown, what
 
 
-def test_a_force_of_nothing_has_no_sign(page: DevicePage) -> None:
-    page.show_pulse(told(status(hand_force=(-0.004, 0.0))))
-    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0"
-
-
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:
     page.show_pulse(told(status(problem="no sample for 200 ms", homed=False, counts=(), theta=())))
     sensors = [label.text() for name, label in page.values.items() if name.startswith("Joint") or name == "Handle"]
@@ -82,6 +77,8 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) ->
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
     assert page.values["Hand force"].text() == page.values["Handle"].text() == "–"
     assert page.values["Joint A"].text() == "34\u202f512 counts"
+    page.show_pulse(told(status(hand_force=(-0.004, 0.0))))
+    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0", "and nothing has no sign"
 
 
 def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from emulated import ROOT, Emulated
 from refusals import refusal
 
 from app import doctor
@@ -23,7 +24,6 @@ from experiments.inputs import MOUSE
 from hardware import discovery
 from hardware.emulated_board.plug import LOOPBACK
 
-ROOT = Path(__file__).resolve().parents[2]
 NAVIGATOR = {"path": b"/dev/hidraw77", "vendor_id": 0x046D, "product_id": 0xC626, "usage_page": 1, "usage": 8,
              "product_string": "SpaceNavigator"}  # fmt: skip
 TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_number="123", product="USB Serial",
@@ -103,9 +103,7 @@ def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path)
     assert line.state == CAUTION and "no library" in line.text
 
 
-def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(
-    nothing, dead_port: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(nothing, dead_port, capsys) -> None:
     nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
     code, out = said(capsys, "--port", dead_port)
     assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
@@ -124,9 +122,7 @@ def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("verb", ["devices", "doctor"])
-def test_a_port_that_is_not_there_is_one_sentence(
-    verb: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_port_that_is_not_there_is_one_sentence(verb, capsys, monkeypatch) -> None:
     monkeypatch.setattr(doctor, "examine", at_ports)
     assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: no such file or directory\n"
 
@@ -143,64 +139,23 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
         os.close(theirs)
 
 
-def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(
-    nothing, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    emulated = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "emulate", "--device", "three-brake", "--seed", "9"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
+def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, tmp_path, capsys, monkeypatch) -> None:
+    emulated = Emulated(tmp_path, "--device", "three-brake", "--seed", "9")
+    port = emulated.port
     monkeypatch.setattr("hardware.serial_device.HELLO_S", 60.0)
-    try:
-        assert emulated.stdout is not None
-        port = emulated.stdout.readline().strip()
-        code, out = said(capsys, "--port", port, "--json")
-        (board,) = json.loads(out)["boards"]
-        assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
-        assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
-        assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
-        wire = discovery.Port(port)
-        code, out = said(capsys, "--port", port)
-        wire.close()
-        assert code == 1 and out == f"board           {port}  another program is using it\n"
-        monkeypatch.setattr(doctor, "examine", at_ports)
-        assert main(["doctor", "--port", port]) == 0
-        assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
-    finally:
-        emulated.terminate()
-        emulated.wait(200)
-        if emulated.stdout is not None:
-            emulated.stdout.close()
-
-
-WRONG_LINKS = [
-    (
-        ["--link", "usb"],
-        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'usb'",
-    ),
-    (
-        ["--link", "socket://bench"],
-        "--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not 'socket://bench'",
-    ),
-    (["--link", "serial:socket://bench"], "--link: an address must be socket://HOST:NUMBER, not 'socket://bench'"),
-    (["--link", f"serial:{os.devnull}", "--input", "operator"], "--input operator: on the bench the force sensor"),
-    (["--link", "haply:socket://bench:9"], "--link: a Haply is at a serial port, not 'socket://bench:9'"),
-    (["--link", "haply:/dev/none"], "--link haply:/dev/none: there is no such port"),
-    (["--link", "serial:/dev/none"], "--link serial:/dev/none: there is no such port (phd devices lists"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS)
-def test_a_link_that_cannot_be_is_one_sentence(arguments: list[str], says: str, tmp_path: Path, capsys) -> None:
-    assert says in refusal(capsys, "run", *arguments, "--data-dir", tmp_path / "data")
-    assert not (tmp_path / "data").exists()
-
-
-@pytest.mark.parametrize(("arguments", "says"), WRONG_LINKS[:4])
-def test_a_link_that_cannot_be_is_refused_where_only_the_plan_is_asked_for(
-    arguments: list[str], says: str, tmp_path: Path, capsys
-) -> None:
-    assert says in refusal(capsys, "run", "--print-plan", *arguments, "--data-dir", tmp_path / "data")
+    code, out = said(capsys, "--port", port, "--json")
+    (board,) = json.loads(out)["boards"]
+    assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
+    assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
+    assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
+    wire = discovery.Port(port)
+    code, out = said(capsys, "--port", port)
+    wire.close()
+    assert code == 1 and out == f"board           {port}  another program is using it\n"
+    monkeypatch.setattr(doctor, "examine", at_ports)
+    assert main(["doctor", "--port", port]) == 0
+    assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
+    assert emulated.end() == 0
 
 
 @pytest.mark.parametrize("link", ["serial:/dev/none", "serial:auto", "socket://127.0.0.1:5000"])

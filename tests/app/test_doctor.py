@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from pathlib import Path
 
 import pytest
@@ -25,6 +24,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr(doctor, "serial_ports", list)
     monkeypatch.setattr(doctor, "hid_checks", list)
     monkeypatch.setattr(doctor, "libraries", lambda: Check("libraries", GOOD, "all there"))
+    monkeypatch.setattr(doctor, "kernels", lambda: Check("kernels", GOOD, "compiled"))
     return monkeypatch
 
 
@@ -45,24 +45,15 @@ def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_mad
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.skipif(
-    sys.platform == "win32" or os.geteuid() == 0, reason="to root, and on Windows, every folder is open"
-)
-def test_a_folder_that_may_not_be_written_to_is_bad(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    assert doctor.check_disk(tmp_path).state == BAD
-    tmp_path.chmod(0o700)
+def test_a_folder_that_cannot_be_written_to_is_bad(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert doctor.check_disk(tmp_path / "file").state == BAD
 
 
-def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_full_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
     full = doctor.check_disk(tmp_path)
     assert full.state == BAD and "Make room" in full.advice
-    monkeypatch.setattr(preflight, "TOO_LOW", 0)
-    monkeypatch.setattr(preflight, "LOW", 0)
-    monkeypatch.setattr(preflight, "SLOW_SYNC_S", -1.0)
-    slow = doctor.check_disk(tmp_path)
-    assert slow.state == CAUTION and "local disk" in slow.advice
 
 
 @pytest.mark.parametrize(
@@ -73,9 +64,7 @@ def test_a_full_or_slow_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyP
         (["no-such-library"], BAD, "no-such-library is missing"),
     ],
 )
-def test_a_library_that_is_missing_or_another_than_asked_for_is_named(
-    monkeypatch: pytest.MonkeyPatch, needs: list[str], state: str, says: str
-) -> None:
+def test_a_library_that_is_missing_or_another_than_asked_for_is_named(monkeypatch, needs, state, says) -> None:
     monkeypatch.setattr(doctor, "wanted_libraries", lambda: [Requirement(need) for need in needs])
     line = doctor.libraries()
     assert line.state == state and says in line.text and bool(line.advice) == (state == BAD)
@@ -96,9 +85,7 @@ def test_where_pip_installed_the_program_the_libraries_asked_for_are_the_same(mo
         ([["A", 1024, 600, 1.0, 60.0], ["B", 1920, 1080, 1.0, 60.0]], [CAUTION, GOOD]),
     ],
 )
-def test_screens_that_are_few_or_small_are_a_caution(
-    monkeypatch: pytest.MonkeyPatch, answer: list, states: list[str]
-) -> None:
+def test_screens_that_are_few_or_small_are_a_caution(monkeypatch, answer, states) -> None:
     tried = type("Tried", (), {"returncode": 0, "stdout": json.dumps(answer), "stderr": ""})
     monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: tried)
     lines = doctor.screens()
@@ -139,9 +126,7 @@ def test_damaged_kernels_are_named_and_removed(tmp_path: Path, monkeypatch: pyte
     assert [file.name for file in tmp_path.rglob("*.kernel")] == ["b.kernel"] and doctor.kernels().state == GOOD
 
 
-def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(tmp_path, monkeypatch) -> None:
     for place in (Place(tmp_path, "it belongs to another user"), Place(None, "it belongs to another user")):
         monkeypatch.setattr(doctor, "cache_place", lambda place=place: place)
         line = doctor.kernels()

@@ -104,6 +104,8 @@ def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plan
         assert plane.to_plane(plane.to_screen(place)) == pytest.approx(place, abs=1e-12)
     a, b, c = (plane.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
     assert b.x() - a.x() == pytest.approx(a.y() - c.y()) == pytest.approx(0.1 * plane.scale)
+    corner = plane.to_plane(QPointF(plane.width() + 900.0, -900.0))
+    assert corner == plane.to_plane(QPointF(plane.width(), 0.0)), "it stays inside what is drawn"
 
 
 def test_start_end_path_and_handle_are_where_they_should_be(plane: Plane) -> None:
@@ -129,16 +131,6 @@ def test_an_arc_and_a_polyline_are_drawn_along_their_whole_length(plane: Plane) 
         image = plane.grab().toImage()
         assert all(is_seen(image, plane.to_screen(place), "#ffffff") for place in places)
         assert is_seen(image, plane.to_screen(plane.outline[-1]), COLOURS.end_ring)
-
-
-def test_the_pointer_is_told_in_metres_and_stays_inside_what_is_drawn(plane: Plane) -> None:
-    told = []
-    plane.pointer_moved.connect(lambda x, y: told.append((x, y)))
-    QTest.mouseMove(plane, plane.to_screen((0.05, 0.41)).toPoint())
-    assert told[-1] == pytest.approx((0.05, 0.41), abs=1.0 / plane.scale)
-    assert plane.pointer == told[-1]
-    corner = plane.to_plane(QPointF(plane.width() + 900.0, -900.0))
-    assert corner == plane.to_plane(QPointF(plane.width(), 0.0))
 
 
 def test_the_spring_is_drawn_only_while_the_handle_is_held(plane: Plane) -> None:
@@ -211,9 +203,7 @@ def test_a_stuck_brake_widens_the_wedge_and_rest_has_none() -> None:
 
 
 @BOTH
-def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_controllers_choice_is_shown(
-    device: Device,
-) -> None:
+def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_controllers_choice_is_shown(device):
     generator = np.random.default_rng(4)
     for _ in range(200):
         x, y = generator.uniform(-0.1, 0.1), generator.uniform(0.3, 0.5)
@@ -314,9 +304,7 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
 
 @BOTH
 @pytest.mark.parametrize("size", ((430, 420), (1200, 900)))
-def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
-    qtbot, device: Device, size: tuple[int, int]
-) -> None:
+def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(qtbot, device, size) -> None:
     workspace = shown(qtbot, workspace_of(device), *size)
     view, boxes = workspace.view, []
     for whole, path in itertools.product((True, False), PATHS.values()):

@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import socket
-import stat
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -87,11 +86,6 @@ def run(link: SerialDevice, n: int, currents=NO) -> list:
 def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> None:
     """Exchange until something is so."""
     wait_until(done, pause=lambda: link.exchange(currents))
-
-
-@pytest.mark.skipif(not HAS_TERMINALS, reason="no pseudo-terminals here")
-def test_the_port_is_a_terminal_that_a_host_can_open(emulated: Emulated) -> None:
-    assert stat.S_ISCHR(os.stat(emulated.port).st_mode)
 
 
 @on_both

@@ -32,16 +32,20 @@ def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
     out = folder / "motion.csv"
     assert main(["simulate", str(EXAMPLES / f"{scene}.toml"), "--out", str(out)]) == 0
     found = rows(out)
-    return {name: [row[name] for row in found] for name in found[0]}
-
-
-@pytest.mark.parametrize("scene", sorted(path.stem for path in EXAMPLES.glob("*.toml")))
-def test_every_example_runs_to_its_end(scene, tmp_path):
-    columns = rows_of(scene, tmp_path)
+    columns = {name: [row[name] for row in found] for name in found[0]}
     times = np.array(columns["t_s"], dtype=float)
     assert times[0] == 0.0 and np.all(np.diff(times) > 0.0)
     x = columns["x_m" if scene.startswith("scooter") else "tip_x_m"]
     assert np.isfinite(np.array(x, dtype=float)).all()
+    return columns
+
+
+#: Tests below run the others.
+@pytest.mark.parametrize(
+    "scene", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {"locked-brake", "signed-lag", "guarded"})
+)
+def test_every_example_runs_to_its_end(scene, tmp_path):
+    rows_of(scene, tmp_path)
 
 
 def test_a_locked_brake_keeps_its_joint_angle_while_the_tip_moves(tmp_path):

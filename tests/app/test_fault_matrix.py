@@ -70,9 +70,7 @@ def check_told(case: Case) -> None:
 
 
 @pytest.mark.parametrize(("fault", "phase", "wire"), EVERY + OVER_TCP)
-def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(
-    fault: Fault, phase: str, wire: type[BenchWire | TcpWire], place: Place
-) -> None:
+def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(fault, phase, wire, place) -> None:
     case = Case(place, fault, phase, wire)
     assert case.flowing == (phase == "move")
     if phase in fault.goes_on:

@@ -61,9 +61,7 @@ def without_run(words: str) -> str:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(
-    fault: Fault, place: Place, running: Pipe
-) -> None:
+def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(fault, place, running) -> None:
     case = in_a_movement(place, fault, firmware_boards(lambda: running))
     assert case.flowing and case.again_s <= AGAIN_S
     assert not fault.board or case.zero_ms <= BOARD_MS

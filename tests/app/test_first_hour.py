@@ -11,31 +11,6 @@ from app.cli import main, make_parser, with_verb
 from core.device import load_device, shipped_devices
 from core.workspace import free_tips
 
-SAID = {
-    "a verb": (["stdy"], "did you mean study?"),
-    "an option": (["study", "--opertors", "3", "--out", "x"], "did you mean --operators?"),
-    "the version": (["--verison"], "did you mean --version?"),
-    "a value": (["run", "--theme", "drk"], "did you mean dark?"),
-}
-NOTHING = {
-    "an empty protocol": (["study", "", "--out", "x"], "unknown protocol ''"),
-    "an empty population": (["study", "--population", "", "--out", "x"], "unknown population ''"),
-    "an empty sweep": (["study", "--sweep", "", "--out", "x"], "unknown sweep ''"),
-    "no pilot": (
-        ["power", "paper", "--between", "1", "3", "--from", "x", "--out", "y"],
-        "x/trials.csv: the table cannot be read: no such file or directory\n",
-    ),
-}
-
-
-@pytest.mark.parametrize("arguments, wanted", (SAID | NOTHING).values(), ids=SAID | NOTHING)
-def test_a_word_nearly_right_is_asked_about_and_one_for_nothing_is_named(
-    arguments: list[str], wanted: str, capsys, tmp_path: Path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2 and wanted in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
 
 def test_the_command_line_takes_every_command_that_a_page_shows():
     root = Path(__file__).resolve().parents[2]

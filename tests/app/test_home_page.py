@@ -88,12 +88,6 @@ def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Sho
     assert "participant 01: exists already" in page.why.text()
 
 
-def test_a_participant_needs_a_label_of_letters_and_digits(shown: Shown) -> None:
-    for label in ("", "a b", "P-1"):
-        shown.type(shown.page.participant, label)
-        assert not shown.page.start.isEnabled() and "Name the participant" in shown.page.why.text()
-
-
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
     page = shown.page
     page.protocol.setCurrentIndex(page.protocol.findText("Curves"))
@@ -248,8 +242,12 @@ def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
     assert "Study of 3 simulated operators · 3 sessions · 180 of 180 trials" in shown.texts()
     assert shown.texts().count("60 of 60") == 3 + 1  # and of participant 01, who is typed
     assert "No sessions" not in shown.texts() and "othing recorded" not in shown.texts()
+    shown.type(shown.page.participant, "04")
+    assert not shown.page.start.isEnabled() and "holds a study of 3 simulated operators" in shown.page.why.text()
     shown.click(shown.page.data.whole)
     assert shown.pages == [(ANALYSE, folder)]
+    shown.look(session(folder, "02", 60)._replace(lacking=3))
+    assert "60 of 60" in shown.texts() and "3 without a result" in shown.texts()
 
 
 def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(shown: Shown) -> None:
@@ -298,16 +296,6 @@ def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_l
     shown.until(lambda: page.start.text() == "Resume session   07 · 58 trials left")
     shown.type(page.participant, "08")
     assert page.start.text() == "Start session   08 · 60 trials"
-
-
-def test_a_studys_folder_takes_no_session_of_a_person(shown: Shown) -> None:
-    shown.look(session(shown.setup.data_dir, "02", 60), operators=2)
-    assert not shown.page.start.isEnabled() and "holds a study of 2 simulated operators" in shown.page.why.text()
-
-
-def test_trials_without_a_result_stand_beside_those_that_are_over(shown: Shown) -> None:
-    shown.look(session(shown.setup.data_dir, "02", 60)._replace(lacking=3))
-    assert "60 of 60" in shown.texts() and "3 without a result" in shown.texts()
 
 
 def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
@@ -416,8 +404,7 @@ def test_consent_is_asked_on_the_participants_own_screen_where_there_is_one(show
     shown.click(page.start)
     page.answer_consent(True)
     assert page.start.text() == "Start session   01 · 60 trials" and "agreed" in page.standing.text()
-    page.participant.setText("02")
-    page._refresh()
+    shown.type(page.participant, "02")
     shown.click(page.start)
     page.participant_answers = False  # that screen is unplugged
     page.show_snapshot(page.snapshot)

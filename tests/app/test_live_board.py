@@ -10,6 +10,7 @@ from emulated import to_zero_s
 from live import kill
 from live_board import DEVICE, BoardSession, board_session, lets_go
 from played_net_ft import HOST, PlayedSensor
+from processes import gone
 from waiting import wait_until
 
 from app.ipc import messages as m
@@ -114,7 +115,7 @@ def a_trial_as_it_should_be(session: BoardSession) -> None:
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
 
-def test_a_sensor_on_the_network_is_zeroed_recorded_and_ends_the_trial_when_it_falls_silent(tmp_path: Path) -> None:
+def test_a_sensor_on_the_network_is_zeroed_and_recorded_and_a_server_that_is_killed_leaves_no_current(tmp_path) -> None:
     sensor = PlayedSensor()
     try:
         sensor.counts = (1000, 0, 0, 0, 0, 0)
@@ -144,5 +145,11 @@ def test_a_sensor_on_the_network_is_zeroed_recorded_and_ends_the_trial_when_it_f
             window.until(lambda s: session.device().text == "not connected")
             window.until(lambda s: session.device().state == m.GOOD or s.brakes_off)
             session.make_ready()
+
+            # the session server killed: the loop is alone, sees it, ends its trial and says good-bye
+            run, processes = session.begin(), window.processes()
+            kill(window.client.pid)
+            wait_until(lambda: all(map(gone, processes)))
+            assert (session.folder / "trials" / f"run-{run:03}.arrows").exists(), "what was recorded is there"
     finally:
         sensor.close()

@@ -1,16 +1,18 @@
-"""`--link driver:FILE.py` through the real processes: a session is made ready on a device that is no board of ours."""
+"""What is one's own through the real processes: a driver, `--link driver:FILE.py`, and a controller."""
 
 from pathlib import Path
 
 from live import live_window
 from live_board import lets_go
-from protocols import PAPER, changed
+from own_files import PROTOCOL, own_experiment
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from experiments.session.journal import BROUGHT_UP, HOMED, ZEROED, read_journal
 
 TEMPLATE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "own_device.py"
+#: begins at once where the handle is held, and goes on for half a second
+TRIAL = "[trial]\nhold_s = 0.0\nstart_radius_m = 0.3\nend_radius_m = 0.001\ntime_out_s = 0.5\nend_s = 0.2\n"
 #: in the place of the template's own: the simulated device, paced by the clock
 BUS = """
 
@@ -39,12 +41,12 @@ def new_device(device):
 """
 
 
-def test_a_session_runs_on_a_driver_of_ones_own(tmp_path: Path) -> None:
-    driver, protocol, data = tmp_path / "my_rig.py", tmp_path / "one.toml", tmp_path / "data"
+def test_a_session_runs_on_a_driver_with_a_controller_of_ones_own(tmp_path: Path) -> None:
+    driver, data = tmp_path / "my_rig.py", tmp_path / "data"
     driver.write_text(TEMPLATE.read_text() + BUS)
-    protocol.write_text(changed(PAPER.text, hold_s="0.0", start_radius_m="0.3", end_radius_m="0.3", end_s="0.2"))
-    setup = Setup(data, str(protocol), devices=("four-brake",), link=f"driver:{driver}", sync=False)
-    with live_window(setup) as window:
+    text = PROTOCOL.replace("three-brake", "four-brake")
+    protocol = own_experiment(tmp_path, text + TRIAL)
+    with live_window(Setup(data, str(protocol), link=f"driver:{driver}", sync=False)) as window:
         window.until_stage(m.NO_SESSION)
         window.client.send(m.Open("01"))
         window.until(lambda s: s.card and "Hold the handle" in s.card.text)
@@ -55,6 +57,7 @@ def test_a_session_runs_on_a_driver_of_ones_own(tmp_path: Path) -> None:
         window.client.send(m.Start())
         (row,) = window.until(lambda s: s.rows).rows
         assert window.pulse.device.board == "OWN-1"
-        assert window.recording(row.run).whole
+        recording = window.recording(row.run)
+        assert recording.whole and (recording.text("decision") == "damped").sum() > 100
     events = [entry.event for entry in read_journal(data / "sub-01" / "ses-01").entries]
     assert [event for event in (HOMED, ZEROED, BROUGHT_UP) if event not in events] == []

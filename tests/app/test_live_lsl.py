@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from live import live_window
+from processes import gone
 from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
@@ -113,9 +114,7 @@ def test_each_tick_has_the_time_at_which_it_was_due_also_behind_a_stall(streams:
 
 
 @pytest.mark.parametrize("streams", [True], indirect=True)
-def test_on_the_bench_the_time_is_that_of_the_sample_and_a_lost_one_follows_the_one_before(
-    streams: SimpleNamespace,
-) -> None:
+def test_on_the_bench_the_time_is_that_of_the_sample_and_a_lost_one_follows_the_one_before(streams) -> None:
     times, began_s = 1e-3 * np.arange(10), time.perf_counter() - 1.0
     rows = rows_at(times, tick_log.BENCH_WIDTH)
     rows[:, tick_log.HOST_S] = began_s + times * (1.0 + 1e-3)  # a board's clock drifts
@@ -130,9 +129,7 @@ def test_on_the_bench_the_time_is_that_of_the_sample_and_a_lost_one_follows_the_
     assert np.allclose(streams.ticks.times, due_s, atol=2e-5)
 
 
-def test_a_look_at_the_clocks_that_is_held_up_moves_no_time(
-    streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_look_at_the_clocks_that_is_held_up_moves_no_time(streams, monkeypatch) -> None:
     true_s, looks = streams.outlets._offset_s(), iter(range(100))
 
     def held_up() -> float:
@@ -166,15 +163,15 @@ def test_streams_that_fail_are_given_up_and_say_so(streams: SimpleNamespace, mon
     assert streams.outlets.failure == "The LSL streams have ended (no more). The recording goes on."
 
 
-def test_streams_that_cannot_be_are_refused_before_anything_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_streams_that_cannot_be_are_refused_before_anything_is_written(tmp_path, monkeypatch) -> None:
     (tmp_path / "pylsl.py").write_text("raise ImportError")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     client = Client(Setup(tmp_path / "data", real_time=False, lsl=True))
     wait_until(lambda: client.refused() or not client.alive)
     assert client.refused().startswith('--lsl: pylsl is not installed; "pip install pylsl" in the program')
-    assert not (tmp_path / "data").exists()
+    assert [said.stage for said in client.receive()] == [m.FAILED] and not client.alive
+    client.stop("")
+    assert gone(client.pid) and not (tmp_path / "data").exists()
 
 
 def test_an_inlet_gets_every_tick_of_a_trial_with_its_time_and_markers_in_order(lsl, tmp_path: Path) -> None:

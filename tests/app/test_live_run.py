@@ -148,7 +148,7 @@ def test_the_start_is_held_by_a_hand_and_not_by_a_handle_that_lies_there(loop) -
         trial = SimulatedTrial(
             at_start, planned, Conditions(path, preset, protocol.rules, rules), None, np.random.default_rng(2)
         )
-        run_trial(loop, disk, trial, ticks=1500)
+        run_trial(loop, disk, trial, ticks=800)
         assert set(np.concatenate(disk.rows)[:, tick_log.PHASE].astype(int)) & {tick_log.HOLD, tick_log.MOVE} == later
     ring.control.aim_count = 0
 

@@ -14,11 +14,8 @@ from synthetic_hand import SyntheticHand
 from waiting import wait_until
 
 from app.ipc import messages as m
-from app.ipc.client import Client
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.inputs import HID
-from hardware.hid import attached, list_hid
 
 JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
 
@@ -112,37 +109,3 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     assert unfinished(setup.data_dir) == ("01",)
     window.client.send(m.Open("01", resume=True))
     assert window.until_stage(m.READY).rows[-1].run == run
-
-
-def test_a_bench_that_recorded_nothing_leaves_nothing(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "new" / "data", real_time=False)
-    with live_window(setup) as opened:
-        opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.SetSandbox())
-        opened.until_stage(m.RUNNING)
-        assert opened.snapshot.practice and opened.snapshot.running.block == 0
-        opened.until(lambda s: opened.pulse)
-        assert opened.pulse.proof is None
-        opened.client.send(m.EndSandbox())
-        opened.until_stage(m.NO_SESSION)
-    assert not setup.data_dir.exists()
-
-
-@pytest.mark.skipif(bool(attached(list_hid())), reason="a six-axis device is attached")
-def test_a_hand_that_is_not_attached_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
-    client = Client(Setup(tmp_path / "data", hand=HID, real_time=False))
-    assert "no known six-axis device is attached" in client.refused()
-    client.stop("")
-    assert gone(client.pid) and not (tmp_path / "data").exists()
-
-
-def test_a_second_window_is_refused_and_the_first_one_goes_on(tmp_path: Path) -> None:
-    with live_window(Setup(tmp_path / "data", hand="operator", real_time=False)) as first:
-        first.until_stage(m.NO_SESSION)
-        other = Client(Setup(tmp_path / "data", real_time=False))
-        assert "is using this folder" in other.refused()
-        (said,) = other.receive()
-        assert said.stage == m.FAILED and not other.alive
-        other.stop("")
-        first.look()
-        assert first.client.alive

@@ -71,9 +71,7 @@ def test_of_a_process_that_lives_this_system_knows_what_it_waited_for() -> None:
 
 
 @pytest.mark.parametrize("worked_us", [0.0, 25.0])
-def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it(
-    monkeypatch: pytest.MonkeyPatch, worked_us: float
-) -> None:
+def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it(monkeypatch, worked_us) -> None:
     looks = iter([LostTime(10.0, None, 3), LostTime(30.0, None, 8)])
     monkeypatch.setattr("app.session_server.recorder.lost_time", lambda pid, core: next(looks))
     ring = Ring(ticks=64)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_client import (
-    CARDS,
     GREEN,
     LONG_BREAK,
     PLAN,
@@ -43,7 +42,6 @@ from core import tick_log
 from experiments.session.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
-RERIG = CARDS[m.RERIG].text
 
 
 @pytest.mark.parametrize("state", [m.BAD, m.WAITING])
@@ -78,9 +76,7 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(
-    screens: Screens,
-) -> None:
+def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(screens) -> None:
     def shown() -> list[bool]:
         settle(screens.main)
         return [pill.text.isVisible() for pill in screens.main.preflight.pills]
@@ -144,9 +140,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
     assert main.cards.question is None and screens.client.off_causes == []
 
 
-def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(
-    screens: Screens, monkeypatch, tmp_path
-) -> None:
+def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(screens, monkeypatch, tmp_path) -> None:
     main, asked = screens.main, []
     main.restart_asked.disconnect()
     main.restart_asked.connect(lambda *setup: asked.append(setup))
@@ -188,8 +182,8 @@ def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) 
     screens.press(KEY.Key_S, modifier=ALT)
     question = screens.run.cards.question
     assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
-    QTest.keyClicks(question.own, "a spare part is missing")  # letters that are commands elsewhere
-    assert screens.press(KEY.Key_Return, question.own) == [m.Skip("a spare part is missing")]
+    QTest.keyClicks(question.own, "3 spare parts are missing, as p. 2 says")  # what are commands elsewhere
+    assert screens.press(KEY.Key_Return, question.own) == [m.Skip("3 spare parts are missing, as p. 2 says")]
 
 
 def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> None:
@@ -203,6 +197,7 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
 def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.main.show_settings()
+    assert words.from_home(DATA) in visible_texts(screens.main), "where the next start keeps its sessions"
     sound = next(field for field in screens.main.cards.question.findChildren(QPushButton) if field.text() == "Off")
     sound.setFocus()
     assert "Close  Enter" in visible_texts(screens.main)
@@ -272,29 +267,16 @@ def test_no_part_of_a_page_is_a_window_of_its_own_while_it_is_made(qtbot) -> Non
     assert watch.seen == []
 
 
-def test_the_settings_name_the_folder_in_which_the_next_start_keeps_its_sessions(screens: Screens) -> None:
-    screens.main.show_settings()
-    assert words.from_home(DATA) in visible_texts(screens.main)
-
-
-def test_analyse_shows_the_data_folder_before_the_session_server_serves(screens: Screens, tmp_path: Path) -> None:
+def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens: Screens, tmp_path: Path) -> None:
     client = FakeClient()
     client.setup = client.setup._replace(data_dir=tmp_path)
     screens.main.show_client(client, None)
     screens.main.show_page(ANALYSE)
     assert str(tmp_path) in screens.main.pages[ANALYSE].empty.text()
+    assert screens.main.footer.folder.text() == words.from_home(tmp_path)
 
 
-def test_the_footer_names_the_data_folder_before_the_session_server_serves(screens: Screens) -> None:
-    client = FakeClient()
-    client.setup = client.setup._replace(data_dir=Path("another"))
-    screens.main.show_client(client, None)
-    assert screens.main.footer.folder.text() == "another"
-
-
-def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(
-    screens: Screens,
-) -> None:
+def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(screens) -> None:
     folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
     for wide in (1400, SMALLEST[0]):
         screens.main.resize(wide, 700)
@@ -303,16 +285,6 @@ def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_
         footer = screens.main.footer
         needed = [one.fontMetrics().horizontalAdvance(one.text()) for one in (footer.folder, footer.recording)]
         assert footer.recording.width() >= needed[1] and (wide < 1400 or footer.folder.width() >= needed[0])
-
-
-def test_a_note_is_typed_without_setting_anything_off(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
-    screens.press(KEY.Key_N, modifier=ALT)
-    QTest.keyClicks(screens.run.panel.note, "prs nab t")
-    assert screens.client.sent == []
-    assert screens.press(KEY.Key_Return, screens.run.panel.note) == [m.Note("prs nab t")]
-    screens.hear(ready(3, notes=("13:02 prs nab t",)))
-    assert "13:02 prs nab t" in screens.run.panel.notes.toPlainText()
 
 
 def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
@@ -378,15 +350,6 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
     assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
 
 
-def test_a_re_rig_says_what_to_do_and_waits_for_its_confirmation(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(30, stage=m.RERIG))
-    texts = visible_texts(console)
-    assert RERIG in texts and "Change to four-brake" in texts and not screens.run.panel.start.isEnabled()
-    assert screens.press(KEY.Key_Return, screens.run.cards.notice.buttons[0]) == [m.Confirm()]
-    screens.hear(ready(30))
-    assert screens.run.cards.notice is None
-
-
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
@@ -397,12 +360,12 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
     assert "0:30" in screens.run.cards.notice.title.text()
     now[0] += 30.1
     screens.hear()
+    notice = screens.run.cards.notice
+    assert notice.title.text() == "The break is over" and "rest" not in notice.text.text()
     assert screens.press(KEY.Key_Space) == [m.Confirm()]
 
 
-def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(
-    screens: Screens,
-) -> None:
+def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(screens):
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
     assert "Session complete" in visible_texts(console) and not screens.run.panel.start.isEnabled()
     screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
@@ -415,11 +378,13 @@ def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_
 
 @pytest.mark.parametrize("death", ["silent", "said"])
 def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
-    screens.hear(opened(), running(3))
+    screens.hear(opened(), running(3, notice=m.NOT_NOW[m.RUNNING], notice_bad=True))
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        assert screens.main.preflight.banner.text() == words.server_died(running(3))
+        said = screens.main.preflight.banner.text()
+        assert said == words.server_died(running(3)) and m.NOT_NOW[m.RUNNING] not in said
+        assert "has stopped in the middle of run 4" in said and "brakes are off" in said
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
         assert screens.main.preflight.banner.text() == "The disk is full."
@@ -428,15 +393,6 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []
     assert all(screens.press(key, modifier=ALT) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
-
-
-def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
-    refused = m.NOT_NOW[m.RUNNING]
-    screens.hear(opened(), running(3, notice=refused, notice_bad=True))
-    screens.client.alive = False
-    screens.hear()
-    said = screens.main.preflight.banner.text()
-    assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
 
 
 def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:
@@ -472,11 +428,11 @@ def test_larger_text_is_larger_on_every_page_and_can_be_taken_back(screens: Scre
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
-    go_on, close = screens.main.cards.question.buttons
-    go_on.click()
+    screens.main.cards.question.buttons[0].click()
     assert console.isVisible() and screens.main.cards.question is None
     console.close()
-    screens.main.cards.question.buttons[1].click()
+    assert "Alt+C" in screens.main.cards.question.buttons[1].text()
+    screens.press(KEY.Key_C, console.focusWidget(), ALT)
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
@@ -484,9 +440,7 @@ UNDONE = "/data is gone. All its 812 ticks are in memory. It is tried again ever
 STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
 
 
-def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(
-    screens: Screens, monkeypatch
-) -> None:
+def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(screens, monkeypatch) -> None:
     screens.hear(opened(), ready(3))
     assert not screens.run.panel.elsewhere.isVisible()
     screens.hear(running(3, not_written=UNDONE, checks=STUCK))

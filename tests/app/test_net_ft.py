@@ -108,9 +108,7 @@ def test_other_units_become_newtons(unit: str, newtons: float, torque_unit: str,
 
 
 @pytest.mark.parametrize(("on", "turned"), [("handle", 0.5), ("ED", None)])
-def test_the_sensors_force_stands_in_for_the_boards_turned_as_it_is_mounted(
-    bench: RealBench, sensor: PlayedSensor, on: str, turned: float | None
-) -> None:
+def test_the_sensors_force_stands_in_for_the_boards_turned_as_it_is_mounted(bench, sensor, on, turned) -> None:
     link = connected(bench, sensor, on=on, rotation_rad=0.5)
     sensor.counts = (10_000, 0, 0, 0, 0, 0)
     assert link.sensing is not None and link.force_channels == 6
@@ -187,9 +185,7 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
     [("sim", "netft:10.0.0.1", "goes with --link serial:PORT"), (NO_BOARD, "ati", "must be netft:HOST"),
      (NO_BOARD, "netft:", "must be netft:HOST"), (NO_BOARD, "netft:here:there", "cannot be read")],
 )  # fmt: skip
-def test_a_force_that_cannot_be_is_refused(
-    link: str, force: str, says: str, capsys: pytest.CaptureFixture, tmp_path
-) -> None:
+def test_a_force_that_cannot_be_is_refused(link, force, says, capsys, tmp_path) -> None:
     assert says in refusal(capsys, "run", "--link", link, "--force", force, "--data-dir", tmp_path)
 
 

@@ -31,8 +31,8 @@ class Editing(PageDriver):
 
     def open(self, name: str) -> None:
         """A shipped protocol of 60 trials, as it is in its file, whatever was typed before."""
-        self.editor.open("curves")
         self.editor.open(name)
+        self.editor.undo()
         self.read("60 trials")
 
     def read(self, says: str = "") -> None:
@@ -57,7 +57,8 @@ class Editing(PageDriver):
 
 
 @pytest.fixture
-def editing(qtbot):
+def editing(qtbot, monkeypatch):
+    monkeypatch.setattr("app.window.home.protocol_editor.WAIT_MS", 0)
     return Editing(qtbot)
 
 

@@ -23,6 +23,7 @@ from core.files import InputError
 from experiments.inputs import OPERATOR
 from experiments.protocol import MOST_TRIALS
 from experiments.session import files as files_module
+from experiments.session.blind import KEY
 from experiments.session.files import other_protocol, refuse_existing
 from experiments.session.journal import NAME as JOURNAL
 from experiments.session.journal import unmeasured_row
@@ -101,8 +102,9 @@ def test_before_a_session_it_is_known_whether_it_is_blind(tmp_path: Path, hand: 
     with local_window(Setup(data, str(file), hand=hand, real_time=False)) as bench:
         bench.until_stage("no session")
         assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)
-        snapshot = bench.open("02")
+        snapshot = bench.open("02", blind=True)  # though it was asked for
         assert snapshot.blind == (hand != OPERATOR) and snapshot.notice.startswith("Participant 02: 60 trials to run.")
+        assert bool(list(data.rglob(KEY))) == (hand != OPERATOR)
 
 
 def test_a_folder_in_which_every_participant_has_a_session_can_still_be_opened(tmp_path: Path) -> None:
@@ -140,14 +142,25 @@ def test_a_refused_bench_leaves_nothing_behind(tmp_path: Path, there: str) -> No
         place.mkdir()
     before = everything(tmp_path)
     data = tmp_path / ("data" if there else "not/yet/data")
-    assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml"), real_time=False))
+    assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml")))
+    if place.name == "session.json":
+        assert "session.json" in refuse(Setup(data, participant="07")), "a session that is damaged"
     assert everything(tmp_path) == before
 
 
 def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert "is a file, or lies in one" in refuse(Setup(tmp_path / "file" / "data", real_time=False))
+    assert "is a file, or lies in one" in refuse(Setup(tmp_path / "file" / "data"))
     assert everything(tmp_path) == {"file"}
+
+
+def test_a_folder_that_another_window_uses_is_refused_and_left_to_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("app.session_server.server.LOCK_S", 0.05)
+    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as first:
+        first.open()
+        before = everything(tmp_path)
+        assert "is using this folder" in refuse(Setup(tmp_path / "data"))
+        assert everything(tmp_path) == before and first.start().running.run == 1
 
 
 @pytest.mark.parametrize(

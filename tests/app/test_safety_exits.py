@@ -1,22 +1,17 @@
 """Whatever ends the loop of a board, what it leaves behind is zero current. In simulated time; with real processes that
-are killed in test_live_board.py and at the end of this file."""
+are killed in test_live_board.py."""
 
 import io
 import math
 import os
 import struct
-from pathlib import Path
 
 import pytest
 from fault_cases import Case, Place
 from fault_kinds import START, Fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live import kill
-from live_board import board_session
-from processes import gone
 from real_bench import RealBench
-from waiting import wait_until
 
 from app.ipc.messages import NotDone, Reset, RunTrial
 from app.ipc.ring import Ring
@@ -137,15 +132,4 @@ def test_what_was_put_right_is_counted_in_the_recordings_record() -> None:
     assert link.report()["clamped"] == before + 1
     link.close()
 
-
-def test_a_session_server_that_is_killed_leaves_zero_currents_on_the_board_and_no_process(tmp_path: Path) -> None:
-    """With real processes over a pseudo-terminal: the loop is alone, sees it, ends its trial and says good-bye."""
-    with board_session(tmp_path) as session:
-        session.open()
-        run = session.begin()
-        processes = session.window.processes()
-        kill(session.window.client.pid)
-        wait_until(lambda: all(map(gone, processes)))
-        there = sorted(path.name for path in (session.folder / "trials").iterdir())
-        assert f"run-{run:03}.arrows" in there, "what was recorded is there"
-        # and at the end of a board session the board is without current, told good-bye or by its own watchdog
+    # and at the end of a board session the board is without current, told good-bye or by its own watchdog

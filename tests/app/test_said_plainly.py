@@ -18,10 +18,9 @@ from waiting import wait_until
 
 from app.cli import main
 from app.progress import ProgressBar
-from app.verbs.common import summary_text
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
-from experiments.study.study import MOST_OPERATORS, run_study
+from experiments.study.study import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
@@ -45,8 +44,7 @@ def phd(*arguments: str, shell: str = "", **options) -> subprocess.CompletedProc
 @pytest.mark.parametrize(
     ("arguments", "closed"),
     [
-        (("run", "--print-plan"), ">&-"), (("run", "--print-plan"), "<&- >&- 2>&-"), (("--help",), ">&-"),
-        (("study", "--bogus"), "2>&-"), (("study", "--bogus"), "<&- >&- 2>&-"),
+        (("run", "--print-plan"), "<&- >&- 2>&-"), (("--help",), ">&-"), (("study", "--bogus"), "2>&-"),
     ],
 )  # fmt: skip
 def test_a_stream_that_is_closed_ends_no_verb_in_a_traceback(arguments, closed, tmp_path):
@@ -168,12 +166,6 @@ def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(m
 # ------------------------------------------------------------------------------------------------------------ too large
 
 
-@pytest.mark.parametrize("many", ["100000000", "1001", "9" * 40])
-def test_more_operators_than_a_study_may_have_are_refused_and_nothing_is_written(tmp_path, capsys, many):
-    said = refusal(capsys, "study", "--operators", many, "--out", tmp_path / "out")
-    assert f"--operators: at most {MOST_OPERATORS}" in said and not list(tmp_path.iterdir())
-
-
 def test_a_study_that_the_disk_has_no_room_for_is_refused_and_nothing_is_written(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("experiments.study.study.shutil.disk_usage", lambda path: usage._replace(free=40_000_000))
@@ -270,29 +262,6 @@ def test_what_is_cut_keeps_its_beginning_and_its_end_and_what_is_short_stays_as_
     assert len(str(InputError("word " * 20_000))) <= MOST_SAID
     for most in (MOST_REPEATED, MOST_REPEATED - 2):
         assert cut("x" * most) == "x" * most
-
-
-# ------------------------------------------------------------------------------------------------------------ summaries
-
-
-def test_shares_are_said_in_percent_and_other_numbers_as_they_are():
-    summary = {
-        "done_controller_1": 1.0,
-        "done_controller_2": 0.9583333,
-        "share_done": 0.0,
-        "already_done": 3,
-        "wall_s": 1.0,
-        "low_gain_N_s_m": None,
-    }
-    lines = dict(re.split(r"\s{2,}", line) for line in summary_text(summary).splitlines())
-    assert lines == {
-        "share reached, controller 1": "100 %",
-        "share reached, controller 2": "95.83 %",
-        "share done": "0 %",
-        "already done": "3",
-        "wall (s)": "1",
-        "low gain (N s/m)": "none",
-    }
 
 
 # -------------------------------------------------------------------------------------------- a tree of somebody else's

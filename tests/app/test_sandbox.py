@@ -1,10 +1,13 @@
 """Try on the server's side: passes, changes in the middle of one, the table; in simulated time."""
 
+import contextlib
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from own_files import own_experiment
 from protocols import PAPER
 from simulated_loop import LocalWindow, local_window
 from synthetic_hand import SyntheticHand
@@ -20,12 +23,19 @@ from experiments.inputs import OPERATOR
 from experiments.protocol import SHIPPED_FOLDER, load_protocol
 
 
-@pytest.fixture
-def window(tmp_path: Path):
-    with local_window(Setup(tmp_path / "data", sync=False)) as opened:
+@contextlib.contextmanager
+def trying(setup: Setup) -> Iterator[LocalWindow]:
+    """A window whose first pass of Try has begun."""
+    with local_window(setup) as opened:
         opened.until_stage(m.NO_SESSION)
         opened.client.send(m.SetSandbox())
         opened.until(lambda s: s.sandbox and s.running)
+        yield opened
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Iterator[LocalWindow]:
+    with trying(Setup(tmp_path / "data", sync=False)) as opened:
         yield opened
 
 
@@ -69,7 +79,7 @@ def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
     for measure in ("path_error_m", "mean_tip_force_N", "acceleration_weighted_rms_m_s2", "duration_s"):
         found = first.measures[measure]
         assert math.isfinite(found) and found > 0.0
-    assert not list(Path(window.opened.folder).glob("sub-*"))  # nothing is written
+    assert not list(Path(window.opened.folder).glob("sub-*")) and window.pulse.proof is None  # nothing is written
     assert window.rows[-100:, tick_log.ARM_FORCE_MAX].min() > 0.0, "the pointer keeps the handle from pass to pass"
 
 
@@ -92,7 +102,7 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     window.look()
     run, before = window.client.state.runner.run, len(window.rows)
     change(window, **what)
-    drive(window, moves(550))
+    drive(window, moves(320))
     rows, trial = window.rows, run.trial
     assert window.client.state.runner.run is run  # the same trial
     assert np.allclose(np.diff(rows[before - 200 :, tick_log.T]), 1e-3, atol=1e-9)  # time does not jump
@@ -108,9 +118,7 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
     assert settings == settings._replace(**fields).with_parameters(**parameters)
 
 
-def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(
-    window: LocalWindow,
-) -> None:
+def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(window):
     drive(window, moves(200))
     change(window, sensing="encoders")
     drive(window, moves(400))
@@ -261,16 +269,13 @@ def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the
 
 
 def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.SetSandbox())
-        window.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         window.client.send(m.BringBack())
         assert "Only the hand of the pointer" in window.until(lambda s: s.notice_bad).notice
 
 
 def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
-        window.client.send(m.SetSandbox())
+    with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
         change(window, spring_N_m=500.0)
@@ -365,13 +370,21 @@ wall_normal = [0.0, -1.0]
 """
 
 
-@pytest.mark.parametrize(("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE)])
-def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controller: int, added: str) -> None:
+OWN = """
+[[controller]]
+name = "Damper"
+algorithm = "my_damper.py"
+parameters = {damping_N_s_m = 900.0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("device", "controller", "added"), [("unicycle", 2, ""), ("three-brake", 4, SLAVE), ("three-brake", 4, OWN)]
+)
+def test_a_castor_a_slave_and_a_controller_of_ones_own_can_be_tried(tmp_path, device, controller, added) -> None:
+    own_experiment(tmp_path)
     (tmp_path / "own.toml").write_text(load_protocol("steered").text + added)
-    with local_window(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
-        opened.until_stage(m.NO_SESSION)
-        opened.client.send(m.SetSandbox())
-        opened.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", str(tmp_path / "own.toml"), (device,), sync=False)) as opened:
         change(opened, controller=controller, parameters={"gap_m": 0.002})
         drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
         (one,) = opened.snapshot.sandbox.passes
@@ -379,19 +392,14 @@ def test_a_castor_and_a_slave_can_be_tried(tmp_path: Path, device: str, controll
 
 
 @pytest.mark.parametrize("guarded", [True, False])
-def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(
-    tmp_path: Path, guarded: bool
-) -> None:
+def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(tmp_path, guarded) -> None:
     """The shipped protocol `obstacles`, without control, a wall 10 cm behind the path and a pull of at most 9 N."""
     text = (SHIPPED_FOLDER / "obstacles.toml").read_text() + "\n[mouse]\nforce_max_N = 9.0\n"
     if not guarded:
         text = text[: text.index("[guard]")] + text[text.index("[[path]]") :]
     file = tmp_path / "obstacles.toml"
     file.write_text(text)
-    with local_window(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
-        window.until_stage(m.NO_SESSION)
-        window.client.send(m.SetSandbox())
-        window.until(lambda s: s.sandbox and s.running)
+    with trying(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
         change(window, controller=1)
         drive(window, moves(20))
         while not len(window.rows) or np.count_nonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE) < 2500:

@@ -13,7 +13,7 @@ from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import cell, free_participant, rows_of, write_pooled_table
-from experiments.session.journal import EXCLUDED, NOTE, REDONE, read_events
+from experiments.session.journal import EXCLUDED, NOTE, read_events
 from experiments.session.recover import recover
 from experiments.session.session import Participant, Session
 from experiments.session.verify import verify
@@ -44,26 +44,6 @@ def kept(tmp_path_factory):
 def data(kept, tmp_path):
     """A copy to spoil."""
     return shutil.copytree(kept, tmp_path / "data")
-
-
-def test_a_redone_trial_is_run_again_next_under_the_next_free_number_and_its_recording_stays(tmp_path):
-    session = new_session(tmp_path, protocol=short())
-    run_trials(session, 3)
-    second = session.folder / session.rows[1].recording
-    content = second.read_bytes()
-    row = session.redo(2, "bumped the table")
-    assert row.status == "redone" and row.value("path_error_m") is not None
-    again = session.next_planned()
-    assert again.run == 21 and cell(again) == cell(session.plan[1])
-    assert rows_of(session.folder) == session.rows and statuses(session) == [(1, "done"), (2, "redone"), (3, "done")]
-    run_trials(session, 1)
-    assert session.next_planned() == session.plan[3] and second.read_bytes() == content
-    redone = [entry.about for entry in read_events(session.folder) if entry.event is REDONE]
-    assert [(event["run"], event["reason"]) for event in redone] == [(2, "bumped the table")]
-    session.redo(21, "again")
-    assert session.next_planned().run == 22
-    session.close()
-    assert verify(tmp_path)["faults"] == []
 
 
 def test_a_trial_that_is_postponed_comes_at_the_end_of_its_configuration_also_after_the_session_was_closed(tmp_path):
@@ -150,6 +130,9 @@ def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
     assert session.next_planned() == session.plan[4]
     (noted,) = (entry for entry in read_events(session.folder) if entry.event is NOTE)
     assert noted.about == {"text": "asked to move a little slower"} and noted.time > "2020"
+    session.redo(21, "again")
+    again = session.next_planned()
+    assert again.run == 22 and cell(again) == cell(session.plan[2]) and rows_of(session.folder) == session.rows
     session.close()
 
 

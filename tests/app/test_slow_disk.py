@@ -44,9 +44,7 @@ class Clock:
         (5.0, BAD, "waits about 15 s for its start and 40 s after its end"),
     ],
 )  # fmt: skip
-def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_said(
-    tmp_path: Path, sync_s: float, state: str, says: str
-) -> None:
+def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_said(tmp_path, sync_s, state, says):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(preflight, "LOW", 0)
         patch.setattr(preflight, "TOO_LOW", 0)
@@ -86,9 +84,7 @@ def held() -> Iterator[threading.Event]:
         free.set()
 
 
-def test_a_disk_that_does_not_answer_holds_up_nothing_but_the_start_and_says_how_long(
-    tmp_path, held, monkeypatch
-) -> None:
+def test_a_disk_that_does_not_answer_holds_up_nothing_but_the_start_and_says_how_long(tmp_path, held, monkeypatch):
     now = [time.perf_counter()]
     monkeypatch.setattr(preflight.time, "perf_counter", lambda: now[0])
     disk = DiskWatch(tmp_path)

@@ -34,9 +34,7 @@ ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
         ({"found": BEGUN._replace(problem="session.json cannot be read")}, "session.json cannot be read"),
     ),
 )
-def test_each_reason_is_a_sentence_of_its_own_and_stands_before_what_the_checks_say(
-    changes: dict, sentence: str
-) -> None:
+def test_each_reason_is_a_sentence_of_its_own_and_stands_before_what_the_checks_say(changes, sentence) -> None:
     wanted = WANTED._replace(**changes)
     (found,) = start_blockers(wanted, "", before(), False)
     assert found.startswith(sentence)

@@ -133,10 +133,10 @@ def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkey
 
 
 def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.store_trial(Ended(session))
+    monkeypatch.setattr("experiments.recording.writer.written_beside", full)
+    storage.store_trial(Ended(session))
     session.close()
+    monkeypatch.undo()
     assert recover(session.data_dir)["faults"] == []
     assert [row.recording for row in rows_of(session.folder)] == ["trials/run-001.parquet"]
 

@@ -24,7 +24,7 @@ from fake_client import (
     running,
 )
 from PySide6.QtCore import Qt
-from screens import Screens, settle
+from screens import Screens
 from sessions import session_of
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
@@ -41,8 +41,8 @@ from experiments.protocol_file import Consent
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
-SIZES = (SMALLEST, (1366, 768), (1920, 1080))
-SIZES_OF_LARGE_TEXT = ((1280, 720), (1366, 768), (1920, 1080))
+#: the smallest and a large one, by the steps of the text size
+SIZES = {0: (SMALLEST, (1920, 1080)), 3: ((1280, 720), (1920, 1080))}
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -208,7 +208,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=[0, 3])
+@pytest.fixture(scope="module", params=SIZES)
 def text(request) -> Iterator[int]:
     """Steps of the text size."""
     theme.scale_text(request.param)
@@ -216,9 +216,9 @@ def text(request) -> Iterator[int]:
     theme.scale_text(-request.param)
 
 
-def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
+def found_at_every_size(screens: Screens, text: int) -> dict[tuple[int, int], list[str]]:
     found = {}
-    for size in SIZES_OF_LARGE_TEXT if theme.text_px(100) > 100 else SIZES:
+    for size in SIZES[text]:
         screens.main.setMinimumSize(1, 1)  # as on a screen of that size
         screens.main.resize(*size)
         if said := faults(screens.main):
@@ -230,15 +230,7 @@ def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
 @pytest.mark.parametrize("state", STATES)
 def test_in_a_session_and_on_try(screens: Screens, text: int, state: str) -> None:
     STATES[state](screens)
-    assert found_at_every_size(screens) == {}
-
-
-def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
-    run("running")(screens)
-    screens.hear(ready(38))
-    settle(screens.main)
-    card = screens.run.card
-    assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
+    assert found_at_every_size(screens, text) == {}
 
 
 @pytest.fixture(scope="module")
@@ -263,7 +255,7 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     else:
         analyse.show_page(shown)
     qtbot.waitUntil(lambda: not analyse._concluding.busy, timeout=60_000)
-    assert found_at_every_size(screens) == {}
+    assert found_at_every_size(screens, text) == {}
     analyse.close_trial()
 
 

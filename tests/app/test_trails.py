@@ -81,9 +81,7 @@ def a_pass(begun: int) -> m.Snapshot:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(
-    screens: Screens, monkeypatch: pytest.MonkeyPatch, seed: int
-) -> None:
+def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(screens, monkeypatch, seed) -> None:
     generator, pieces = np.random.default_rng(seed), Pieces(monkeypatch)
     screens.hear(opened(""), before())
     screens.main.show_page(TRY)

