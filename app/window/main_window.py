@@ -51,7 +51,7 @@ UNSAVED = (
 )  # fmt: skip
 CHANGED = (
     "Not everything is saved",
-    "Close the window? {} is not saved and would be lost.",
+    "Close the window? Not saved, and lost then: {}.",
     "Cancel",
     "Lose it and close",
 )
@@ -112,6 +112,7 @@ class MainWindow(QWidget):
     participant_asked = Signal()  # show or hide the participant's window
     turn_asked = Signal()  # as `Page.turn_asked`
     consent_asked = Signal(object)  # as `Page.consent_asked`
+    answers_changed = Signal(dict)  # as `Page.answers_changed`
     restart_asked = Signal(object, object)  # as `Page.setup_asked`
     setting_changed = Signal(str)  # a key of `memory`, whose new value is remembered
     closed = Signal()
@@ -197,6 +198,7 @@ class MainWindow(QWidget):
             page.setup_asked.connect(self.restart_asked)
             page.turn_asked.connect(self.turn_asked)
             page.consent_asked.connect(self.consent_asked)
+            page.answers_changed.connect(self.answers_changed)
             self.pages[name] = page
             self._stack.addWidget(page)
             page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
@@ -225,6 +227,11 @@ class MainWindow(QWidget):
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered on their own screen."""
         self.pages[HOME].answer_consent(agrees)
+
+    def show_answers(self, values: dict[str, int | None]) -> None:
+        """What the participant has answered so far: they may go on in this window."""
+        for page in self.pages.values():
+            page.show_answers(values)
 
     def show_reading(self, reads: bool) -> None:
         """Whether the participant has instructions before them: a start then turns their page."""
@@ -411,7 +418,7 @@ class MainWindow(QWidget):
             elif recording:
                 self._ask_to_close(CLOSE, "")
             else:
-                self._ask_to_close(CHANGED, changed[0].upper() + changed[1:])
+                self._ask_to_close(CHANGED, changed)
             return
         event.accept()
         for page in self.pages.values():

@@ -24,22 +24,25 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
 from app import DATA
 from app.ipc import messages as m
+from app.window import windows
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import Checklist
+from app.window.widgets.work import VerbProcess
 from core import tick_log
+from core.files import InputError
 from experiments.session.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -528,17 +531,52 @@ def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(sc
     editor.fields["name"].setText("mine")
     editor.fields["name"].textEdited.emit("mine")
     assert not console.close() and not screens.client.stopped
-    assert "What was changed in the editor (Curves protocol, a copy) is not saved" in " ".join(visible_texts(console))
+    assert "lost then: what was changed in the editor (Curves protocol, a copy)." in " ".join(visible_texts(console))
     console.escape("")
     editor.undo()
     assert console.close() and screens.client.stopped
+
+
+def test_answers_and_a_note_that_are_not_sent_are_on_both_screens_and_asked_about(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    theirs, here = screens.participant.questions, screens.run.questions
+    theirs.scales["effort"].set(55)
+    here.scales["smoothness"].set(20)
+    screens.run.panel.note.setText("left-handed")
+    assert theirs.values == here.values and (here.values["effort"], theirs.values["smoothness"]) == (55, 20)
+    assert not console.close() and not screens.client.stopped
+    asked = " ".join(visible_texts(console))
+    assert "lost then: the questionnaire that is answered in part and the note." in asked
+    console.escape("")
+    screens.run.panel.note.clear()
+    screens.hear(ready(10))
+    assert set(theirs.values.values()) == set(here.values.values()) == {None} and console.close()
 
 
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
     console, ended = screens.hear(opened(), ready(3)), []
     analyse = console.page(ANALYSE)
     analyse.side.end, analyse.export_task.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
-    assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
+    console.page(HOME).data.export_task.stop = lambda wait: ended.append("export of all")
+    assert console.close() and screens.client.stopped and ended[:3] == ["replay", "export", "export of all"]
+
+
+def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp, monkeypatch) -> None:
+    class Compiling(VerbProcess):
+        def begin(self, *_: str, **__: object) -> None:
+            QTimer.singleShot(0, self.go_on)
+
+        def go_on(self) -> None:
+            (bar,) = (window for window in qapp.topLevelWidgets() if isinstance(window, QProgressDialog))
+            bar.close()
+            self.progressed.emit(0.5)
+            seen.append(bar.isVisible())
+            self.done.emit(InputError("it was ended early"))
+
+    seen: list[bool] = []
+    monkeypatch.setattr(windows, "VerbProcess", Compiling)
+    monkeypatch.setattr(windows, "is_compiled", lambda _: False)
+    assert not windows.compile_kernels() and seen == [False]
 
 
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
@@ -214,6 +215,10 @@ class HomePage(Page):
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.data.export_task.stop(wait=True)
+        super().closeEvent(event)
 
     def _show_columns(self) -> None:
         self._asked = ""

@@ -98,6 +98,7 @@ class RunPage(Page):
             (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
             (self.card.exclude.clicked, self.exclude),
+            (self.questions.changed, self.answers_changed),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.workspace.view.pointer_moved, self.pointer_moved),
             (self.workspace.view.pointer_left, self.pointer_left),
@@ -189,6 +190,14 @@ class RunPage(Page):
 
     def cancel(self) -> bool:
         return self.cards.leave()
+
+    def show_answers(self, values: dict[str, int | None]) -> None:
+        self.questions.show_values(values)
+
+    def unsaved(self) -> str:
+        answered = self.snapshot.stage == m.QUESTIONS and any(v is not None for v in self.questions.values.values())
+        questions = "the questionnaire that is answered in part" if answered else ""
+        return " and ".join(filter(None, (questions, "the note" if self.panel.note.text() else "")))
 
     def _keep(self) -> None:
         if self.card_shown and self.card.row is not None:
