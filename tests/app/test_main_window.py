@@ -494,7 +494,8 @@ def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_butt
     assert not screens.run.panel.elsewhere.isVisible()
     screens.hear(running(3, not_written=UNDONE, checks=STUCK))
     assert not screens.run.panel.elsewhere.isVisible()  # the trial goes on
-    screens.hear(ready(3, not_written=UNDONE, checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    screens.hear(ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    assert screens.run.panel.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
     said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
     assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
     answers = ["", "/elsewhere"]
