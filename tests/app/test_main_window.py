@@ -436,10 +436,14 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
 def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
     refused = m.NOT_NOW[m.RUNNING]
     screens.hear(opened(), running(3, notice=refused, notice_bad=True))
+    screens.tick(movement(PLAN[3].segment, "AEB", 0.4))
+    seen = screens.run.workspace.view.tip
     screens.client.alive = False
     screens.hear()
+    assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
     said = screens.main.preflight.banner.text()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
+    assert said.endswith("its trial comes again.")
 
 
 def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:

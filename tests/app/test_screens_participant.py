@@ -195,6 +195,8 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
         QTest.mouseClick(scale, Qt.MouseButton.LeftButton, pos=scale.rect().center())
         for _ in range(i):
             QTest.keyClick(scale, Qt.Key.Key_Right)
+    screens.hear(ready(10, stage=m.PREPARING))  # the control loop had died, and is there again
+    screens.hear(ready(10, stage=m.QUESTIONS))
     QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
     (answers,) = screens.client.sent
     assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})

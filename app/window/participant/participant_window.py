@@ -211,7 +211,7 @@ class ParticipantWindow(QWidget):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before, self._snapshot = self._snapshot, snapshot
-        if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
+        if snapshot.stage not in (m.QUESTIONS, m.PREPARING):  # the second: a control loop is started again meanwhile
             self.questions.clear()
         self.questions.show_feedback(words.feedback(snapshot, self._opened))
         if snapshot.running is not None:  # it is too late for the instructions

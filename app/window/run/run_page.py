@@ -243,8 +243,6 @@ class RunPage(Page):
         super().show_snapshot(snapshot)
         if not snapshot.notice.startswith(m.DISK_WAIT):
             self._asked_by = None  # this is the answer
-        if snapshot.stage == m.QUESTIONS != before.stage:
-            self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
             self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
@@ -278,7 +276,8 @@ class RunPage(Page):
         elif snapshot.running is None:
             self.show_panels()
             self.traces.rest()
-            self.workspace.view.rest(snapshot.tip)
+            last = self.workspace.view.tip if snapshot.stage == m.FAILED else None  # nobody says where it is now
+            self.workspace.view.rest(last or snapshot.tip)
         if snapshot.running is None and opened.real_device and not snapshot.place_known:
             self.workspace.view.show_text("", UNMEASURED)
 
