@@ -10,9 +10,17 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QLineEdit,
+    QMenu,
+    QPushButton,
+    QSizePolicy,
+    QStackedWidget,
+    QWidget,
+)
 
 from app import __version__
 from app.ipc import messages as m
@@ -129,7 +137,7 @@ class MainWindow(QWidget):
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
-        self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
+        self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
         self.preflight.banner.lie_over(self)
         self.cards = Cards(self._stack)
@@ -263,6 +271,14 @@ class MainWindow(QWidget):
         own = self.pages[self.shown].own_keys()
         groups |= {f"On {self.shown}": own} if own else {}
         self.cards.put(KeysCard(groups, self._stack, self.cards.leave))
+
+    def event(self, event: QEvent) -> bool:
+        """On a page where the space bar starts nothing it presses the button that has the keyboard."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
+            if event.key() == Qt.Key.Key_Space and "start" not in self.pages[self.shown].keys():
+                event.accept()
+                return True
+        return super().event(event)
 
     # ------------------------------------------------------------------------------------------- settings and help
 

@@ -542,6 +542,19 @@ def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(sc
     assert console.close() and screens.client.stopped
 
 
+def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    for key, name, comes in (
+        (KEY.Key_Return, ANALYSE, ANALYSE),
+        (KEY.Key_Space, HOME, HOME),
+        (KEY.Key_Enter, RUN, RUN),
+    ):
+        console.tabs[name].setFocus()
+        assert screens.press(key, console.tabs[name]) == [] and console.shown == comes
+    console.tabs[HOME].setFocus()
+    assert screens.press(KEY.Key_Space, console.tabs[HOME]) == [m.Start()] and console.shown == RUN
+
+
 def test_answers_and_a_note_that_are_not_sent_are_on_both_screens_and_asked_about(screens: Screens) -> None:
     console = screens.hear(opened(), ready(10, stage=m.QUESTIONS))
     theirs, here = screens.participant.questions, screens.run.questions

@@ -211,8 +211,8 @@ class KeyButton(QPushButton):
 
 
 def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
-    """A button that does something. name: "main" or "small"; hint: its tooltip."""
-    pressed = QPushButton(text, objectName=name, toolTip=hint)
+    """A button that does something, by Enter too. name: "main" or "small"; hint: its tooltip."""
+    pressed = QPushButton(text, objectName=name, toolTip=hint, autoDefault=True)
     pressed.clicked.connect(lambda: do())
     return pressed
 
