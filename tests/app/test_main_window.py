@@ -217,12 +217,15 @@ def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_i
     screens.hear(opened(), running(3))
     assert not screens.run.panel.leave.isVisible()
     screens.hear(ready(3))
+    screens.run.panel.note.setText("not sent")
     QTest.mouseClick(screens.run.panel.leave, Qt.MouseButton.LeftButton)
-    assert "What is recorded stays" in " ".join(visible_texts(screens.main))
+    asked = " ".join(visible_texts(screens.main))
+    assert "What is recorded stays" in asked and "lost then: the note." in asked
     QTest.keyClick(screens.run.cards.question.buttons[0], KEY.Key_Return)
     assert screens.client.sent[-1] == m.Leave()
     screens.hear(opened(""), before())
     assert screens.run.cards.question is None and not screens.run.panel.leave.isEnabled()
+    assert screens.run.panel.note.text() == "", "another participant comes next"
 
 
 def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(

@@ -177,7 +177,7 @@ class RunPage(Page):
             self.cards.ask(ABORT, lambda *why: self._command(m.Abort(*why), self.panel.abort, "Aborting …"))
 
     def _leave(self) -> None:
-        self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"))
+        self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"), self.unsaved())
 
     def _go_elsewhere(self) -> None:
         """Choose a data folder that takes what this one does not."""
@@ -246,7 +246,8 @@ class RunPage(Page):
         if before.stage in (m.PREPARING, m.NO_SESSION):
             self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
-            self.cards.leave()  # what it asks is of a session that is closed
+            self.cards.leave()  # what it asks is of a session that is closed, and so is the note
+            self.panel.note.clear()
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
