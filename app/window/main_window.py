@@ -133,6 +133,7 @@ class MainWindow(QWidget):
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
         self._moved: tuple[str, str] | None = None  # as the newest snapshot has it
+        self._stake: tuple | None = None  # `_at_stake` when the user closed the window last
         self.dead = self._closing = self._participant_answers = self._participant_reads = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
@@ -379,6 +380,8 @@ class MainWindow(QWidget):
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved
+        if self._stake is not None and self._stake != self._at_stake():
+            self.cards.withdraw({"close"})  # it is true no more
 
     def _follow(self, snapshot: m.Snapshot) -> None:
         """The session was brought to another data folder: go on with it there."""
@@ -413,28 +416,30 @@ class MainWindow(QWidget):
 
     # ------------------------------------------------------------------------------------------- the end
 
+    def _at_stake(self) -> tuple[tuple[str, str, str, str], str] | None:
+        """What closing now would cut off or lose: the question to be asked, and what it names; None: nothing."""
+        changed = " and ".join(filter(None, (page.unsaved() for page in self.pages.values())))
+        if self.snapshot.in_memory and not self.dead:
+            return UNSAVED, self.snapshot.in_memory
+        if self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self.dead:
+            return CLOSE, ""
+        return (CHANGED, changed) if changed else None
+
     def _ask_to_close(self, asked: tuple[str, str, str, str], lost: str) -> None:
         title, text, stay, go = asked
         buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
         card = OverlayCard(title, text.format(lost), buttons, self._stack)
         add_key("Alt+C", card, self.close_anyway)
-        self.cards.put(card, "abort")
+        self.cards.put(card, "close")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """While something is recorded, or not on the disk, ask first."""
-        recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self.dead
-        in_memory = "" if self.dead else self.snapshot.in_memory
-        changed = " and ".join(filter(None, (page.unsaved() for page in self.pages.values())))
-        if (recording or in_memory or changed) and not self._closing:
+        self._stake = self._at_stake()
+        if self._stake is not None and not self._closing:
             event.ignore()
             self.showNormal() if self.isMinimized() else self.show()
             self.raise_()
-            if in_memory:
-                self._ask_to_close(UNSAVED, in_memory)
-            elif recording:
-                self._ask_to_close(CLOSE, "")
-            else:
-                self._ask_to_close(CHANGED, changed)
+            self._ask_to_close(*self._stake)
             return
         event.accept()
         for page in self.pages.values():

@@ -486,6 +486,10 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     go_on.click()
     assert console.isVisible() and screens.main.cards.question is None
     console.close()
+    screens.hear(ready(1))
+    assert screens.main.cards.question is None, "its trial has ended meanwhile"
+    screens.hear(running(1))
+    console.close()
     screens.main.cards.question.buttons[1].click()
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
