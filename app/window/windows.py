@@ -61,6 +61,7 @@ class Windows(QObject):
         for answered in (shown.questions.answered, shown.consent.answered):
             answered.connect(self._hand_back)
         shown.close_asked.connect(self._close_asked)
+        shown.seen.connect(main.ask_participant)
         shown.reading.connect(main.show_reading)
         main.consent_asked.connect(shown.ask_consent)
         shown.consent.answered.connect(main.answer_consent)
@@ -143,7 +144,6 @@ class Windows(QObject):
             self.participant.hide()
             if not self.one_screen:
                 self._show_participant()
-            self.main.ask_participant(self.participant.isVisible())
 
     def _screens_changed(self) -> None:
         QTimer.singleShot(0, self._follow_screens)  # once Qt has moved its windows
@@ -156,7 +156,6 @@ class Windows(QObject):
             self._show_participant()
         elif self.participant.isVisible() and not self.participant.own_start:
             self.participant.hide()
-            self.main.ask_participant(False)
 
     def show(self) -> None:
         """The main window; the participant's window at once where there is a second screen."""
@@ -173,7 +172,6 @@ class Windows(QObject):
             self.main.activateWindow()
         else:
             self._show_participant()
-        self.main.ask_participant(self.participant.isVisible())
 
     def _show_participant(self) -> None:
         other = self._other_screen()
@@ -184,7 +182,6 @@ class Windows(QObject):
         if other is None:
             self.participant.activateWindow()
         self.participant.show_snapshot(self.main.snapshot)
-        self.main.ask_participant(self.participant.isVisible())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The participant's window was given the keyboard, because it is new or was clicked."""

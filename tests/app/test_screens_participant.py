@@ -178,6 +178,19 @@ def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Sc
     assert screens.main.cards.question is not None and not screens.client.stopped
 
 
+def test_who_stays_after_closing_the_participants_view_is_asked_the_questions_in_the_main_window(
+    screens: Screens,
+) -> None:
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    screens.press(Qt.Key.Key_F11)
+    screens.press(Qt.Key.Key_F11)
+    screens.participant.questions.scales["effort"].set(50)
+    assert not screens.run.questions.isVisible()
+    screens.participant.close()
+    screens.main.escape("")
+    assert screens.run.questions.isVisible() and screens.run.questions.values["effort"] == 50
+
+
 def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.press(Qt.Key.Key_F11)
