@@ -4,6 +4,7 @@ Two processes share the work: each finds on disk the parts of kernels that the o
 `core.kernels.compiler`).
 """
 
+import signal
 import subprocess
 import sys
 
@@ -54,10 +55,15 @@ def main() -> int:
     if sys.argv[1:] == ["scene-and-loop"]:
         compile_scene_and_loop()
         return 0
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the second process ends with this one
     second = subprocess.Popen([sys.executable, "-m", "app.compile_kernels", "scene-and-loop"])
-    watch_compiling()
-    compile_trials()
-    if second.wait():
+    try:
+        watch_compiling()
+        compile_trials()
+        failed = second.wait()
+    finally:
+        second.terminate()
+    if failed:
         return 1
     removed = f"; {place.removed} unused versions removed" if place.removed else ""
     print(f"kernels: compiled{removed}")

@@ -96,7 +96,8 @@ FAULTS = {
         "the disk could not keep up: nothing was written for {seconds} s", "Free the disk of other work."
     ),
     "recording-failed": FaultWords(
-        "the recording failed: {why}", "Make room on the disk: what is missing is then written by itself."
+        "the recording failed: {why}",
+        "Make room on the disk, or let the folder be written to again: what is missing is then written by itself.",
     ),
     "folder-gone": FaultWords(
         "{what}",

@@ -145,7 +145,7 @@ class Storage:
         parts = [f"{trouble}: {reason.rstrip('.')}" if trouble else reason, *self._memory_report()]
         if self._runner.run is None:
             parts.append(f"It is tried again every {RETRY_S:.0f} s")
-        if gone or isinstance(error, OSError):
+        if gone or isinstance(error, OSError) or isinstance(error.__cause__, OSError):
             code = "folder-gone" if gone else "recording-failed"
             parts.append(f"{FAULTS[code].advice} Or go on in another folder")
         self.not_written = ". ".join(parts).rstrip(". ")

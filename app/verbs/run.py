@@ -94,7 +94,9 @@ def run(args: argparse.Namespace) -> int | None:
         windows = import_window_module("windows")
         display.check()
         windows.make_ready()
-        windows.compile_kernels()
+        if not windows.compile_kernels():
+            client.stop("the set-up was closed")
+            return 0
     except BaseException:
         client.stop("no window was opened")
         raise

@@ -10,9 +10,17 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QLineEdit, QMenu, QPushButton, QSizePolicy, QStackedWidget, QWidget
+from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QLineEdit,
+    QMenu,
+    QPushButton,
+    QSizePolicy,
+    QStackedWidget,
+    QWidget,
+)
 
 from app import __version__
 from app.ipc import messages as m
@@ -51,7 +59,7 @@ UNSAVED = (
 )  # fmt: skip
 CHANGED = (
     "Not everything is saved",
-    "Close the window? {} is not saved and would be lost.",
+    "Close the window? Not saved, and lost then: {}.",
     "Cancel",
     "Lose it and close",
 )
@@ -112,6 +120,7 @@ class MainWindow(QWidget):
     participant_asked = Signal()  # show or hide the participant's window
     turn_asked = Signal()  # as `Page.turn_asked`
     consent_asked = Signal(object)  # as `Page.consent_asked`
+    answers_changed = Signal(dict)  # as `Page.answers_changed`
     restart_asked = Signal(object, object)  # as `Page.setup_asked`
     setting_changed = Signal(str)  # a key of `memory`, whose new value is remembered
     closed = Signal()
@@ -124,11 +133,12 @@ class MainWindow(QWidget):
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
         self._moved: tuple[str, str] | None = None  # as the newest snapshot has it
+        self._stake: tuple | None = None  # `_at_stake` when the user closed the window last
         self.dead = self._closing = self._participant_answers = self._participant_reads = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
-        self.tabs = {name: QPushButton(name, objectName="tab", checkable=True) for name in PAGES}
+        self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
         self.preflight.banner.lie_over(self)
         self.cards = Cards(self._stack)
@@ -197,6 +207,7 @@ class MainWindow(QWidget):
             page.setup_asked.connect(self.restart_asked)
             page.turn_asked.connect(self.turn_asked)
             page.consent_asked.connect(self.consent_asked)
+            page.answers_changed.connect(self.answers_changed)
             self.pages[name] = page
             self._stack.addWidget(page)
             page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
@@ -225,6 +236,11 @@ class MainWindow(QWidget):
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered on their own screen."""
         self.pages[HOME].answer_consent(agrees)
+
+    def show_answers(self, values: dict[str, int | None]) -> None:
+        """What the participant has answered so far: they may go on in this window."""
+        for page in self.pages.values():
+            page.show_answers(values)
 
     def show_reading(self, reads: bool) -> None:
         """Whether the participant has instructions before them: a start then turns their page."""
@@ -256,6 +272,14 @@ class MainWindow(QWidget):
         own = self.pages[self.shown].own_keys()
         groups |= {f"On {self.shown}": own} if own else {}
         self.cards.put(KeysCard(groups, self._stack, self.cards.leave))
+
+    def event(self, event: QEvent) -> bool:
+        """On a page where the space bar starts nothing it presses the button that has the keyboard."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
+            if event.key() == Qt.Key.Key_Space and "start" not in self.pages[self.shown].keys():
+                event.accept()
+                return True
+        return super().event(event)
 
     # ------------------------------------------------------------------------------------------- settings and help
 
@@ -356,6 +380,8 @@ class MainWindow(QWidget):
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved
+        if self._stake is not None and self._stake != self._at_stake():
+            self.cards.withdraw({"close"})  # it is true no more
 
     def _follow(self, snapshot: m.Snapshot) -> None:
         """The session was brought to another data folder: go on with it there."""
@@ -390,28 +416,30 @@ class MainWindow(QWidget):
 
     # ------------------------------------------------------------------------------------------- the end
 
+    def _at_stake(self) -> tuple[tuple[str, str, str, str], str] | None:
+        """What closing now would cut off or lose: the question to be asked, and what it names; None: nothing."""
+        changed = " and ".join(filter(None, (page.unsaved() for page in self.pages.values())))
+        if self.snapshot.in_memory and not self.dead:
+            return UNSAVED, self.snapshot.in_memory
+        if self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self.dead:
+            return CLOSE, ""
+        return (CHANGED, changed) if changed else None
+
     def _ask_to_close(self, asked: tuple[str, str, str, str], lost: str) -> None:
         title, text, stay, go = asked
         buttons = [(f"{stay}  Enter", self.cards.leave), (f"{go}  Alt+C", self.close_anyway)]
         card = OverlayCard(title, text.format(lost), buttons, self._stack)
         add_key("Alt+C", card, self.close_anyway)
-        self.cards.put(card, "abort")
+        self.cards.put(card, "close")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """While something is recorded, or not on the disk, ask first."""
-        recording = self.snapshot.stage == m.RUNNING and not self.snapshot.practice and not self.dead
-        in_memory = "" if self.dead else self.snapshot.in_memory
-        changed = " and ".join(filter(None, (page.unsaved() for page in self.pages.values())))
-        if (recording or in_memory or changed) and not self._closing:
+        self._stake = self._at_stake()
+        if self._stake is not None and not self._closing:
             event.ignore()
             self.showNormal() if self.isMinimized() else self.show()
             self.raise_()
-            if in_memory:
-                self._ask_to_close(UNSAVED, in_memory)
-            elif recording:
-                self._ask_to_close(CLOSE, "")
-            else:
-                self._ask_to_close(CHANGED, changed[0].upper() + changed[1:])
+            self._ask_to_close(*self._stake)
             return
         event.accept()
         for page in self.pages.values():

@@ -56,9 +56,12 @@ class Windows(QObject):
         shown.view.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
         shown.view.pointer_left.connect(lambda: self.client.ring.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
+        shown.questions.changed.connect(main.show_answers)
+        main.answers_changed.connect(shown.questions.show_values)
         for answered in (shown.questions.answered, shown.consent.answered):
             answered.connect(self._hand_back)
         shown.close_asked.connect(self._close_asked)
+        shown.seen.connect(main.ask_participant)
         shown.reading.connect(main.show_reading)
         main.consent_asked.connect(shown.ask_consent)
         shown.consent.answered.connect(main.answer_consent)
@@ -141,7 +144,6 @@ class Windows(QObject):
             self.participant.hide()
             if not self.one_screen:
                 self._show_participant()
-            self.main.ask_participant(self.participant.isVisible())
 
     def _screens_changed(self) -> None:
         QTimer.singleShot(0, self._follow_screens)  # once Qt has moved its windows
@@ -154,7 +156,6 @@ class Windows(QObject):
             self._show_participant()
         elif self.participant.isVisible() and not self.participant.own_start:
             self.participant.hide()
-            self.main.ask_participant(False)
 
     def show(self) -> None:
         """The main window; the participant's window at once where there is a second screen."""
@@ -171,7 +172,6 @@ class Windows(QObject):
             self.main.activateWindow()
         else:
             self._show_participant()
-        self.main.ask_participant(self.participant.isVisible())
 
     def _show_participant(self) -> None:
         other = self._other_screen()
@@ -182,7 +182,6 @@ class Windows(QObject):
         if other is None:
             self.participant.activateWindow()
         self.participant.show_snapshot(self.main.snapshot)
-        self.main.ask_participant(self.participant.isVisible())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The participant's window was given the keyboard, because it is new or was clicked."""
@@ -306,10 +305,13 @@ def make_ready() -> QApplication:
     return application
 
 
-def compile_kernels() -> None:
-    """On the first start on a computer: a bar in a window and one in the terminal, until the kernels are compiled."""
+def compile_kernels() -> bool:
+    """On the first start on a computer: a bar in a window and one in the terminal, until the kernels are compiled.
+
+    Whether to go on: False once that window is closed.
+    """
     if is_compiled("run_ticks"):
-        return
+        return True
     bar = QProgressDialog("Setting up for this computer, once: a minute, or a few if it is busy.", "", 0, 100)
     bar.setBar(QProgressBar(textVisible=False))
     bar.setCancelButton(None)
@@ -320,15 +322,19 @@ def compile_kernels() -> None:
     in_terminal = ProgressBar("setting up for this computer: once")
 
     def show(share: float) -> None:
-        bar.setValue(round(99 * share))
-        in_terminal(share)
+        if not compiling.stopped:  # else it would open again
+            bar.setValue(round(99 * share))
+            in_terminal(share)
 
     show(0.0)
     compiling.progressed.connect(show)
+    for closed in (bar.canceled, bar.rejected):
+        closed.connect(lambda: compiling.stop())
     compiling.begin(module="app.compile_kernels")
     waiting.exec()
     in_terminal.close()
-    bar.close()
+    bar.hide()
+    return not compiling.stopped
 
 
 def show_refusal(refused: str) -> None:

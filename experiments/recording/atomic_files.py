@@ -69,7 +69,7 @@ def refusing(path: Path, what: str) -> Iterator[None]:
     except OSError as error:
         if not is_wrong_path(error):
             raise
-        raise InputError(f"{path}: {what} ({reason_of(error)})") from None
+        raise InputError(f"{path}: {what} ({reason_of(error)})") from error
 
 
 @contextlib.contextmanager

@@ -42,10 +42,15 @@ class Rescue:
 
     @contextmanager
     def rescuing(self, session: Path) -> Iterator[None]:
-        """Note an InputError about one file of a session, and go on with the others."""
+        """Note an InputError about one file of a session, and go on with the others.
+
+        One that cannot be written now is no lost one: that InputError goes on.
+        """
         try:
             yield
         except InputError as error:
+            if isinstance(error.__cause__, OSError):
+                raise
             self.not_rescued.append(files.relative_to(session, str(error)))
 
 

@@ -126,6 +126,9 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
     page.take_protocol(str(tmp_path / "mine.toml"))
     shown.wait()
     assert not page.start.isEnabled() and page.why.text() == "Fill in handedness.\nFill in age."
+    page.participant.setFocus()
+    QTest.keyClick(page.participant, Qt.Key.Key_Tab)
+    assert page.form.isAncestorOf(page.focusWidget()), "the form stands below the participant, and comes after it"
     for hand, asked in ((OPERATOR, False), (MOUSE, True)):
         page.hand.fill({hand: hand}, hand)
         page.hand.activated.emit(0)

@@ -23,22 +23,25 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
 from app import DATA
 from app.ipc import messages as m
+from app.window import windows
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import Checklist
+from app.window.widgets.work import VerbProcess
 from core import tick_log
+from core.files import InputError
 from experiments.session.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -209,12 +212,15 @@ def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_i
     screens.hear(opened(), running(3))
     assert not screens.run.panel.leave.isVisible()
     screens.hear(ready(3))
+    screens.run.panel.note.setText("not sent")
     QTest.mouseClick(screens.run.panel.leave, Qt.MouseButton.LeftButton)
-    assert "What is recorded stays" in " ".join(visible_texts(screens.main))
+    asked = " ".join(visible_texts(screens.main))
+    assert "What is recorded stays" in asked and "lost then: the note." in asked
     QTest.keyClick(screens.run.cards.question.buttons[0], KEY.Key_Return)
     assert screens.client.sent[-1] == m.Leave()
     screens.hear(opened(""), before())
     assert screens.run.cards.question is None and not screens.run.panel.leave.isEnabled()
+    assert screens.run.panel.note.text() == "", "another participant comes next"
 
 
 def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(
@@ -395,6 +401,19 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     assert all(screens.press(key, modifier=ALT) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
 
 
+def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
+    refused = m.NOT_NOW[m.RUNNING]
+    screens.hear(opened(), running(3, notice=refused, notice_bad=True))
+    screens.tick(movement(PLAN[3].segment, "AEB", 0.4))
+    seen = screens.run.workspace.view.tip
+    screens.client.alive = False
+    screens.hear()
+    assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
+    said = screens.main.preflight.banner.text()
+    assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
+    assert said.endswith("its trial comes again.")
+
+
 def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:
     for last in (running(3, in_memory="run 4, 812 ticks"), ready(4, in_memory="run 4, 812 ticks")):
         assert "is lost: run 4, 812 ticks" in words.server_died(last) and "kept" not in words.server_died(last)
@@ -431,6 +450,10 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     screens.main.cards.question.buttons[0].click()
     assert console.isVisible() and screens.main.cards.question is None
     console.close()
+    screens.hear(ready(1))
+    assert screens.main.cards.question is None, "its trial has ended meanwhile"
+    screens.hear(running(1))
+    console.close()
     assert "Alt+C" in screens.main.cards.question.buttons[1].text()
     screens.press(KEY.Key_C, console.focusWidget(), ALT)
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
@@ -445,7 +468,8 @@ def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_butt
     assert not screens.run.panel.elsewhere.isVisible()
     screens.hear(running(3, not_written=UNDONE, checks=STUCK))
     assert not screens.run.panel.elsewhere.isVisible()  # the trial goes on
-    screens.hear(ready(3, not_written=UNDONE, checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    screens.hear(ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
+    assert screens.run.panel.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
     said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
     assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
     answers = ["", "/elsewhere"]
@@ -482,17 +506,65 @@ def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(sc
     editor.fields["name"].setText("mine")
     editor.fields["name"].textEdited.emit("mine")
     assert not console.close() and not screens.client.stopped
-    assert "What was changed in the editor (Curves protocol, a copy) is not saved" in " ".join(visible_texts(console))
+    assert "lost then: what was changed in the editor (Curves protocol, a copy)." in " ".join(visible_texts(console))
     console.escape("")
     editor.undo()
     assert console.close() and screens.client.stopped
+
+
+def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    for key, name, comes in (
+        (KEY.Key_Return, ANALYSE, ANALYSE),
+        (KEY.Key_Space, HOME, HOME),
+        (KEY.Key_Enter, RUN, RUN),
+    ):
+        console.tabs[name].setFocus()
+        assert screens.press(key, console.tabs[name]) == [] and console.shown == comes
+    console.tabs[HOME].setFocus()
+    assert screens.press(KEY.Key_Space, console.tabs[HOME]) == [m.Start()] and console.shown == RUN
+
+
+def test_answers_and_a_note_that_are_not_sent_are_on_both_screens_and_asked_about(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    theirs, here = screens.participant.questions, screens.run.questions
+    theirs.scales["effort"].set(55)
+    here.scales["smoothness"].set(20)
+    screens.run.panel.note.setText("left-handed")
+    assert theirs.values == here.values and (here.values["effort"], theirs.values["smoothness"]) == (55, 20)
+    assert not console.close() and not screens.client.stopped
+    asked = " ".join(visible_texts(console))
+    assert "lost then: the questionnaire that is answered in part and the note." in asked
+    console.escape("")
+    screens.run.panel.note.clear()
+    screens.hear(ready(10))
+    assert set(theirs.values.values()) == set(here.values.values()) == {None} and console.close()
 
 
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
     console, ended = screens.hear(opened(), ready(3)), []
     analyse = console.page(ANALYSE)
     analyse.side.end, analyse.export_task.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
-    assert console.close() and screens.client.stopped and ended[:2] == ["replay", "export"]
+    console.page(HOME).data.export_task.stop = lambda wait: ended.append("export of all")
+    assert console.close() and screens.client.stopped and ended[:3] == ["replay", "export", "export of all"]
+
+
+def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp, monkeypatch) -> None:
+    class Compiling(VerbProcess):
+        def begin(self, *_: str, **__: object) -> None:
+            QTimer.singleShot(0, self.go_on)
+
+        def go_on(self) -> None:
+            (bar,) = (window for window in qapp.topLevelWidgets() if isinstance(window, QProgressDialog))
+            bar.close()
+            self.progressed.emit(0.5)
+            seen.append(bar.isVisible())
+            self.done.emit(InputError("it was ended early"))
+
+    seen: list[bool] = []
+    monkeypatch.setattr(windows, "VerbProcess", Compiling)
+    monkeypatch.setattr(windows, "is_compiled", lambda _: False)
+    assert not windows.compile_kernels() and seen == [False]
 
 
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:

@@ -146,6 +146,19 @@ def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Sc
     assert screens.main.cards.question is not None and not screens.client.stopped
 
 
+def test_who_stays_after_closing_the_participants_view_is_asked_the_questions_in_the_main_window(
+    screens: Screens,
+) -> None:
+    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
+    screens.press(Qt.Key.Key_F11)
+    screens.press(Qt.Key.Key_F11)
+    screens.participant.questions.scales["effort"].set(50)
+    assert not screens.run.questions.isVisible()
+    screens.participant.close()
+    screens.main.escape("")
+    assert screens.run.questions.isVisible() and screens.run.questions.values["effort"] == 50
+
+
 def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.press(Qt.Key.Key_F11)
@@ -163,6 +176,8 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
         QTest.mouseClick(scale, Qt.MouseButton.LeftButton, pos=scale.rect().center())
         for _ in range(i):
             QTest.keyClick(scale, Qt.Key.Key_Right)
+    screens.hear(ready(10, stage=m.PREPARING))  # the control loop had died, and is there again
+    screens.hear(ready(10, stage=m.QUESTIONS))
     QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
     (answers,) = screens.client.sent
     assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from disks import full
+from disks import full, locked
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
@@ -141,12 +141,16 @@ def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, mon
     assert [row.recording for row in rows_of(session.folder)] == ["trials/run-001.parquet"]
 
 
-def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(storage, session, said, monkeypatch):
+@pytest.mark.parametrize(("refuses", "why"), [(full, "no space left"), (locked, "operation not permitted")])
+def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
+    storage, session, said, monkeypatch, refuses, why
+):
     with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.atomic_files.written_beside", full)
+        patch.setattr("experiments.recording.atomic_files.written_beside", refuses)
         storage.store_trial(Ended(session))
-        assert session.rows == [] and "Run 1 is not complete: No space left" in storage.not_written and said[-1][1]
-        assert "Make room on the disk: what is missing is then written by itself." in said[-1][0]
+        assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete: ") and said[-1][1]
+        assert why in storage.not_written.lower() and "Or go on in another folder" in storage.not_written
+        assert "Make room on the disk, or let the folder be written to again: " in said[-1][0]
         assert check_recording("", storage.not_written, "", 0).state == BAD
         storage.retry()
         assert storage.not_written and session.rows == []

@@ -11,6 +11,11 @@ def full(*_args, **_more):
     raise OSError(28, "No space left on device")
 
 
+def locked(*_args, **_more):
+    """Likewise: a folder that was made read-only."""
+    raise PermissionError(1, "Operation not permitted")
+
+
 def fill_up(patch: pytest.MonkeyPatch, room: int) -> None:
     """The disk takes so many bytes more, and then none."""
     left, write = [room], os.write

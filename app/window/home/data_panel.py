@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushBu
 from app.window.widgets import memory, theme
 from app.window.widgets.page import ANALYSE
 from app.window.widgets.parts import (
+    NO_FOCUS,
     PANEL_MARGINS,
     OneLine,
     Panel,
@@ -71,11 +72,11 @@ class DataPanel(Panel):
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
-        self.choose = QPushButton("Choose folder …")
+        self.choose = QPushButton("Choose folder …", autoDefault=True)
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
         self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
-        self.export_as = QPushButton("Export …")
+        self.export_as = QPushButton("Export …", autoDefault=True)
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
@@ -88,6 +89,7 @@ class DataPanel(Panel):
 
     def _lay_out(self) -> None:
         self.area = scrolled(holder(self._rows))
+        self.area.setFocusPolicy(NO_FOCUS)
         self.setLayout(column(
             row(text_label("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
             row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
@@ -181,7 +183,8 @@ class DataPanel(Panel):
         return lines
 
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
-        more = QPushButton("…", objectName="small", accessibleName=f"More about {session.participant}")
+        about = f"More about {session.participant}"
+        more = QPushButton("…", objectName="small", accessibleName=about, autoDefault=True)
         more.setMenu(menu := QMenu(more))
         can_open = not (is_open or self._why or session.problem or session.declined or self._opening)
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)

@@ -4,12 +4,14 @@ A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks 
 session starts, a board is connected or a data folder is chosen.
 """
 
+import itertools
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
@@ -38,6 +40,7 @@ from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
 from app.window.widgets.page import DEVICE, RUN, TRY, Page
 from app.window.widgets.parts import (
+    NO_FOCUS,
     Choice,
     Part,
     Segments,
@@ -147,6 +150,7 @@ class HomePage(Page):
             choices.addLayout(row(first, *others), place, 1)
         choices.setRowStretch(choices.rowCount(), 1)
         self.area = scrolled(holder(choices))
+        self.area.setFocusPolicy(NO_FOCUS)
         session = panel("Run a session", (self.area, 1), self.why, self.start)
         for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
             large.setFont(theme.font(size, bold=True))
@@ -215,6 +219,10 @@ class HomePage(Page):
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
 
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.data.export_task.stop(wait=True)
+        super().closeEvent(event)
+
     def _show_columns(self) -> None:
         self._asked = ""
         self.cards.leave()
@@ -282,6 +290,9 @@ class HomePage(Page):
                 self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             self.form.show_form(loaded.protocol.form)
+            stops = (self.participant, *self.form.stops(), self.blind, self.start)
+            for before, after in itertools.pairwise(stops):
+                self.setTabOrder(before, after)
             self._show_device(loaded.protocol)
         self._refresh()
 

@@ -136,6 +136,7 @@ class ParticipantWindow(QWidget):
     """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
     close_asked = Signal()
+    seen = Signal(bool)  # shown or hidden: questions are answered here or in the main window
     reading = Signal(bool)  # whether instructions are seen that have not all been turned over yet
 
     def __init__(self) -> None:
@@ -203,15 +204,17 @@ class ParticipantWindow(QWidget):
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
+        self.seen.emit(True)
         self._say_reading()
 
     def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)
+        self.seen.emit(self.isVisible())  # still, where it was minimised
         self._say_reading()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before, self._snapshot = self._snapshot, snapshot
-        if (snapshot.stage == m.QUESTIONS) != (before.stage == m.QUESTIONS):
+        if snapshot.stage not in (m.QUESTIONS, m.PREPARING):  # the second: a control loop is started again meanwhile
             self.questions.clear()
         self.questions.show_feedback(words.feedback(snapshot, self._opened))
         if snapshot.running is not None:  # it is too late for the instructions

@@ -3,6 +3,8 @@
 Each scale has 21 marks, 0 to 100; none is set before it is touched, and all are to be answered.
 """
 
+from collections.abc import Mapping
+
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
@@ -44,9 +46,10 @@ class Scale(QWidget):
 
     def set(self, value: int | None) -> None:
         """0 to 100; None: not answered."""
-        self.value = value
-        self.update()
-        self.changed.emit()
+        if value != self.value:
+            self.value = value
+            self.update()
+            self.changed.emit()
 
     def _x(self, value: float) -> float:
         return 10.0 + (self.width() - 20.0) * value / 100.0
@@ -102,6 +105,7 @@ class Questionnaire(QWidget):
     """The scales and a button that waits until all are answered."""
 
     answered = Signal(dict)  # item -> 0 .. 100
+    changed = Signal(dict)  # the same, or None where it is not answered yet
 
     def __init__(self) -> None:
         super().__init__()
@@ -126,7 +130,7 @@ class Questionnaire(QWidget):
             grid.addWidget(left, at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
             grid.addWidget(right, at, 3)
-            self.scales[item].changed.connect(self._allow)
+            self.scales[item].changed.connect(self._changed)
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
         grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
@@ -185,22 +189,34 @@ class Questionnaire(QWidget):
         self._feedback.setText(feedback)
         self._feedback.setVisible(bool(feedback))
 
+    @property
+    def values(self) -> dict[str, int | None]:
+        return {item: scale.value for item, scale in self.scales.items()}
+
+    def show_values(self, values: Mapping[str, int | None]) -> None:
+        """What was answered, here or on another screen."""
+        for item, value in values.items():
+            self.scales[item].set(value)
+
     def clear(self) -> None:
-        for scale in self.scales.values():
-            scale.set(None)
+        self.show_values(dict.fromkeys(self.scales))
 
     def showEvent(self, event: QShowEvent) -> None:
         """The first question has the keyboard."""
         super().showEvent(event)
         next(iter(self.scales.values())).setFocus()
 
+    def _changed(self) -> None:
+        self._allow()
+        self.changed.emit(self.values)
+
     def _allow(self) -> None:
-        left = sum(scale.value is None for scale in self.scales.values())
+        left = list(self.values.values()).count(None)
         self.done.setEnabled(not left)
         self.lacking.setText(self._language["questions_left"].format(count=left) if left else "")
 
     def _answer(self) -> None:
-        self.answered.emit({item: float(scale.value) for item, scale in self.scales.items() if scale.value is not None})
+        self.answered.emit({item: float(value) for item, value in self.values.items() if value is not None})
 
 
 class Instructions(QWidget):

@@ -98,6 +98,7 @@ class RunPage(Page):
             (self.card.keep.clicked, self._go_on),
             (self.card.redo.clicked, self.redo),
             (self.card.exclude.clicked, self.exclude),
+            (self.questions.changed, self.answers_changed),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.workspace.view.pointer_moved, self.pointer_moved),
             (self.workspace.view.pointer_left, self.pointer_left),
@@ -176,7 +177,7 @@ class RunPage(Page):
             self.cards.ask(ABORT, lambda *why: self._command(m.Abort(*why), self.panel.abort, "Aborting …"))
 
     def _leave(self) -> None:
-        self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"))
+        self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"), self.unsaved())
 
     def _go_elsewhere(self) -> None:
         """Choose a data folder that takes what this one does not."""
@@ -189,6 +190,14 @@ class RunPage(Page):
 
     def cancel(self) -> bool:
         return self.cards.leave()
+
+    def show_answers(self, values: dict[str, int | None]) -> None:
+        self.questions.show_values(values)
+
+    def unsaved(self) -> str:
+        answered = self.snapshot.stage == m.QUESTIONS and any(v is not None for v in self.questions.values.values())
+        questions = "the questionnaire that is answered in part" if answered else ""
+        return " and ".join(filter(None, (questions, "the note" if self.panel.note.text() else "")))
 
     def _keep(self) -> None:
         if self.card_shown and self.card.row is not None:
@@ -234,12 +243,11 @@ class RunPage(Page):
         super().show_snapshot(snapshot)
         if not snapshot.notice.startswith(m.DISK_WAIT):
             self._asked_by = None  # this is the answer
-        if snapshot.stage == m.QUESTIONS != before.stage:
-            self.questions.clear()
         if before.stage in (m.PREPARING, m.NO_SESSION):
             self._judged = {row.run for row in snapshot.rows}  # of an earlier day
         if snapshot.stage == m.NO_SESSION:
-            self.cards.leave()  # what it asks is of a session that is closed
+            self.cards.leave()  # what it asks is of a session that is closed, and so is the note
+            self.panel.note.clear()
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
@@ -269,7 +277,8 @@ class RunPage(Page):
         elif snapshot.running is None:
             self.show_panels()
             self.traces.rest()
-            self.workspace.view.rest(snapshot.tip)
+            last = self.workspace.view.tip if snapshot.stage == m.FAILED else None  # nobody says where it is now
+            self.workspace.view.rest(last or snapshot.tip)
         if snapshot.running is None and opened.real_device and not snapshot.place_known:
             self.workspace.view.show_text("", UNMEASURED)
 

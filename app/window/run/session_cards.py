@@ -42,9 +42,11 @@ class SessionCards(Cards):
         self._waits: tuple | None = None  # what the notice is about
         self._over_s: float | None = None  # when the break may end
 
-    def ask_to_leave(self, close: Callable[[], None]) -> None:
+    def ask_to_leave(self, close: Callable[[], None], lost: str) -> None:
+        """lost: what was not sent to the session server and goes with the session."""
         buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
-        self.put(OverlayCard("Close the session?", LEAVE, buttons, self._parent), "leave")
+        text = f"{LEAVE} Not saved, and lost then: {lost}." if lost else LEAVE
+        self.put(OverlayCard("Close the session?", text, buttons, self._parent), "leave")
 
     def _typing(self) -> bool:
         """Whether the user is typing: a notice that comes must not take the next letters for an answer."""

@@ -131,8 +131,8 @@ class SessionPanel(Panel):
     def _show_status(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
         notice, bad = snapshot.notice, snapshot.notice_bad
-        if snapshot.not_written and notice == f"{snapshot.not_written}.":  # the banner says it
-            notice = ""
+        if snapshot.not_written and notice == f"{snapshot.not_written}.":  # the banner says it, as far as it has room
+            notice = f"Lost if this program ends: {snapshot.in_memory}." if snapshot.in_memory else ""
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
             silent = (
                 opened.protocol.tones and not snapshot.rows and player() is None

@@ -69,7 +69,6 @@ class OverlayCard(Panel):
         for place, answer in enumerate(self.buttons):
             answer.setFont(theme.font(theme.NORMAL, bold=place == 0))
             answer.setMinimumHeight(34)
-            answer.setAutoDefault(True)
         many = len(self.buttons) > 2  # no room for them side by side
         foot = column(*self.buttons, spacing=12) if many else row(1, *reversed(self.buttons))
         self.setLayout(column(self.inside, foot, spacing=12, margins=(20, 16, 20, 18)))

@@ -22,6 +22,7 @@ class Page(QWidget):
     setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
     turn_asked = Signal()  # the next page of the instructions, which the participant reads
     consent_asked = Signal(object)  # a Consent that the participant is to answer on their own screen; None: no longer
+    answers_changed = Signal(dict)  # of a questionnaire that is being answered here, as its `changed`
     pointer_left = Signal()  # the pointer has left that workspace: the hand lets the handle go
 
     def __init__(self, send: Callable[[object], None]) -> None:
@@ -35,6 +36,9 @@ class Page(QWidget):
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered what `consent_asked` asked for."""
+
+    def show_answers(self, values: dict[str, int | None]) -> None:
+        """The participant has answered a question on their own screen."""
 
     def unsaved(self) -> str:
         """What was changed on this page and not saved, in words; "": nothing."""

@@ -137,7 +137,8 @@ class Figures(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, texts = QPainter(self), [text for text, _ in self.parts]
         room = self.width()
-        sizes = range(self._size, theme.LEAST_PX * self._size // theme.text_px(self._size) - 1, -1)
+        least = min(theme.LEAST_PX * self._size // theme.text_px(self._size), self._size)
+        sizes = range(self._size, least - 1, -1)
         size = next((fitting for fitting in sizes if texts_width(texts, fitting, self._bold) <= room), sizes[-1])
         painter.setFont(theme.font(size, self._bold))
         x = max(room - texts_width(texts, size, self._bold), 0.0) if self._right else 0.0
@@ -210,8 +211,8 @@ class KeyButton(QPushButton):
 
 
 def button(text: str, do: Callable[[], object], name: str = "", hint: str = "") -> QPushButton:
-    """A button that does something. name: "main" or "small"; hint: its tooltip."""
-    pressed = QPushButton(text, objectName=name, toolTip=hint)
+    """A button that does something, by Enter too. name: "main" or "small"; hint: its tooltip."""
+    pressed = QPushButton(text, objectName=name, toolTip=hint, autoDefault=True)
     pressed.clicked.connect(lambda: do())
     return pressed
 

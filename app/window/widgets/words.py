@@ -64,10 +64,10 @@ def server_died(last: m.Snapshot) -> str:
     lost = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else ""
     if last.running is None:
         return f"The session server has stopped, and the brakes are off. {lost} {RESUME}." if lost else SERVER_DIED
-    run = "a practice trial" if last.practice else f"run {last.running.run}"
+    run, again = ("a practice trial", "it") if last.practice else (f"run {last.running.run}", "its trial")
     kept = lost or "What had reached its file is kept."
     stopped = f"The session server has stopped in the middle of {run}: the brakes are off."
-    return f"{stopped} {kept} {RESUME}: {run} comes again."
+    return f"{stopped} {kept} {RESUME}: {again} comes again."
 
 
 def language_of(opened: m.Opened | None) -> Language:
