@@ -168,6 +168,7 @@ class ForceView(Plane):
         rests = self._ticks is None  # nobody measures
         self.force_texts = {name: "–" if rests else f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
         self._text_current = True
+        self._show_inset()
         self.update()
 
     # painting

@@ -60,7 +60,7 @@ class LinkageView(ForceView):
         if self._worded_view:
             top, foot = self.readout_box.bottom(), text_px(FOOT_PX)
             self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), top, 44.0, foot)
-            self._fit()
+        super().follow_text()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self.follow_text()  # the read-outs may need more lines, or fewer

@@ -115,7 +115,10 @@ class Plane(QWidget):
     def set_extent(self, extent: QRectF) -> None:
         """What must be seen, m."""
         self._extent = extent
-        self._fit()
+        self.fit()
+
+    def follow_text(self) -> None:
+        self.fit()
 
     def show_path(self, path: PathFile | None) -> None:
         """The path to follow, or none; without a trail yet."""
@@ -187,6 +190,11 @@ class Plane(QWidget):
             self.update()
 
     # metres and pixels
+
+    def fit(self) -> None:
+        """Size, extent or the room around it has changed: the handle has another place on the screen, too."""
+        self._fit()
+        self.show_handle(self.tip, self.taken, self.force_N)
 
     def _fit(self) -> None:
         free, extent = self._keep_free, self._extent
@@ -269,7 +277,7 @@ class Plane(QWidget):
         self.pointer_left.emit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self._fit()
+        self.fit()
         super().resizeEvent(event)
 
     # painting: a subclass adds to these three

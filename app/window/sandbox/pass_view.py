@@ -40,7 +40,7 @@ class PassView(ForceView):
     def follow_text(self) -> None:
         """The path keeps clear of the words above and below it."""
         self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
-        self._fit()
+        super().follow_text()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.set_extent(extent_of_paths([path], MARGIN_M))
