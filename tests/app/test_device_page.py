@@ -72,7 +72,7 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
 
 def test_a_force_of_nothing_has_no_sign(page: DevicePage) -> None:
     page.show_pulse(told(status(hand_force=(-0.004, 0.0))))
-    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0"
+    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0 N"
 
 
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:

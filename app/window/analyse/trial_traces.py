@@ -127,8 +127,6 @@ class TrialTraces(QWidget):
         for trace in self.all:
             trace.asked.connect(self.asked)
             trace.item.showAxis("bottom", trace is self.currents)  # it has the axis of time
-        axis = self.currents.item.getAxis("bottom")
-        axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
         for trace in (self.force, self.currents):
             trace.item.setXLink(self.error.item)
 

@@ -45,14 +45,14 @@ class SessionPanel(Panel):
         self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
         self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()
-        self.coming_head = text_label("Next", "quiet")
+        self.coming_head = text_label("", "quiet")
         self.coming = text_label("", bold=True)
         self.cell = OneLine("", "quiet")
         self.notice = wrapped_label("", "caution", theme.SMALL)
         self.start = key_button("Start", "start", "main")
         self.redo = key_button("Repeat last trial …", "redo")
         self.skip = key_button("Skip next trial …", "skip")
-        self.pause = key_button("Pause after this trial", "pause")
+        self.pause = key_button("Pause", "pause")
         self.pause.setCheckable(True)
         self.abort = key_button("Abort trial …", "abort")
         self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
@@ -71,7 +71,7 @@ class SessionPanel(Panel):
         self.scroll_area = scrolled(self.grid)
         self.scroll_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.scroll_area.setFocusPolicy(NO_FOCUS)
-        self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
+        self.scroll_area.setFixedHeight(LEAST_PLAN_PX)  # until there is a plan
         self.setLayout(column(
             self.head, self.done, (self.scroll_area, 1000), row(self.left, 1, self.elapsed),
             row(self.coming_head, self.coming, 1), self.cell,

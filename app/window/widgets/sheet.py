@@ -15,7 +15,7 @@ QFrame#pill-bad { background: $bad_ground; border: 1px solid $bad; border-radius
 QLabel, QCheckBox, QRadioButton { background: transparent; }
 QLabel#quiet { color: $quiet; }
 QLabel#hint { color: $text; }
-QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
+QLabel:disabled, QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
 QLabel#good { color: $good; }
 QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
