@@ -17,7 +17,8 @@ class Verdicts(QScrollArea):
     """The paper's statements, each with what these data say of it; then what else the statistics say."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
+        self.setObjectName("panel")
         self.viewport().setObjectName("clear")
         self.shown: Conclusions | None = None
         self._text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText, margin=16)

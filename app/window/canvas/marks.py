@@ -75,7 +75,8 @@ def paint_joints(
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], ring_radius(labels[joint]), 3.0, SHADE[state])
-        write(painter, rings[joint], labels[joint], theme.SMALL, True, COLOURS.quiet if blind else theme.JOINT[joint])
+        colour = COLOURS.quiet if blind else theme.as_text(theme.JOINT[joint])
+        write(painter, rings[joint], labels[joint], theme.SMALL, True, colour)
 
 
 def arrow_of(force: Point) -> QPointF:

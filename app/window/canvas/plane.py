@@ -340,7 +340,7 @@ class Plane(QWidget):
                 painter.drawLine(QPointF(x, top), QPointF(x, bottom))
             if i >= 0 and top + half < y < bottom - half:
                 painter.drawLine(QPointF(left, y), QPointF(right, y))
-                painter.setPen(pen(COLOURS.quiet, 1.0, 0.75))
+                painter.setPen(pen(COLOURS.quiet, 1.0))
                 painter.drawText(QRectF(0.0, y - half, left - 8.0, 2.0 * half), RIGHT, f"{10 * i} cm")
 
     def _paint_path(self, painter: QPainter) -> None:

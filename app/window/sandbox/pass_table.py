@@ -97,7 +97,7 @@ class PassTable(QTableWidget):
                 item = QTableWidgetItem(text)
                 item.setToolTip(about)
                 if across == 1:
-                    item.setForeground(shade(colour))
+                    item.setData(Qt.ItemDataRole.DecorationRole, shade(colour))
                 self.setItem(line, across, item)
             for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
                 value = ended.measures[field]

@@ -213,7 +213,7 @@ class Trace(TimePlot):
             self.figures.show_parts((self.figure(values[0]), COLOURS.text), (self.unit, COLOURS.quiet))
             return
         named = [
-            (f"{self.names[name]} {self.figure(value)}", colour)
+            (f"{self.names[name]} {self.figure(value)}", theme.as_text(colour))
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named)

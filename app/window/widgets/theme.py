@@ -114,6 +114,12 @@ def mixed(a: str, b: str, share: float) -> QColor:
     return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
 
 
+@cache
+def as_text(colour: str) -> str:
+    """The colour of a curve, nearer to that of text: letters are thin and need more contrast."""
+    return mixed(colour, COLOURS.text, 0.3).name()
+
+
 def set_style(widget: QWidget, name: str) -> None:
     """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
     if widget.objectName() != name:
