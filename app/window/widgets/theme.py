@@ -114,10 +114,13 @@ def mixed(a: str, b: str, share: float) -> QColor:
     return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
 
 
+OF_TEXT = 0.3  # share of the colour of text in that of letters
+
+
 @cache
 def as_text(colour: str) -> str:
     """The colour of a curve, nearer to that of text: letters are thin and need more contrast."""
-    return mixed(colour, COLOURS.text, 0.3).name()
+    return mixed(colour, COLOURS.text, OF_TEXT).name()
 
 
 def set_style(widget: QWidget, name: str) -> None:
