@@ -11,7 +11,8 @@ from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
 from app.window.canvas.marks import arrow_of, paint_arrow
-from app.window.canvas.plane import Plane, Sizes
+from app.window.canvas.path_marks import Sizes
+from app.window.canvas.plane import Plane
 from app.window.canvas.small_view import SmallView
 from app.window.widgets import theme
 from app.window.widgets.keys import add_key

@@ -9,7 +9,8 @@ from PySide6.QtGui import QPainter, QResizeEvent
 
 from app.window.canvas import layers, marks
 from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
-from app.window.canvas.plane import AT_DESK, SCALE_PX
+from app.window.canvas.path_marks import AT_DESK
+from app.window.canvas.plane import SCALE_PX
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
-from app.window.canvas.plane import Sizes
+from app.window.canvas.path_marks import Sizes
 from app.window.canvas.small_view import SmallView
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent

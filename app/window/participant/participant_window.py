@@ -14,7 +14,8 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import way_of
 from app.window.canvas.layers import SPACING_M, extent_of_paths, joints_at
 from app.window.canvas.marks import paint_arms
-from app.window.canvas.plane import FROM_AFAR, Plane, Sizes
+from app.window.canvas.path_marks import FROM_AFAR, Sizes, paint_hold
+from app.window.canvas.plane import Plane
 from app.window.participant.consent_page import ConsentPage
 from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import Tones
@@ -106,7 +107,7 @@ class ParticipantView(Plane):
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
-            self.paint_hold(painter, self.held)
+            paint_hold(painter, self.to_screen(self.outline[0]), self.rings_px[0], self.held)
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
             wide = ARM_SHARE * self.sizes.handle

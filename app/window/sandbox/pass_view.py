@@ -5,7 +5,7 @@ from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF
 
 from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, LINKAGE, TRAIL, ForceView
 from app.window.canvas.layers import Point, extent_of_paths
-from app.window.canvas.plane import Sizes
+from app.window.canvas.path_marks import Sizes
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, pen, shade, text_px, write, write_from
 from core.device import Device
