@@ -348,7 +348,7 @@ class Plane(QWidget):
         if np.count_nonzero(seen) > 1:
             painter = QPainter(self._background)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            painter.setPen(pen(colour, self.sizes.trail))
+            painter.setPen(pen(colour, self.sizes.trail, round_cap=True))  # pieces join as if they were one
             painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points[seen].tolist()]))
             painter.end()
         return places[seen][-1:]

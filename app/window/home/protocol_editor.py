@@ -180,7 +180,7 @@ class ProtocolEditor(Panel):
         self.form_area = scrolled(inside)
         self.save.setToolTip("Ctrl+S. Comments of a file are not kept.")
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
-        right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
+        right = column((self.drawing, 3), how, self.summary, (self.plan, 1), spacing=16)
         both = row((self.form_area, 6), (right, 5), spacing=16)
         head = row(self.title, (self.sentences[""], 1), spacing=16)  # beside it: nothing below moves
         foot = row(1, button("Undo all changes", self.undo), button("Back  Esc", self.closed.emit), self.save)
