@@ -8,7 +8,7 @@ from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app import __version__
-from app.window.participant.tone import player
+from app.window.participant.tone import NO_SOUND, player
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import OverlayCard
 from app.window.widgets.parts import (
@@ -29,7 +29,6 @@ from experiments.protocol import Protocol
 
 NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
 WIDE_PX = 640
-NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
     "Int. Conf. on Robotics and Automation (ICRA), 2004, vol. 1, pp. 311-318 (as far as known)."

@@ -121,7 +121,8 @@ class ForceView(Plane):
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the view, or take it away."""
         (self.shown.add if shown else self.shown.discard)(layer)
-        self.show_trail(TRAIL in self.shown)
+        self.trail_shown = TRAIL in self.shown
+        self.repaint_still()
         self._show_inset()
 
     @property

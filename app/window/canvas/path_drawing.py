@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QMarginsF, QRectF, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 
+from app.window.canvas.path_marks import paint_disc
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
@@ -65,7 +66,9 @@ class PathDrawing(Plane):
             painter.drawPolyline(QPolygonF([self.to_screen(place) for place in way.tolist()]))
             if number:
                 along = int(len(way) * (at + 0.35) / len(self._paths))  # where no other number is, and no point
-                self._paint_number(painter, self.to_screen(way[along]), number)
+                middle = self.to_screen(way[along])
+                paint_disc(painter, middle, NUMBER_PX, COLOURS.canvas)
+                theme.write(painter, middle, number, theme.NORMAL, True, COLOURS.text)
         painter.setBrush(theme.shade(COLOURS.canvas))
         for _, points, _ in drawn:
             for place, point in enumerate(points):
@@ -73,13 +76,6 @@ class PathDrawing(Plane):
                 ring = COLOURS.text if inner else COLOURS.end_ring if place else COLOURS.start_ring
                 painter.setPen(theme.pen(ring, 3.0))
                 painter.drawEllipse(self.to_screen(point), 7.0, 7.0)
-
-    def _paint_number(self, painter: QPainter, middle: QPointF, number: str) -> None:
-        """In a gap of its path."""
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.shade(COLOURS.canvas))
-        painter.drawEllipse(middle, NUMBER_PX, NUMBER_PX)
-        theme.write(painter, middle, number, theme.NORMAL, True, COLOURS.text)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._kind:

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter, QPolygonF
+from PySide6.QtGui import QPainter, QPen, QPolygonF
 
-from app.window.widgets.theme import COLOURS, SHADES, pen, shade, spring_pen
+from app.window.widgets.theme import COLOURS, mixed, pen, shade
 
 FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 HOLD_PX = 6.0  # width of the sweep of the hold
@@ -30,6 +30,18 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
+def paint_disc(painter: QPainter, middle: QPointF, radius: float, colour: str) -> None:
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(shade(colour))
+    painter.drawEllipse(middle, radius, radius)
+
+
+def paint_circle(painter: QPainter, middle: QPointF, radius: float, line: QPen) -> None:
+    painter.setPen(line)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawEllipse(middle, radius, radius)
+
+
 def paint_path(painter: QPainter, points: np.ndarray, heads: bool, radii: tuple[float, float], sizes: Sizes) -> None:
     """A path through these points (n, 2): the start a ring, the end a ring with a dot. heads: arrowheads along it."""
     line = QPolygonF([QPointF(x, y) for x, y in points.tolist()])
@@ -38,15 +50,11 @@ def paint_path(painter: QPainter, points: np.ndarray, heads: bool, radii: tuple[
     if heads:
         _paint_heads(painter, points, 4.0 * sizes.path)
     start, end = line.first(), line.last()
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(COLOURS.end_ring))
-    painter.drawEllipse(end, 0.4 * sizes.ring, 0.4 * sizes.ring)
-    painter.setBrush(Qt.BrushStyle.NoBrush)
+    paint_disc(painter, end, 0.4 * sizes.ring, COLOURS.end_ring)
     if start == end and radii[0] == radii[1]:  # a closed path: one ring round the other
         radii = radii[0] + 1.5 * sizes.ring_pen, radii[1]
     for place, colour, radius in zip((start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True):
-        painter.setPen(pen(colour, sizes.ring_pen))
-        painter.drawEllipse(place, radius, radius)
+        paint_circle(painter, place, radius, pen(colour, sizes.ring_pen))
 
 
 def _paint_heads(painter: QPainter, points: np.ndarray, size: float) -> None:
@@ -68,29 +76,11 @@ def paint_hold(painter: QPainter, start: QPointF, radius: float, share: float) -
     painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
 
 
-def paint_grasp(painter: QPainter, handle: QPointF, radius: float) -> None:
-    """Where the pointer can take the handle."""
-    painter.setPen(pen(COLOURS.handle, 1.5, 0.6))
-    painter.setBrush(shade(COLOURS.handle, 0.12))
-    painter.drawEllipse(handle, radius, radius)
-
-
-def paint_handle(painter: QPainter, handle: QPointF, radius: float) -> None:
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(shade(COLOURS.handle))
-    painter.drawEllipse(handle, radius, radius)
-
-
-def paint_pointer(painter: QPainter, pointer: QPointF, radius: float) -> None:
-    painter.setPen(pen(COLOURS.pointer, 2.0))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.drawEllipse(pointer, radius, radius)
-
-
 def paint_spring(painter: QPainter, handle: QPointF, pointer: QPointF, force_N: float, width: float) -> None:
-    """The spring from the handle to the pointer that has hold of it, in the colour of its force."""
-    step = round(min(force_N / FORCE_RED_N, 1.0) * (SHADES - 1))
-    painter.setPen(spring_pen(width, step))
+    """The spring from the handle to the pointer that has hold of it: green, yellow, red as its force grows."""
+    share = 2.0 * min(force_N / FORCE_RED_N, 1.0)
+    low, high = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
+    painter.setPen(pen(mixed(low, high, share if share < 1.0 else share - 1.0).name(), width))
     painter.drawLine(handle, pointer)
 
 

@@ -69,7 +69,7 @@ class Plane(QWidget):
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
         self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
-        self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
+        self.scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
         self.tip: Point | None = None
@@ -155,10 +155,6 @@ class Plane(QWidget):
         self._trail.clear()
         self.repaint_still()
 
-    def show_trail(self, shown: bool) -> None:
-        self.trail_shown = shown
-        self.repaint_still()
-
     def repaint_still(self) -> None:
         """What stands still has changed: paint it anew with the next frame."""
         self._still = False
@@ -181,9 +177,9 @@ class Plane(QWidget):
         free, extent = self._keep_free, self._extent
         width = max(self.width() - free.left() - free.right(), 1.0)
         height = max(self.height() - free.top() - free.bottom(), 1.0)
-        self._scale = min(width / extent.width(), height / extent.height())
-        self._zero_x = free.left() + 0.5 * width - self._scale * extent.center().x()
-        self._zero_y = free.top() + 0.5 * height + self._scale * extent.center().y()
+        self.scale = min(width / extent.width(), height / extent.height())
+        self._zero_x = free.left() + 0.5 * width - self.scale * extent.center().x()
+        self._zero_y = free.top() + 0.5 * height + self.scale * extent.center().y()
         self.repaint_still()
 
     @property
@@ -192,24 +188,19 @@ class Plane(QWidget):
         left, free = text_px(SCALE_PX) if self._grid else 0.0, self._keep_free
         return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
 
-    @property
-    def scale(self) -> float:
-        """Pixels per metre."""
-        return self._scale
-
     def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
         """Place of the plane (m) -> point of the widget (px)."""
-        return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
+        return QPointF(self._zero_x + self.scale * point[0], self._zero_y - self.scale * point[1])
 
     def pixels(self, places: np.ndarray) -> np.ndarray:
         """Places (n, 2) of the plane (m) -> points of the widget (px)."""
-        return places * (self._scale, -self._scale) + (self._zero_x, self._zero_y)
+        return places * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
 
     def to_plane(self, place: QPointF) -> Point:
         """Point of the widget (px) -> place of the plane (m), clamped to what is drawn."""
         x = min(max(place.x(), 0.0), float(self.width()))
         y = min(max(place.y(), 0.0), float(self.height()))
-        return (x - self._zero_x) / self._scale, (self._zero_y - y) / self._scale
+        return (x - self._zero_x) / self.scale, (self._zero_y - y) / self.scale
 
     # events
 
@@ -328,7 +319,7 @@ class Plane(QWidget):
     @property
     def rings_px(self) -> tuple[float, float]:
         """Radii of the rings at the start and at the end: those that count, where they are known."""
-        start, end = (self._scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
+        start, end = (self.scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
         return start, end
 
     @property
@@ -366,9 +357,12 @@ class Plane(QWidget):
             path_marks.paint_spring(painter, handle, pointer, self.force_N, self.sizes.spring)
         if handle:
             if self.taken is False:
-                path_marks.paint_grasp(painter, handle, self._scale * GRASP_RADIUS_M)
-            path_marks.paint_handle(painter, handle, self.handle_px)
+                reach = self.scale * GRASP_RADIUS_M
+                painter.setPen(pen(COLOURS.handle, 1.5, 0.6))
+                painter.setBrush(shade(COLOURS.handle, 0.12))
+                painter.drawEllipse(handle, reach, reach)
+            path_marks.paint_disc(painter, handle, self.handle_px, COLOURS.handle)
             if not self.handle_seen:
                 path_marks.paint_way_out(painter, QRectF(self.rect()), handle)
         if pointer:
-            path_marks.paint_pointer(painter, pointer, self.sizes.pointer)
+            path_marks.paint_circle(painter, pointer, self.sizes.pointer, pen(COLOURS.pointer, 2.0))

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
-from app.window.participant.tone import player
+from app.window.participant.tone import NO_SOUND, player
 from app.window.run.actions import Actions
 from app.window.run.plan_grid import PlanGrid
 from app.window.widgets import theme
@@ -31,7 +31,6 @@ from experiments.session.files import finished_cells, place
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
 READS = "The participant reads the instructions; after the last page the first trial can be started."
-SILENT = "No sound: install pulseaudio-utils or alsa-utils."
 
 
 class SessionPanel(Panel):
@@ -137,7 +136,7 @@ class SessionPanel(Panel):
             silent = (
                 opened.protocol.tones and not snapshot.rows and player() is None
             )  # said once, before the first trial
-            notice = snapshot.trial_blocker or (READS if reads else SILENT if silent else "")
+            notice = snapshot.trial_blocker or (READS if reads else NO_SOUND if silent else "")
         theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there the banner says it

@@ -138,7 +138,7 @@ class Preflight(QWidget):
         super().resizeEvent(event)
         self.follow_text()
 
-    def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """Show the checks, and what is wrong."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
