@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF
-from PySide6.QtGui import QPainter, QResizeEvent
+from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
@@ -144,12 +144,12 @@ class ForceView(Plane):
         if shown and self.instant is not None:
             self.inset.show_instant(self.instant, self.doing)
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
+    def fit(self) -> None:
         width = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         height = int(0.9 * width)
         y = 10 if self.inset_at_top else self.height() - height - 10
         self.inset.setGeometry(self.width() - width - 10, y, width, height)
-        super().resizeEvent(event)
+        super().fit()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""

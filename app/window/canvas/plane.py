@@ -169,7 +169,8 @@ class Plane(QWidget):
     # metres and pixels
 
     def fit(self) -> None:
-        """Size, extent or the room around it has changed: the handle has another place on the screen, too."""
+        """Size, extent or text size has changed: the handle has another place on the screen, too. A subclass first
+        sets the room that it keeps free."""
         self._set_scale()
         self.show_handle(self.tip, self.taken, self.force_N)
 

@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
@@ -75,12 +75,12 @@ class ParticipantView(Plane):
         self._device = device
         self.repaint_still()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
+    def fit(self) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
         self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
         share = max(min(height / 900.0, self.width() / 1200.0), LEAST_SHARE)
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
-        super().resizeEvent(event)
+        super().fit()
 
     def point_at(self, at: QPointF, grip: float) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of

@@ -35,12 +35,12 @@ class PassView(ForceView):
         super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
-        self.follow_text()
+        self.fit()
 
-    def follow_text(self) -> None:
+    def fit(self) -> None:
         """The path keeps clear of the words above and below it."""
         self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
-        super().follow_text()
+        super().fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.set_extent(extent_of_paths([path], MARGIN_M))
