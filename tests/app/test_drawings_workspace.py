@@ -166,7 +166,7 @@ def test_a_trail_is_kept_over_a_change_of_size_and_forgotten_with_another_path(p
         for place in ((-0.05, 0.41), (0.0, 0.385)):
             assert is_seen(image, plane.to_screen(place), COLOURS.trace), (size, place)
     plane.show_path(ACROSS)
-    assert not len(plane.trail)
+    assert not plane.trail
     assert not is_seen(plane.grab().toImage(), plane.to_screen((-0.05, 0.41)), COLOURS.trace)
 
 

@@ -76,7 +76,7 @@ class Plane(QWidget):
         self.pointer: Point | None = None
         self.force_N = 0.0
         self.taken: bool | None = None
-        self._trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
+        self.trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
         self._trail_end = np.empty((0, 2))  # m: up to where it is painted; nowhere, or (1, 2)
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
@@ -129,22 +129,13 @@ class Plane(QWidget):
         self.pointer = place
         self.update()
 
-    @property
-    def trail(self) -> np.ndarray:
-        """Every place (n, 2), m, on the way so far."""
-        self._trail = [np.concatenate([np.empty((0, 2)), *self._trail])]
-        return self._trail[0]
-
     def extend_trail(self, tips: np.ndarray) -> None:
         """The trail goes on over all of these (n, 2), m."""
         if not len(tips):
             return
-        self._trail.append(tips)
-        if self.trail_shown and self._still:
-            end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
-            if not np.array_equal(end, self._trail_end):
-                self.update()
-            self._trail_end = end
+        self.trail.append(tips)
+        if self.trail_shown and self._still and self._paint_piece(tips):
+            self.update()
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
@@ -152,7 +143,7 @@ class Plane(QWidget):
         self.repaint_still()
 
     def clear_trail(self) -> None:
-        self._trail.clear()
+        self.trail.clear()
         self.repaint_still()
 
     def repaint_still(self) -> None:
@@ -298,8 +289,8 @@ class Plane(QWidget):
         if self._beside is not None:
             self._paint_way(*self._beside)
         self._trail_end = np.empty((0, 2))
-        if self.trail_shown:
-            self._trail_end = self._paint_way(self.trail, COLOURS.trace)
+        for piece in self.trail if self.trail_shown else ():  # as they came: each pixel is as it was
+            self._paint_piece(piece)
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named, as far as their names have room."""
@@ -327,6 +318,12 @@ class Plane(QWidget):
     def handle_px(self) -> float:
         """Radius of the handle: its middle must be seen to lie in the ring at the start."""
         return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
+
+    def _paint_piece(self, tips: np.ndarray) -> bool:
+        """Add a piece of the trail to the background; whether it can be seen."""
+        before = self._trail_end
+        self._trail_end = self._paint_way(np.concatenate((before, tips)), COLOURS.trace)
+        return not np.array_equal(before, self._trail_end)
 
     def _paint_way(self, places: np.ndarray, colour: str) -> np.ndarray:
         """Add a piece of a way, places (n, 2) in m, to the background: a long trail costs no more than a short one.
