@@ -58,6 +58,7 @@ class PathDrawing(Plane):
         self.repaint_still()
 
     def paint_under_path(self, painter: QPainter) -> None:
+        painter.setClipRect(self.field)  # the names of the lines are not covered
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(QPolygonF([self.to_screen(place) for place in self._free]))
         drawn = [*self._paths, ("", self._points, np.array(self._points))]
