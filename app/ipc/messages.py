@@ -366,6 +366,11 @@ class Proof(NamedTuple):
     bytes: int
     age_s: float  # since the last write
 
+    @property
+    def late(self) -> bool:
+        """Whether the last write was so long ago that it is worth a look."""
+        return self.age_s >= 1.0
+
 
 class Timing(NamedTuple):
     """The lateness of ticks in the running (or last) trial, and its causes; None: the system does not count it."""

@@ -30,13 +30,14 @@ class BringUpPanel(QWidget):
         self.name = QLineEdit()
         self.name.setPlaceholderText("Your name")
         self.name.textChanged.connect(lambda _: self._refresh())
-        self.begin = button("Begin", self._begin)
-        self.go_on = button("Done", lambda: self.send(m.PrepareDevice(m.GO_ON)))
+        self.begin = button("Begin", self._begin, "main")
+        self.go_on = button("Done", lambda: self.send(m.PrepareDevice(m.GO_ON)), "main")
         self.end = button("Close", self._end)
         self.title, self.ask = text_label("", size=theme.TITLE, bold=True), wrapped_label("")
         self.results = Checklist()
+        self.found = panel("What was found", self.results)
         head = panel("Bring up the device", self.title, self.ask, row(self.name, self.begin, self.go_on, self.end, 1))
-        self.setLayout(column(head, (scrolled(holder(column(self.results, 1))), 1), spacing=theme.GAP))
+        self.setLayout(column(head, (scrolled(holder(column(self.found, 1))), 1), spacing=theme.GAP))
         self.setVisible(False)
 
     def set_open(self, is_open: bool) -> None:
@@ -75,3 +76,4 @@ class BringUpPanel(QWidget):
         self.end.setText("Break off" if shown.title else "Close")
         checks = (m.Check(title, STATES[state], saw, advice) for title, state, saw, advice in shown.results)
         self.results.show_checks(tuple(checks))
+        self.found.setVisible(bool(shown.results))

@@ -176,7 +176,7 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float]) -> dict[str, str
         if status.homed and math.isfinite(sum(status.tip)):
             figures["Handle"] = f"x {1e3 * status.tip[0]:z.1f}   y {1e3 * status.tip[1]:z.1f} mm"
         if status.force_channels and math.isfinite(fx + fy):
-            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f}"
+            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f} N"
         if rates:
             figures["Samples"] = f"{rates['samples']:.0f} a second"
     if report:
@@ -230,7 +230,7 @@ class DevicePage(Page):
         # shares of the width: what the board is called may take two lines, numbers that change may not
         groups = ("Board", BOARD, 5), ("Sensors", SENSORS, 6), ("Link since it was opened", (*LINK, *CLOCK), 6)
         panels = [(panel(title, self._figures(names), 1), share) for title, names, share in groups]
-        figures = scrolled(holder(row(*panels, spacing=theme.GAP)))
+        figures = scrolled(holder(column(row(*panels, spacing=theme.GAP), 1)))
         self.bench = holder(column(state, (figures, 1), spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1), (self.bring_up, 1), spacing=theme.GAP))
 

@@ -63,7 +63,6 @@ CHANGED = (
     "Cancel",
     "Lose it and close",
 )
-STALE_S = 1.0  # a last write longer ago than this is worth a look
 
 
 class Footer(Panel):
@@ -103,7 +102,7 @@ class Footer(Panel):
             kept = f" · {runs} verified" if verified else ""
             self.recording.setText(f"Nothing is being recorded{kept}")
             return
-        theme.set_style(self.lamp, "bad" if proof.age_s < STALE_S else "caution")
+        theme.set_style(self.lamp, "caution" if proof.late else "bad")
         earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
@@ -366,7 +365,6 @@ class MainWindow(QWidget):
             page.show_opened(opened)
         if begins or (ends and self.shown == RUN):
             self.show_page(RUN if begins else HOME)
-        self.preflight.show_session(self.opened, self.snapshot)
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         self.snapshot = snapshot
@@ -376,7 +374,7 @@ class MainWindow(QWidget):
             self._then = None
         for page in self.pages.values():
             page.show_snapshot(snapshot)
-        self.preflight.show_session(self.opened, self.snapshot)
+        self.preflight.show_snapshot(snapshot)
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved

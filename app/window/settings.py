@@ -8,7 +8,7 @@ from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app import __version__
-from app.window.participant.tone import player
+from app.window.participant.tone import NO_SOUND, player
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import OverlayCard
 from app.window.widgets.parts import (
@@ -18,6 +18,7 @@ from app.window.widgets.parts import (
     breakable,
     button,
     column,
+    grid,
     holder,
     row,
     scrolled,
@@ -29,7 +30,6 @@ from experiments.protocol import Protocol
 
 NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
 WIDE_PX = 640
-NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
     "Int. Conf. on Robotics and Automation (ICRA), 2004, vol. 1, pp. 311-318 (as far as known)."
@@ -68,14 +68,14 @@ class SettingsCard(OverlayCard):
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
         folder = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
-        grid = grid_of({
+        lines = grid_of({
             "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
             "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
             "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
         })  # fmt: skip
-        self.inside.addLayout(grid)
+        self.inside.addLayout(lines)
         self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
         for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
@@ -98,22 +98,19 @@ def screen_words(screen: QScreen) -> str:
 
 def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
     """Name -> what stands beside it, and a quiet line below that."""
-    grid = QGridLayout()
-    grid.setHorizontalSpacing(14)
-    grid.setVerticalSpacing(4)
-    grid.setColumnStretch(1, 1)
+    beside = grid(14, 4, stretched=1)
     for name, (part, hint) in lines.items():
-        down = grid.rowCount()
+        down = beside.rowCount()
         level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
         told = text_label(name, bold=True)
         if told.sizeHint().width() > theme.text_px(NAME_PX):
             told = wrapped_label(name, bold=True)
             told.setFixedWidth(theme.text_px(NAME_PX))
-        grid.addWidget(told, down, 0, level)
-        grid.addWidget(part, down, 1)
+        beside.addWidget(told, down, 0, level)
+        beside.addWidget(part, down, 1)
         if hint:
-            grid.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
-    return grid
+            beside.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+    return beside
 
 
 class HelpCard(OverlayCard):
@@ -135,8 +132,8 @@ class KeysCard(OverlayCard):
         super().__init__("Keys", "", [("Close  Enter", leave)], parent)
         columns = row(spacing=24)
         for title, keys in groups.items():
-            grid = grid_of({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
-            columns.addLayout(column(text_label(title, size=theme.TITLE), grid, 1), 1)
+            lines = grid_of({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
+            columns.addLayout(column(text_label(title, size=theme.TITLE), lines, 1), 1)
         area = scrolled(holder(columns))
         area.setMinimumHeight(min(columns.sizeHint().height(), parent.height() - KEYS_FOOT_PX))
         self.inside.addWidget(area)

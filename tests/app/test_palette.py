@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.progress import LEAST_ROOM, ScreenCheck
+from app.window.widgets import theme
 from app.window.widgets.palette import DARK, LIGHT, PALETTES, Palette
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,6 +37,8 @@ def test_every_text_and_every_mark_stands_out_from_what_is_behind_it(palette: Pa
     texts += [(p.text, p.accent_ground), (p.bad_text, p.bad_ground), (p.quiet, p.bad_ground), (p.on_bad, p.bad)]
     texts += [(p.brake_slipping, p.canvas), (p.brake_stuck, p.canvas)]  # beside their brakes
     texts += [(p.brake_slipping, p.panel), (p.trace, p.panel)]  # in the ledger of energy
+    letters = [theme.mixed(joint, p.text, theme.OF_TEXT).name() for joint in p.joints]
+    texts += [(letter, ground) for letter in letters for ground in (p.panel, p.canvas)]
     assert {pair for pair in texts if contrast(*pair) < OF_TEXT} == set()
     on_canvas = (p.handle, p.pointer, p.end_ring, p.good, p.trace, p.brake_off, p.brake_slipping, p.brake_stuck)
     marks = [(mark, p.canvas) for mark in on_canvas]

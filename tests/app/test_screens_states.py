@@ -17,6 +17,7 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import HAND
 from app.window.canvas.layers import OFF
 from app.window.canvas.linkage_view import REACHABLE
+from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
 from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
 from app.window.run.plan_grid import MARKS
@@ -336,7 +337,7 @@ def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(screen
         view.show_handle(tip)
         picture = QPicture()
         painter = QPainter(picture)
-        view._paint_way_out(painter, view.to_screen(tip))
+        paint_way_out(painter, QRectF(view.rect()), view.to_screen(tip))
         painter.end()
         arrows.append(picture.boundingRect())
     assert all(view.rect().contains(arrow) for arrow in arrows), arrows

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from drawn_ways import Pieces, frames, way_of
+from drawn_ways import Pieces, frames, trail_of, way_of
 from fake_client import PLAN, before, movement, opened, ready, running
 from screens import Screens
 from tried import tried
@@ -69,7 +69,7 @@ def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_fram
         play(screens, views, rows, said, generator)
         for view in views:
             newest = trials[begun[-1]]
-            assert np.array_equal(view.trail, way_of(newest)), "a tick of the movement is missing, or one too many"
+            assert np.array_equal(trail_of(view), way_of(newest)), "a tick of the movement is missing, or one too many"
             assert pieces.furthest_px(view, newest) < WITHIN_PX
     screens.participant.hide()
 
@@ -93,7 +93,7 @@ def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(screens, m
             said[at + int(generator.integers(0, 40))] = [a_pass(one + 1)]
             at += len(passes[one])
         play(screens, [canvas], rows, said, generator)
-        assert np.array_equal(canvas.trail, way_of(passes[begun[-1]]))
+        assert np.array_equal(trail_of(canvas), way_of(passes[begun[-1]]))
         assert pieces.furthest_px(canvas, passes[begun[-1]]) < WITHIN_PX
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_ways import Pieces, frames
+from drawn_ways import Pieces, frames, trail_of
 from fake_ticks import ALONG, trial
 from protocols import short
 from PySide6.QtCore import QPointF, Qt
@@ -116,10 +116,10 @@ def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_a
     played, at = view.workspace.view, view.tick
     tip, sense, moves = played.tip, played.sense, rows[: at + 1, tick_log.PHASE] == tick_log.MOVE
     view.go_to(0.0)
-    assert played.tip == tuple(rows[0, 2:4]) and not len(played.trail)
+    assert played.tip == tuple(rows[0, 2:4]) and not len(trail_of(played))
     view.go_to(view.trial.t[at])
     assert view.tick == at and played.tip == tip == tuple(rows[at, 2:4])
-    assert played.sense == sense and np.array_equal(played.trail, rows[: at + 1, 2:4][moves])
+    assert played.sense == sense and np.array_equal(trail_of(played), rows[: at + 1, 2:4][moves])
     rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
     rows[-150:, tick_log.CURRENT] = 1.0
     view.trial.ticks[:] = rows

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_ways import trail_of
 from fake_client import PATHS, before, movement, opened, paper, ready
 from page_driver import PageDriver
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt
@@ -201,7 +202,7 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     held.page.show_ticks(rows[500:1500], True)
     page = held.page
     assert (page.large.text(), page.error.text(), page.time.text()) == ("Go", "4.2 mm", "1.5 s")
-    assert np.array_equal(page.canvas.trail, rows[:1500, tick_log.TIP_X : tick_log.TIP_Y + 1])
+    assert np.array_equal(trail_of(page.canvas), rows[:1500, tick_log.TIP_X : tick_log.TIP_Y + 1])
     assert page.canvas.tip == pytest.approx(tuple(rows[1499, tick_log.TIP_X : tick_log.TIP_Y + 1]))
     page.show_ticks(rows[1500:1510], False)
     assert "pointer" in page.small.text()
@@ -209,9 +210,9 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     page.show_ticks(rows[-1:], True)
     assert page.large.text() == BACK.large
     page.show_snapshot(tried(INITIAL, ended(1)))
-    assert len(page.canvas.trail) == 1510  # to be looked at until the next movement
+    assert len(trail_of(page.canvas)) == 1510  # to be looked at until the next movement
     page.show_ticks(rows[:1], True)
-    assert len(page.canvas.trail) == 1
+    assert len(trail_of(page.canvas)) == 1
 
 
 def test_the_window_is_not_laid_out_anew_for_numbers_that_change(held: Held, qtbot) -> None:

@@ -20,6 +20,11 @@ def way_of(rows: np.ndarray) -> np.ndarray:
     return rows[rows[:, tick_log.PHASE] == tick_log.MOVE][:, (tick_log.TIP_X, tick_log.TIP_Y)]
 
 
+def trail_of(view: Plane) -> np.ndarray:
+    """Every place (n, 2), m, on the way that a view shows."""
+    return np.concatenate([np.empty((0, 2)), *view.trail])
+
+
 class Pieces(dict[Plane, list[np.ndarray]]):
     """View -> the lines (n, 2), px, of its trail that stand on its background now."""
 

@@ -97,6 +97,7 @@ class AnalysePage(Page):
         self.message = OneLine()
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.colours = wrapped_label("", size=theme.SMALL)  # which controller is which
         self.colours.setTextFormat(Qt.TextFormat.RichText)
         self.charts = holder(column((row(*self.plots), 1), self.colours))
@@ -120,7 +121,7 @@ class AnalysePage(Page):
         self._lay_out()
         self.cards = Cards(self)
         self._show_busy()
-        for absent in (self.side, self._foot):
+        for absent in (self.side, self._foot, self.timeouts, self.logarithmic):
             absent.hide()
         self._show_empty(NO_FOLDER)
 
@@ -229,7 +230,6 @@ class AnalysePage(Page):
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
-        self.measures.setVisible(bool(offered))
         self.show_message(" ".join(results.problems), "caution")
         self._show()
         now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
@@ -269,6 +269,8 @@ class AnalysePage(Page):
         self.caption.setText("")
         self.warning.setText("")
         self._allow_export()
+        self.timeouts.setVisible(results is not None)
+        self.logarithmic.setVisible(results is not None and self.page != FINDINGS)
         if results is None:
             return
         people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)

@@ -24,6 +24,7 @@ class Chips(QWidget):
         self.menu: QPushButton | None = None  # of many
         self._row = row(spacing=6)
         self.setLayout(self._row)
+        self.hide()
 
     @property
     def chosen(self) -> set[str]:
@@ -36,6 +37,7 @@ class Chips(QWidget):
             return
         left_out = (self.chips.keys() - self.chosen) | (set(off) - self.chips.keys())
         self._names, self.menu = dict(names), None
+        self.setVisible(bool(names))
         clear(self._row)
         self.chips = {
             choice: toggle(name, partial(self._switch, {choice}), choice not in left_out)

@@ -100,7 +100,7 @@ class CurrentTrace(TrialTrace):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
                 on = f" on {duty:.0f} %" if duty else ""
-                parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.JOINT[joint]))
+                parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.as_text(theme.JOINT[joint])))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 
@@ -127,8 +127,6 @@ class TrialTraces(QWidget):
         for trace in self.all:
             trace.asked.connect(self.asked)
             trace.item.showAxis("bottom", trace is self.currents)  # it has the axis of time
-        axis = self.currents.item.getAxis("bottom")
-        axis.tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
         for trace in (self.force, self.currents):
             trace.item.setXLink(self.error.item)
 

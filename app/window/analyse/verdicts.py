@@ -18,6 +18,8 @@ class Verdicts(QScrollArea):
 
     def __init__(self) -> None:
         super().__init__()
+        self.setObjectName("panel")
+        self.viewport().setObjectName("clear")
         self.shown: Conclusions | None = None
         self._text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText, margin=16)
         self._text.setAlignment(Qt.AlignmentFlag.AlignTop)

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF
-from PySide6.QtGui import QPainter, QResizeEvent
+from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
 from app.window.canvas.marks import arrow_of, paint_arrow
-from app.window.canvas.plane import Plane, Sizes
+from app.window.canvas.path_marks import Sizes
+from app.window.canvas.plane import Plane
 from app.window.canvas.small_view import SmallView
 from app.window.widgets import theme
 from app.window.widgets.keys import add_key
@@ -120,7 +121,8 @@ class ForceView(Plane):
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the view, or take it away."""
         (self.shown.add if shown else self.shown.discard)(layer)
-        self.show_trail(TRAIL in self.shown)
+        self.trail_shown = TRAIL in self.shown
+        self.repaint_still()
         self._show_inset()
 
     @property
@@ -142,12 +144,12 @@ class ForceView(Plane):
         if shown and self.instant is not None:
             self.inset.show_instant(self.instant, self.doing)
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
+    def fit(self) -> None:
         width = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         height = int(0.9 * width)
         y = 10 if self.inset_at_top else self.height() - height - 10
         self.inset.setGeometry(self.width() - width - 10, y, width, height)
-        super().resizeEvent(event)
+        super().fit()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
@@ -168,6 +170,7 @@ class ForceView(Plane):
         rests = self._ticks is None  # nobody measures
         self.force_texts = {name: "–" if rests else f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
         self._text_current = True
+        self._show_inset()
         self.update()
 
     # painting

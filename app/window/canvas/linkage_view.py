@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter, QResizeEvent
+from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
 from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
-from app.window.canvas.plane import AT_DESK, SCALE_PX
+from app.window.canvas.path_marks import AT_DESK
+from app.window.canvas.plane import SCALE_PX
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
@@ -53,18 +54,14 @@ class LinkageView(ForceView):
         self.title, self.line = "", ""
         self._field: Field | None = None
         self.sense = 1.0  # of travel
-        self.follow_text()
+        self.fit()
 
-    def follow_text(self) -> None:
-        """The plane keeps clear of its scale and of the lines above and below it."""
+    def fit(self) -> None:
+        """The plane keeps clear of its scale and of the lines above and below it, which may be more or fewer now."""
         if self._worded_view:
             top, foot = self.readout_box.bottom(), text_px(FOOT_PX)
             self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), top, 44.0, foot)
-            self._fit()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        self.follow_text()  # the read-outs may need more lines, or fewer
-        super().resizeEvent(event)
+        super().fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""

@@ -8,6 +8,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas.layers import OFF, SLIPPING, STUCK, Direction, Doing, Point, Wedge
+from app.window.canvas.path_marks import paint_disc
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, pen, shade, write
 from core.control.velocity_field import Field
@@ -54,10 +55,8 @@ def rings_of(at: Mapping[str, QPointF], labels: Mapping[str, str]) -> dict[str, 
 
 def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, colour: str) -> None:
     """A ring and the canvas in it (px): two discs take half of the time of a circle drawn with a pen."""
-    painter.setPen(Qt.PenStyle.NoPen)
-    for reach, fill in ((radius + 0.5 * width, colour), (radius - 0.5 * width, COLOURS.canvas)):
-        painter.setBrush(shade(fill))
-        painter.drawEllipse(middle, reach, reach)
+    paint_disc(painter, middle, radius + 0.5 * width, colour)
+    paint_disc(painter, middle, radius - 0.5 * width, COLOURS.canvas)
 
 
 def paint_joints(
@@ -75,7 +74,8 @@ def paint_joints(
             continue
         state = doing.get(joint, Doing()).state
         paint_ring(painter, rings[joint], ring_radius(labels[joint]), 3.0, SHADE[state])
-        write(painter, rings[joint], labels[joint], theme.SMALL, True, COLOURS.quiet if blind else theme.JOINT[joint])
+        colour = COLOURS.quiet if blind else theme.as_text(theme.JOINT[joint])
+        write(painter, rings[joint], labels[joint], theme.SMALL, True, colour)
 
 
 def arrow_of(force: Point) -> QPointF:

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Signal
+from PySide6.QtCore import QMarginsF, QRectF, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 
+from app.window.canvas.path_marks import paint_disc
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
@@ -17,6 +18,7 @@ from core.path import outline
 from experiments.protocol_writer import POINTS, points_of
 
 SNAP_M = 0.005  # points lie on such a grid
+NUMBER_PX = 8.0  # radius of the gap in a path for its number
 GRAB_PX = 12.0  # how near the pointer must come to a point to move it
 VIEW = QRectF(-0.4, 0.0, 0.8, 0.62)  # m, of the plane
 
@@ -56,24 +58,25 @@ class PathDrawing(Plane):
         self.repaint_still()
 
     def paint_under_path(self, painter: QPainter) -> None:
+        painter.setClipRect(self.field)  # the names of the lines are not covered
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(QPolygonF([self.to_screen(place) for place in self._free]))
-        painter.setFont(theme.font(theme.NORMAL, bold=True))
         drawn = [*self._paths, ("", self._points, np.array(self._points))]
-        for at, (number, points, way) in enumerate(drawn):
+        for at, (number, _, way) in enumerate(drawn):
             painter.setPen(theme.pen(COLOURS.handle, 3.0))
             painter.drawPolyline(QPolygonF([self.to_screen(place) for place in way.tolist()]))
-            painter.setBrush(theme.shade(COLOURS.canvas))
+            if number:
+                along = int(len(way) * (at + 0.35) / len(self._paths))  # where no other number is, and no point
+                middle = self.to_screen(way[along])
+                paint_disc(painter, middle, NUMBER_PX, COLOURS.canvas)
+                theme.write(painter, middle, number, theme.NORMAL, True, COLOURS.text)
+        painter.setBrush(theme.shade(COLOURS.canvas))
+        for _, points, _ in drawn:
             for place, point in enumerate(points):
-                ring = (
-                    COLOURS.text if 0 < place < len(points) - 1 else COLOURS.end_ring if place else COLOURS.start_ring
-                )
+                inner = 0 < place < len(points) - 1
+                ring = COLOURS.text if inner else COLOURS.end_ring if place else COLOURS.start_ring
                 painter.setPen(theme.pen(ring, 3.0))
                 painter.drawEllipse(self.to_screen(point), 7.0, 7.0)
-            if len(way):
-                painter.setPen(theme.pen(COLOURS.text, 1.0))
-                along = len(way) * (at + 1) // (len(drawn) + 1)  # each number at another place: paths may cross
-                painter.drawText(self.to_screen(way[along]) + QPointF(8.0, -10.0), number)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._kind:

@@ -4,9 +4,7 @@ Metres in, the same scale for all trials of a session. What stands still is pain
 piece by piece as it grows; a frame paints the background and, on it, what moves.
 """
 
-import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
@@ -27,37 +25,20 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.ipc.ring import GRASP_RADIUS_M
+from app.window.canvas import path_marks
 from app.window.canvas.layers import SPACING_M, Point
+from app.window.canvas.path_marks import AT_DESK, Sizes
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, SHADES, font, pen, shade, spring_pen, text_px
+from app.window.widgets.theme import COLOURS, font, pen, shade, text_px
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
 
-FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
-HOLD_PX = 6.0  # width of the sweep of the hold
 LEAST_HANDLE_PX = 4.0  # radius
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
 SCALE_PX = 58.0  # wide, of the names of the lines, at a text size of 1
-AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
-HEADS_PX = 130.0  # between the arrowheads along a path
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-
-
-class Sizes(NamedTuple):
-    """How large the marks are, px."""
-
-    path: float = 3.0
-    ring: float = 11.0  # radius
-    ring_pen: float = 3.0
-    handle: float = 7.5  # radius, at most
-    pointer: float = 6.0  # radius
-    trail: float = 1.5
-    spring: float = 2.0
-
-
-AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
 def grip_of(device: QPointingDevice, pressure: float) -> float:
@@ -88,14 +69,14 @@ class Plane(QWidget):
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
         self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
-        self._scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
+        self.scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
         self.tip: Point | None = None
         self.pointer: Point | None = None
         self.force_N = 0.0
         self.taken: bool | None = None
-        self._trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
+        self.trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
         self._trail_end = np.empty((0, 2))  # m: up to where it is painted; nowhere, or (1, 2)
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
@@ -108,14 +89,17 @@ class Plane(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
-        self._fit()
+        self._set_scale()
 
     # what to show
 
     def set_extent(self, extent: QRectF) -> None:
         """What must be seen, m."""
         self._extent = extent
-        self._fit()
+        self.fit()
+
+    def follow_text(self) -> None:
+        self.fit()
 
     def show_path(self, path: PathFile | None) -> None:
         """The path to follow, or none; without a trail yet."""
@@ -145,22 +129,13 @@ class Plane(QWidget):
         self.pointer = place
         self.update()
 
-    @property
-    def trail(self) -> np.ndarray:
-        """Every place (n, 2), m, on the way so far."""
-        self._trail = [np.concatenate([np.empty((0, 2)), *self._trail])]
-        return self._trail[0]
-
     def extend_trail(self, tips: np.ndarray) -> None:
         """The trail goes on over all of these (n, 2), m."""
         if not len(tips):
             return
-        self._trail.append(tips)
-        if self.trail_shown and self._still:
-            end = self._paint_way(np.concatenate((self._trail_end, tips)), COLOURS.trace)
-            if not np.array_equal(end, self._trail_end):
-                self.update()
-            self._trail_end = end
+        self.trail.append(tips)
+        if self.trail_shown and self._still and self._paint_piece(tips):
+            self.update()
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
@@ -168,11 +143,7 @@ class Plane(QWidget):
         self.repaint_still()
 
     def clear_trail(self) -> None:
-        self._trail.clear()
-        self.repaint_still()
-
-    def show_trail(self, shown: bool) -> None:
-        self.trail_shown = shown
+        self.trail.clear()
         self.repaint_still()
 
     def repaint_still(self) -> None:
@@ -188,13 +159,19 @@ class Plane(QWidget):
 
     # metres and pixels
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
+        """Size, extent or text size has changed: the handle has another place on the screen, too. A subclass first
+        sets the room that it keeps free."""
+        self._set_scale()
+        self.show_handle(self.tip, self.taken, self.force_N)
+
+    def _set_scale(self) -> None:
         free, extent = self._keep_free, self._extent
         width = max(self.width() - free.left() - free.right(), 1.0)
         height = max(self.height() - free.top() - free.bottom(), 1.0)
-        self._scale = min(width / extent.width(), height / extent.height())
-        self._zero_x = free.left() + 0.5 * width - self._scale * extent.center().x()
-        self._zero_y = free.top() + 0.5 * height + self._scale * extent.center().y()
+        self.scale = min(width / extent.width(), height / extent.height())
+        self._zero_x = free.left() + 0.5 * width - self.scale * extent.center().x()
+        self._zero_y = free.top() + 0.5 * height + self.scale * extent.center().y()
         self.repaint_still()
 
     @property
@@ -203,24 +180,19 @@ class Plane(QWidget):
         left, free = text_px(SCALE_PX) if self._grid else 0.0, self._keep_free
         return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
 
-    @property
-    def scale(self) -> float:
-        """Pixels per metre."""
-        return self._scale
-
     def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
         """Place of the plane (m) -> point of the widget (px)."""
-        return QPointF(self._zero_x + self._scale * point[0], self._zero_y - self._scale * point[1])
+        return QPointF(self._zero_x + self.scale * point[0], self._zero_y - self.scale * point[1])
 
     def pixels(self, places: np.ndarray) -> np.ndarray:
         """Places (n, 2) of the plane (m) -> points of the widget (px)."""
-        return places * (self._scale, -self._scale) + (self._zero_x, self._zero_y)
+        return places * (self.scale, -self.scale) + (self._zero_x, self._zero_y)
 
     def to_plane(self, place: QPointF) -> Point:
         """Point of the widget (px) -> place of the plane (m), clamped to what is drawn."""
         x = min(max(place.x(), 0.0), float(self.width()))
         y = min(max(place.y(), 0.0), float(self.height()))
-        return (x - self._zero_x) / self._scale, (self._zero_y - y) / self._scale
+        return (x - self._zero_x) / self.scale, (self._zero_y - y) / self.scale
 
     # events
 
@@ -269,7 +241,7 @@ class Plane(QWidget):
         self.pointer_left.emit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self._fit()
+        self.fit()
         super().resizeEvent(event)
 
     # painting: a subclass adds to these three
@@ -311,13 +283,14 @@ class Plane(QWidget):
             painter.drawPolygon(QPolygonF([self.to_screen(corner) for corner in corners]))
         self.paint_under_path(painter)
         if len(self.outline):
-            self._paint_path(painter)
+            heads = not isinstance(self.path, Segment)
+            path_marks.paint_path(painter, self.pixels(self.outline), heads, self.rings_px, self.sizes)
         painter.end()
         if self._beside is not None:
             self._paint_way(*self._beside)
         self._trail_end = np.empty((0, 2))
-        if self.trail_shown:
-            self._trail_end = self._paint_way(self.trail, COLOURS.trace)
+        for piece in self.trail if self.trail_shown else ():  # as they came: each pixel is as it was
+            self._paint_piece(piece)
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named, as far as their names have room."""
@@ -332,44 +305,13 @@ class Plane(QWidget):
                 painter.drawLine(QPointF(x, top), QPointF(x, bottom))
             if i >= 0 and top + half < y < bottom - half:
                 painter.drawLine(QPointF(left, y), QPointF(right, y))
-                painter.setPen(pen(COLOURS.quiet, 1.0, 0.75))
+                painter.setPen(pen(COLOURS.quiet, 1.0))
                 painter.drawText(QRectF(0.0, y - half, left - 8.0, 2.0 * half), RIGHT, f"{10 * i} cm")
-
-    def _paint_path(self, painter: QPainter) -> None:
-        """The path, the start as a ring, the end as a ring with a point in it."""
-        painter.setPen(pen(COLOURS.handle, self.sizes.path, 0.92, round_cap=True))
-        painter.drawPolyline(QPolygonF([self.to_screen(point) for point in self.outline]))
-        if not isinstance(self.path, Segment):
-            self._paint_sense(painter)
-        start, end = self.to_screen(self.outline[0]), self.to_screen(self.outline[-1])
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(COLOURS.end_ring))
-        painter.drawEllipse(end, 0.4 * self.sizes.ring, 0.4 * self.sizes.ring)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        radii = self.rings_px
-        if start == end and radii[0] == radii[1]:  # a closed path: one ring round the other
-            radii = radii[0] + 1.5 * self.sizes.ring_pen, radii[1]
-        for place, colour, radius in zip((start, end), (COLOURS.start_ring, COLOURS.end_ring), radii, strict=True):
-            painter.setPen(pen(colour, self.sizes.ring_pen))
-            painter.drawEllipse(place, radius, radius)
-
-    def _paint_sense(self, painter: QPainter) -> None:
-        """Arrowheads along the path: which way it runs, where it is closed or crosses itself."""
-        points, size = self.pixels(self.outline), 4.0 * self.sizes.path
-        steps = np.diff(points, axis=0)
-        way = np.cumsum(np.hypot(*steps.T))
-        for place in np.searchsorted(way, np.arange(0.5 * HEADS_PX, way[-1], HEADS_PX)).tolist():
-            x, y = points[place + 1].tolist()
-            angle = math.atan2(steps[place, 1], steps[place, 0])
-            wings = (
-                QPointF(x - size * math.cos(angle + turn), y - size * math.sin(angle + turn)) for turn in (-0.5, 0.5)
-            )
-            painter.drawPolyline(QPolygonF([next(wings), QPointF(x, y), next(wings)]))
 
     @property
     def rings_px(self) -> tuple[float, float]:
         """Radii of the rings at the start and at the end: those that count, where they are known."""
-        start, end = (self._scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
+        start, end = (self.scale * radius for radius in self.radii_m) if self.radii_m else 2 * (self.sizes.ring,)
         return start, end
 
     @property
@@ -377,13 +319,11 @@ class Plane(QWidget):
         """Radius of the handle: its middle must be seen to lie in the ring at the start."""
         return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
 
-    def paint_hold(self, painter: QPainter, share: float) -> None:
-        """A sweep around the start for the share of the hold that is over."""
-        at, reach = self.to_screen(self.outline[0]), self.rings_px[0] + 0.5 * HOLD_PX + 1.0
-        painter.setPen(pen(COLOURS.start_ring, HOLD_PX))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        box = QRectF(at.x() - reach, at.y() - reach, 2.0 * reach, 2.0 * reach)
-        painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
+    def _paint_piece(self, tips: np.ndarray) -> bool:
+        """Add a piece of the trail to the background; whether it can be seen."""
+        before = self._trail_end
+        self._trail_end = self._paint_way(np.concatenate((before, tips)), COLOURS.trace)
+        return not np.array_equal(before, self._trail_end)
 
     def _paint_way(self, places: np.ndarray, colour: str) -> np.ndarray:
         """Add a piece of a way, places (n, 2) in m, to the background: a long trail costs no more than a short one.
@@ -397,7 +337,7 @@ class Plane(QWidget):
         if np.count_nonzero(seen) > 1:
             painter = QPainter(self._background)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            painter.setPen(pen(colour, self.sizes.trail))
+            painter.setPen(pen(colour, self.sizes.trail, round_cap=True))  # pieces join as if they were one
             painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points[seen].tolist()]))
             painter.end()
         return places[seen][-1:]
@@ -407,41 +347,20 @@ class Plane(QWidget):
         """Whether the middle of the handle lies in the picture; no handle at all is not out of sight."""
         return self.tip is None or QRectF(self.rect()).contains(self.to_screen(self.tip))
 
-    def _paint_way_out(self, painter: QPainter, handle: QPointF) -> None:
-        """At the edge, an arrow to the handle, which is out of sight."""
-        half = 0.5 * AWAY_PX
-        room = QRectF(self.rect()).adjusted(half, half, -half, -half)  # it is seen whole, in a corner too
-        at = QPointF(
-            min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom())
-        )  # fmt: skip
-        painter.save()
-        painter.translate(at)
-        painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(shade(COLOURS.handle))
-        painter.drawPolygon(QPolygonF([QPointF(0.0, 0.0), QPointF(-AWAY_PX, half), QPointF(-AWAY_PX, -half)]))
-        painter.restore()
-
     def _paint_hand(self, painter: QPainter) -> None:
         """Handle, pointer and, once it is taken, the spring between them; until then where it can be taken."""
         pointer = self.to_screen(self.pointer) if self.pointer else None
         handle = self.to_screen(self.tip) if self.tip else None
         if pointer and handle and self.taken:
-            step = round(min(self.force_N / FORCE_RED_N, 1.0) * (SHADES - 1))
-            painter.setPen(spring_pen(self.sizes.spring, step))
-            painter.drawLine(handle, pointer)
+            path_marks.paint_spring(painter, handle, pointer, self.force_N, self.sizes.spring)
         if handle:
             if self.taken is False:
-                reach = self._scale * GRASP_RADIUS_M
+                reach = self.scale * GRASP_RADIUS_M
                 painter.setPen(pen(COLOURS.handle, 1.5, 0.6))
                 painter.setBrush(shade(COLOURS.handle, 0.12))
                 painter.drawEllipse(handle, reach, reach)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(shade(COLOURS.handle))
-            painter.drawEllipse(handle, self.handle_px, self.handle_px)
+            path_marks.paint_disc(painter, handle, self.handle_px, COLOURS.handle)
             if not self.handle_seen:
-                self._paint_way_out(painter, handle)
+                path_marks.paint_way_out(painter, QRectF(self.rect()), handle)
         if pointer:
-            painter.setPen(pen(COLOURS.pointer, 2.0))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawEllipse(pointer, self.sizes.pointer, self.sizes.pointer)
+            path_marks.paint_circle(painter, pointer, self.sizes.pointer, pen(COLOURS.pointer, 2.0))

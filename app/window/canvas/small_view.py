@@ -7,7 +7,8 @@ from PySide6.QtGui import QPainter
 
 from app.window.canvas import marks
 from app.window.canvas.layers import Doing, Instant, Point, extent_of_linkages
-from app.window.canvas.plane import Plane, Sizes
+from app.window.canvas.path_marks import Sizes
+from app.window.canvas.plane import Plane
 from core.device import Device
 from core.path import PathFile
 

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.layers import SPACING_M
-from app.window.canvas.plane import Sizes
+from app.window.canvas.path_marks import Sizes
 from app.window.canvas.small_view import SmallView
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
@@ -159,7 +159,7 @@ class HomePage(Page):
         self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
         for part in (try_it, session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._shares = row((try_it, 5), (session, 11), (self.data, 10), spacing=theme.GAP)
+        self._shares = row(try_it, session, self.data, spacing=theme.GAP)
         self.columns = holder(self._shares)
         self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.plan, self.editor, self.asking)
@@ -168,7 +168,8 @@ class HomePage(Page):
 
     def follow_text(self) -> None:
         """The form is the first to need more room for a larger text."""
-        self._shares.setStretch(1, 15 if theme.text_px(100) > 115 else 11)
+        for place, share in enumerate((5, 15, 10) if theme.text_px(100) > 115 else (7, 12, 9)):
+            self._shares.setStretch(place, share)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 

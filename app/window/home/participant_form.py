@@ -1,10 +1,10 @@
 """What a protocol asks of each participant, as fields to be filled in before a session."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QGridLayout, QLineEdit, QWidget
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.window.widgets.fields import Field, is_number, make_field
-from app.window.widgets.parts import clear, text_label
+from app.window.widgets.parts import clear, grid, text_label
 from experiments.protocol_file import NUMBER
 
 
@@ -19,9 +19,8 @@ class ParticipantForm(QWidget):
         self.setObjectName("clear")
         self._asked: dict[str, tuple[str, ...] | str] = {}
         self.fields: dict[str, Field] = {}
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setSpacing(8)
+        self._grid = grid(8, 8, stretched=1)
+        self.setLayout(self._grid)
         self.hide()
 
     def show_form(self, asked: dict[str, tuple[str, ...] | str]) -> None:

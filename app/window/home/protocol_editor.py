@@ -62,6 +62,8 @@ TOML = "TOML files (*.toml)"
 WHERE = "protocol"  # begins the reader's sentences
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
 LONGEST = 10_000  # letters of a field: a form, or the labels of many participants
+LIST_HEAD_PX = 36  # high, the name over devices, controllers and paths
+NUMBER_PX = 180  # wide at most, a field for a number
 POINT_PX = 78  # wide, a coordinate, at a text size of 1: -93.969 has room
 
 #: key of the file -> what stands at its field
@@ -119,7 +121,7 @@ class ProtocolEditor(Panel):
         self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
         self.fields = {key: self._field(key) for key in LABELS}
         self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
-        self.plan = printed("No plan: the sentence in red says why.")
+        self.plan = printed("No plan yet")
         self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save …", self._save, "main")
         self._points: list[list[NumberField]] = []  # of each path: x and y of its points, mm
         self._devices, self._controllers, self._paths = row(spacing=6), column(), column()
@@ -139,6 +141,8 @@ class ProtocolEditor(Panel):
             field = make_field(LABELS[key], str if key in TEXTS else type(default_of(key)), choices)
         if isinstance(field, TextField):
             field.setMaxLength(LONGEST)
+        if isinstance(field, NumberField):
+            field.setMaximumWidth(NUMBER_PX)
         if isinstance(field, TextField | LongText):
             field.setPlaceholderText(HINTS.get(key, ""))
         field.changed.connect(lambda value: self._put(key, from_text(key, value, self._get(key))))
@@ -155,6 +159,8 @@ class ProtocolEditor(Panel):
             place = grid.rowCount()
             if name:
                 grid.addWidget(text_label(name, "quiet"), place, 0)
+            if isinstance(parts[0], QLayout):  # a list under its name
+                grid.setRowMinimumHeight(place, LIST_HEAD_PX)
             for part in parts:
                 if isinstance(part, QLayout):
                     place += 1
@@ -174,7 +180,7 @@ class ProtocolEditor(Panel):
         self.form_area = scrolled(inside)
         self.save.setToolTip("Ctrl+S. Comments of a file are not kept.")
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
-        right = column((self.drawing, 3), how, self.summary, (self.plan, 2), spacing=16)
+        right = column((self.drawing, 3), how, self.summary, (self.plan, 1), spacing=16)
         both = row((self.form_area, 6), (right, 5), spacing=16)
         head = row(self.title, (self.sentences[""], 1), spacing=16)  # beside it: nothing below moves
         foot = row(1, button("Undo all changes", self.undo), button("Back  Esc", self.closed.emit), self.save)
@@ -260,8 +266,8 @@ class ProtocolEditor(Panel):
             parts.append(holder(row(*fields[-2:], spacing=2)))
         small = "small"
         if path.get("kind") == "polyline":
-            parts.append(button("+", partial(self._lengthen, place), small, "Another point at the end"))
-            parts.append(button("−", partial(self._shorten, place), small, "Remove the last point"))
+            parts.append(button("+", partial(self._lengthen, place), hint="Another point at the end"))
+            parts.append(button("−", partial(self._shorten, place), hint="Remove the last point"))
         if path.get("kind") == DRAWING:
             parts.append(text_label(str(path.get("file", ""))))
         name = text_label(f"{path.get('number', place + 1)}  {path.get('kind')}")

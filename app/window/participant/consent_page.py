@@ -1,7 +1,7 @@
 """What a participant is asked before anything else: whether they take part. No answer is easier to give."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtGui import QShowEvent
+from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from app.window.widgets import theme
@@ -28,7 +28,7 @@ class ConsentPage(QWidget):
             answer.setMinimumHeight(48)
         self.area = scrolled(self.text)
         answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
-        middle = holder(column((self.area, 1), answers, spacing=24))
+        middle = holder(column(1, (self.area, 1000), answers, 1, spacing=24))
         middle.setMaximumWidth(WIDE_PX)
         self.setLayout(row(1, (middle, 100), 1, margins=(40, 32, 40, 32)))
 
@@ -36,6 +36,15 @@ class ConsentPage(QWidget):
         self.text.setText(consent.text.strip())
         self.decline.setText(consent.decline)
         self.agree.setText(consent.agree)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """The answers stand right under the text where it has room."""
+        self.area.setMaximumHeight(max(self.text.heightForWidth(self.area.viewport().width()), 1))
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -7,14 +7,15 @@ from collections.abc import Collection
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QResizeEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import way_of
 from app.window.canvas.layers import SPACING_M, extent_of_paths, joints_at
 from app.window.canvas.marks import paint_arms
-from app.window.canvas.plane import FROM_AFAR, Plane, Sizes
+from app.window.canvas.path_marks import FROM_AFAR, Sizes, paint_hold
+from app.window.canvas.plane import Plane
 from app.window.participant.consent_page import ConsentPage
 from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import Tones
@@ -74,12 +75,12 @@ class ParticipantView(Plane):
         self._device = device
         self.repaint_still()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
+    def fit(self) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
         self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
         share = max(min(height / 900.0, self.width() / 1200.0), LEAST_SHARE)
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
-        super().resizeEvent(event)
+        super().fit()
 
     def point_at(self, at: QPointF, grip: float) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
@@ -106,7 +107,7 @@ class ParticipantView(Plane):
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
-            self.paint_hold(painter, self.held)
+            paint_hold(painter, self.to_screen(self.outline[0]), self.rings_px[0], self.held)
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
             wide = ARM_SHARE * self.sizes.handle

@@ -18,6 +18,7 @@ if sys.platform == "win32":
 RATE_HZ, LENGTH_S, FADE_S, LOUDNESS = 44_100, 0.12, 0.01, 0.3
 GO_HZ, END_HZ = 880.0, 587.0
 PLAYERS = ("paplay", "aplay")  # PulseAudio and PipeWire, ALSA
+NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
 
 
 def player() -> str | None:

@@ -5,8 +5,6 @@ from PySide6.QtWidgets import QLabel
 from app.ipc import messages as m
 from app.window.widgets import theme
 
-STALE_S = 1.0  # a last write longer ago than this is worth a look
-
 
 class RecordingSign(QLabel):
     """It says what the newest proof says; its place stays when it is quiet."""
@@ -20,8 +18,8 @@ class RecordingSign(QLabel):
         the trial has run."""
         look, text = "sign", "Practice" if snapshot.practice else "Not recording"
         if proof is not None:
-            late = proof.age_s >= STALE_S
-            look, text = ("sign-late", f"▲ Last write {proof.age_s:.0f} s ago") if late else ("sign-on", "● Recording")
+            late = "sign-late", f"▲ Last write {proof.age_s:.0f} s ago"
+            look, text = late if proof.late else ("sign-on", "● Recording")
         runs = snapshot.running is not None and snapshot.sandbox is None
         theme.set_style(self, look if runs else "sign")
         self.setText(f"{text}  {int(trial_s) // 60}:{int(trial_s) % 60:02d}" if runs else "Not recording")

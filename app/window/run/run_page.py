@@ -53,6 +53,9 @@ class RunPage(Page):
         #: what the participant reads, in large words, and the workspace under it
         self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
+        keeps_its_place = self.workspace.sizePolicy()
+        keeps_its_place.setRetainSizeWhenHidden(True)
+        self.workspace.setSizePolicy(keeps_its_place)
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QSizePolicy
 
 from app.ipc import messages as m
-from app.window.participant.tone import player
+from app.window.participant.tone import NO_SOUND, player
 from app.window.run.actions import Actions
 from app.window.run.plan_grid import PlanGrid
 from app.window.widgets import theme
@@ -31,7 +31,6 @@ from experiments.session.files import finished_cells, place
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
 READS = "The participant reads the instructions; after the last page the first trial can be started."
-SILENT = "No sound: install pulseaudio-utils or alsa-utils."
 
 
 class SessionPanel(Panel):
@@ -45,14 +44,14 @@ class SessionPanel(Panel):
         self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
         self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()
-        self.coming_head = text_label("Next", "quiet")
+        self.coming_head = text_label("", "quiet")
         self.coming = text_label("", bold=True)
         self.cell = OneLine("", "quiet")
         self.notice = wrapped_label("", "caution", theme.SMALL)
         self.start = key_button("Start", "start", "main")
         self.redo = key_button("Repeat last trial …", "redo")
         self.skip = key_button("Skip next trial …", "skip")
-        self.pause = key_button("Pause after this trial", "pause")
+        self.pause = key_button("Pause", "pause")
         self.pause.setCheckable(True)
         self.abort = key_button("Abort trial …", "abort")
         self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
@@ -71,7 +70,7 @@ class SessionPanel(Panel):
         self.scroll_area = scrolled(self.grid)
         self.scroll_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.scroll_area.setFocusPolicy(NO_FOCUS)
-        self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
+        self.scroll_area.setFixedHeight(LEAST_PLAN_PX)  # until there is a plan
         self.setLayout(column(
             self.head, self.done, (self.scroll_area, 1000), row(self.left, 1, self.elapsed),
             row(self.coming_head, self.coming, 1), self.cell,
@@ -137,7 +136,7 @@ class SessionPanel(Panel):
             silent = (
                 opened.protocol.tones and not snapshot.rows and player() is None
             )  # said once, before the first trial
-            notice = snapshot.trial_blocker or (READS if reads else SILENT if silent else "")
+            notice = snapshot.trial_blocker or (READS if reads else NO_SOUND if silent else "")
         theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
         self.notice.setText(breakable(notice))
         self.notice.setVisible(bool(notice) and snapshot.stage != m.FAILED)  # there the banner says it

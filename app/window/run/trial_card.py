@@ -81,10 +81,10 @@ class Measure(QWidget):
 
 
 class WholeTrace(TimePlot):
-    """Distance from the path from the hold at the start on; zero is the go."""
+    """The path error from the hold at the start on; zero is the go."""
 
     def __init__(self) -> None:
-        super().__init__("Distance from path", "mm", [COLOURS.trace], 2.0, 1)
+        super().__init__("Path error", "mm", [COLOURS.trace], 2.0, 1)
         self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(COLOURS.line, 0.35)) for _ in range(2)]
         for region in self.phases:
             for edge in region.lines:
@@ -157,9 +157,10 @@ class TrialCard(Panel):
         own = [f"{name} {value:.3g}" for name, value in row.own.items()]  # by their names, which end in their units
         name = opened.protocol.controller_name(row.controller)
         self.what.setText(" · ".join((ended, name, f"path {row.segment}", *own)))
-        shown = [(colour, "this trial", True), (colour, "same controller", bool(same))]
-        shown.append((COLOURS.brake_off, "others", len(here) > len(same)))
-        self.legend.setText(" &nbsp; ".join(f"{in_colour('●', dot)} {name}" for dot, name, there in shown if there))
+        faint = theme.mixed(COLOURS.panel, colour, EARLIER_ALPHA).name()
+        shown = [("◉", colour, "this trial", True), ("●", faint, "same controller", bool(same))]
+        shown.append(("●", COLOURS.brake_off, "others", len(here) > len(same)))
+        self.legend.setText(" &nbsp; ".join(f"{in_colour(dot, of)} {name}" for dot, of, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         self._has_curve = ticks is not None

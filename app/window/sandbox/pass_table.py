@@ -68,6 +68,7 @@ class PassTable(QTableWidget):
         head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")
         self.setStyleSheet("QTableWidget::item { padding-left: 3px; }")  # level with the heads
         head.setMinimumSectionSize(40)
+        head.hide()  # until there is a pass
         for across in (0, 1, 2, 6):
             head.setSectionResizeMode(across, QHeaderView.ResizeMode.ResizeToContents)
         bars = Bars(self)
@@ -84,6 +85,7 @@ class PassTable(QTableWidget):
         alike = [ended for ended in whole if ended.settings.same_conditions(passes[-1].settings)]
         dials, controllers = dials_of(protocol), protocol.controllers
         self.setRowCount(len(passes))
+        self.horizontalHeader().setVisible(bool(passes))
         for line, ended in enumerate(reversed(passes)):
             s, preset = ended.settings, preset_of(ended.settings, controllers)
             colour = theme.colour_of(s.controller)
@@ -95,7 +97,7 @@ class PassTable(QTableWidget):
                 item = QTableWidgetItem(text)
                 item.setToolTip(about)
                 if across == 1:
-                    item.setForeground(shade(colour))
+                    item.setData(Qt.ItemDataRole.DecorationRole, shade(colour))
                 self.setItem(line, across, item)
             for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
                 value = ended.measures[field]

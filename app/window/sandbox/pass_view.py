@@ -5,7 +5,7 @@ from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF
 
 from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, LINKAGE, TRAIL, ForceView
 from app.window.canvas.layers import Point, extent_of_paths
-from app.window.canvas.plane import Sizes
+from app.window.canvas.path_marks import Sizes
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, pen, shade, text_px, write, write_from
 from core.device import Device
@@ -35,12 +35,12 @@ class PassView(ForceView):
         super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
         self.shown = set(LAYERS)
         self.gap_m = 0.0
-        self.follow_text()
+        self.fit()
 
-    def follow_text(self) -> None:
+    def fit(self) -> None:
         """The path keeps clear of the words above and below it."""
         self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
-        self._fit()
+        super().fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.set_extent(extent_of_paths([path], MARGIN_M))

@@ -27,6 +27,7 @@ FIGURE, WIDEST_FIGURE = 22, "88.8 mm"  # px, of a figure; a longer one is writte
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
+NO_PASS = "No pass yet"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -179,8 +180,10 @@ class TryPage(Page):
         if self.opened is None:
             return
         now, settings = snapshot.sandbox, self.controls.settings
+        off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
         elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
-        self.notice.setText("" if elsewhere else snapshot.notice)
+        no_pass = NO_PASS if now is not None and not now.passes else ""
+        self.notice.setText("" if elsewhere else snapshot.notice or no_pass)
         theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
@@ -191,7 +194,7 @@ class TryPage(Page):
             self.canvas.show_handle(None)
             self._place = None
             wait = PREPARING._replace(small=snapshot.trial_blocker or PREPARING.small)
-            self._show_status(IN_SESSION if self.opened.participant else wait)
+            self._show_status(IN_SESSION if self.opened.participant else off or wait)
         else:
             refused = snapshot.notice_bad and not before.notice_bad
             if not self._timer.isActive() and (settings is None or now.settings != self._theirs or refused):
@@ -201,7 +204,6 @@ class TryPage(Page):
             self.controls.show_settings(settings, now)
             self.canvas.show_gap(self.controls.gap_m)
             if snapshot.running is None:
-                off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
                 self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.trial_blocker)))
                 if snapshot.stage == m.PREPARING:  # nobody knows yet where it is
                     self.canvas.show_handle(None)

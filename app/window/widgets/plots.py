@@ -119,6 +119,7 @@ class TimePlot(Plot):
         self.item.setClipToView(True)
         self.curves = [self.add_curve(pg.mkPen(colour, width=1)) for colour in colours]
         self.item.setMouseEnabled(x=True, y=False)
+        self.item.getAxis("bottom").tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
 
     def add_curve(self, pen: QPen, per_px: float = 1.0) -> pg.PlotDataItem:
         """A curve of so many pieces a pixel, interrupted where there is no value."""
@@ -131,7 +132,7 @@ class TimePlot(Plot):
 
     def show_all(self) -> None:
         if len(self.t):
-            self.item.setXRange(self.t[0], self.t[-1], padding=0.01)
+            self.item.setXRange(self.t[0], self.t[-1], padding=0.04)  # room for the last number of the axis
 
     def scale_to(self, highest: float) -> None:
         """Let the scale end at a round number that holds this value."""
@@ -149,16 +150,13 @@ class TimePlot(Plot):
 
 
 class Trace(TimePlot):
-    """A live measure: all of the trial is kept, the newest seconds are shown.
+    """A live measure: all of the trial is kept, the newest seconds are shown."""
 
-    names: of several curves, by joint; each value then stands beside the title with its name, in the curve's colour.
-    """
-
-    def __init__(
-        self, title: str, unit: str, colours: Sequence[str], least: float, digits: int, names: Mapping[str, str] = {}
-    ) -> None:
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         super().__init__(title, unit, colours, least, digits)
-        self.names, self._colours, self.hidden = names, colours, False
+        #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
+        self.names: Mapping[str, str] = {}
+        self._colours, self.hidden = colours, False
         self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
@@ -215,7 +213,7 @@ class Trace(TimePlot):
             self.figures.show_parts((self.figure(values[0]), COLOURS.text), (self.unit, COLOURS.quiet))
             return
         named = [
-            (f"{self.names[name]} {self.figure(value)}", colour)
+            (f"{self.names[name]} {self.figure(value)}", theme.as_text(colour))
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named)
@@ -257,7 +255,7 @@ class Traces(QWidget):
         self.error = Trace("Path error", "mm", [COLOURS.trace], 10.0, 1)
         self.force = Trace("Hand force", "N", [COLOURS.good], 10.0, 1)
         colours = [theme.JOINT[joint] for joint in JOINTS]
-        self.currents = Trace("Currents", "A", colours, 1.0, 2, dict(zip(JOINTS, JOINTS, strict=True)))
+        self.currents = Trace("Currents", "A", colours, 1.0, 2)
         self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
         self.all = (self.error, self.force, self.currents, self.speed)
         self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))

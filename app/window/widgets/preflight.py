@@ -138,7 +138,7 @@ class Preflight(QWidget):
         super().resizeEvent(event)
         self.follow_text()
 
-    def show_session(self, opened: m.Opened | None, snapshot: m.Snapshot) -> None:
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """Show the checks, and what is wrong."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
@@ -150,9 +150,6 @@ class Preflight(QWidget):
                     pill.clicked.connect(self.device_asked)
             self.follow_text()
         wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
-        device_bad = any(check.name == DEVICE and check.state == m.BAD for check in snapshot.checks)
-        if wrong and device_bad and opened is not None and opened.real_device:
-            wrong[-1] += " F3 shows the device page."
         self.banner.show_text("\n".join(wrong))
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")

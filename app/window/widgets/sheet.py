@@ -15,7 +15,7 @@ QFrame#pill-bad { background: $bad_ground; border: 1px solid $bad; border-radius
 QLabel, QCheckBox, QRadioButton { background: transparent; }
 QLabel#quiet { color: $quiet; }
 QLabel#hint { color: $text; }
-QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
+QLabel:disabled, QLabel#quiet:disabled, QLabel#hint:disabled { color: $brake_off; }
 QLabel#good { color: $good; }
 QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
@@ -52,7 +52,7 @@ QMenu::item:selected { background: $accent_ground; }
 QMenu::item:disabled { color: $brake_off; }
 QPushButton#small { padding: 3px 10px; }
 QLineEdit, QComboBox, QPlainTextEdit { background: $ground; border: 1px solid $line; border-radius: 5px;
-    padding: 5px 8px; selection-background-color: $accent_ground; }
+    padding: 5px 8px; selection-background-color: $accent_ground; placeholder-text-color: $quiet; }
 QComboBox::drop-down { border: none; width: 22px; }
 QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus { border-color: $accent; }
 QLineEdit:disabled, QComboBox:disabled { color: $quiet; }

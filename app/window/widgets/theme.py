@@ -114,6 +114,15 @@ def mixed(a: str, b: str, share: float) -> QColor:
     return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
 
 
+OF_TEXT = 0.3  # share of the colour of text in that of letters
+
+
+@cache
+def as_text(colour: str) -> str:
+    """The colour of a curve, nearer to that of text: letters are thin and need more contrast."""
+    return mixed(colour, COLOURS.text, OF_TEXT).name()
+
+
 def set_style(widget: QWidget, name: str) -> None:
     """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
     if widget.objectName() != name:
@@ -139,25 +148,12 @@ def apply_theme(application: QApplication) -> None:
     application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))
 
 
-SHADES = 32  # of the spring
-
-
 @cache
 def pen(name: str, width: float, alpha: float = 1.0, round_cap: bool = False) -> QPen:
     """A pen in a colour of the palette. Opaque or at most 1 px wide, with flat ends, is ten times as fast as others."""
     line = QPen(shade(name, alpha), width)
     line.setCapStyle(Qt.PenCapStyle.RoundCap if round_cap else Qt.PenCapStyle.FlatCap)
     line.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
-    return line
-
-
-@cache
-def spring_pen(width: float, step: int) -> QPen:
-    """From green (step 0) over yellow to red (SHADES - 1)."""
-    share = 2.0 * step / (SHADES - 1)
-    ends = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
-    line = QPen(mixed(*ends, share if share < 1.0 else share - 1.0), width)
-    line.setCapStyle(Qt.PenCapStyle.FlatCap)
     return line
 
 

@@ -1,0 +1,184 @@
+"""What stands on the screen is what a canvas that is painted anew would show, whatever has happened to it."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from drawn_ways import way_of
+from fake_client import DEVICES, PATHS, TIP, movement
+from PySide6.QtCore import QPointF, QRectF
+from PySide6.QtGui import QImage
+from PySide6.QtWidgets import QApplication
+from screens import point
+
+from app.window.canvas.force_view import ForceView
+from app.window.canvas.linkage_view import LAYERS, LinkageView
+from app.window.canvas.plane import Plane
+from app.window.participant.participant_window import ParticipantView
+from app.window.sandbox import pass_view
+from app.window.sandbox.pass_view import PassView
+from app.window.widgets import theme
+from app.window.widgets.words import Shown
+from core import tick_log
+from core.obstacles import ObstacleFile
+
+STEPS = 80
+Do = Callable[[], object]
+
+
+class Anything:
+    """Does to a view what the pages do to it, in any order."""
+
+    def __init__(self, view: Plane, seed: int) -> None:
+        self.view, self.random = view, np.random.default_rng(seed)
+        self.rows, self.at = movement(1, "AEB", 1.0), 0
+        view.show()
+        if isinstance(view, LinkageView):
+            view.show_places(DEVICES, PATHS)
+        self.show_trial()
+
+    def step(self) -> str:
+        """One of the things that happen; its name."""
+        common: list[Do] = [
+            self.resize, self.scale_text, self.hide, self.show, self.show, self.point, self.zoom, self.show_obstacles,
+            self.show_beside, self.view.clear_trail, self.show_trial, self.view.follow_pointer,
+        ]  # fmt: skip
+        own = self.of_forces() if isinstance(self.view, ForceView) else self.of_participant()
+        now = [*common, *3 * own][self.random.integers(len(common) + 3 * len(own))]
+        now()
+        return now.__name__
+
+    def of_forces(self) -> list[Do]:
+        own = [self.add, self.rest, self.view.begin, self.view.refresh_text, self.show_layer, self.set_blind]
+        return own + ([self.show_numbers] if isinstance(self.view, LinkageView) else [self.show_gap])
+
+    def of_participant(self) -> list[Do]:
+        return [self.follow, self.write, self.show_hold, self.show_linkage]
+
+    # what happens to every view
+
+    def any(self, *among):
+        return among[self.random.integers(len(among))]
+
+    def resize(self) -> None:
+        self.view.resize(*self.any((420, 300), (500, 340), (360, 400)))
+
+    def scale_text(self) -> None:
+        theme.scale_text(self.any(-1, 1))
+
+    def hide(self) -> None:
+        self.view.setVisible(self.view.isHidden())
+
+    def show(self) -> None:
+        self.view.show()
+
+    def point(self) -> None:
+        point(self.view, QPointF(self.random.integers(-20, 440), self.random.integers(-20, 320)))
+
+    def zoom(self) -> None:
+        self.view.set_extent(self.any(QRectF(-0.2, 0.2, 0.4, 0.3), QRectF(-0.1, 0.3, 0.25, 0.2)))
+
+    def show_obstacles(self) -> None:
+        corners = ((0.0, 0.37), (0.02, 0.37), (0.01, 0.39))
+        self.view.show_obstacles(self.any((), (ObstacleFile(polygon_m=corners),)))
+
+    def show_beside(self) -> None:
+        self.view.show_beside(self.any(np.empty((0, 2)), way_of(self.rows)), theme.COLOURS.caution)
+
+    def show_trial(self) -> None:
+        segment, tip = self.any(*PATHS), self.any(TIP, (-0.05, 0.33))
+        self.rows, self.at = movement(segment, "AEBC", 1.0, 1.0), 0
+        self.rows[:100, tick_log.PHASE] = tick_log.APPROACH
+        self.rows[-100:, tick_log.PHASE] = tick_log.END
+        if isinstance(self.view, ForceView):
+            self.view.show_trial(self.any(*DEVICES), PATHS[segment], tip)
+        else:
+            self.view.show_path(PATHS[segment])
+            self.view.show_handle(tip)
+
+    # what happens to some
+
+    def next_rows(self) -> np.ndarray:
+        begin, self.at = self.at, self.at + self.any(1, 16, 90)
+        if begin >= len(self.rows):
+            begin, self.at = 0, 16
+        return self.rows[begin : self.at]
+
+    def add(self) -> None:
+        rows = self.next_rows()
+        self.view.add(rows, self.any(None, False, True), self.any(0, len(rows) - 1))
+
+    def rest(self) -> None:
+        self.view.rest(self.any(TIP, tuple(self.rows[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())))
+
+    def show_layer(self) -> None:
+        layer = self.any(*(LAYERS if isinstance(self.view, LinkageView) else pass_view.LAYERS))
+        self.view.show_layer(layer, layer not in self.view.shown)
+
+    def set_blind(self) -> None:
+        self.view.set_blind(not self.view.blind)
+
+    def show_numbers(self) -> None:
+        if self.view.phase in (tick_log.APPROACH, tick_log.MOVE, tick_log.END):
+            self.view.show_numbers(self.rows[0])
+
+    def show_gap(self) -> None:
+        self.view.show_gap(self.any(0.0, 0.005))
+
+    def follow(self) -> None:
+        rows = self.next_rows()
+        self.view.extend_trail(way_of(rows))
+        self.view.show_handle(tuple(rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist()), self.any(True, False), 9.0)
+
+    def write(self) -> None:
+        self.view.write(Shown(self.any("Go", "Hold"), self.any("", "Follow the line to the orange circle")))
+
+    def show_hold(self) -> None:
+        self.view.show_hold(self.any(0.0, 0.4, 1.0))
+
+    def show_linkage(self) -> None:
+        self.view.show_linkage(self.any(None, *DEVICES))
+
+
+def pixels(image: QImage) -> np.ndarray:
+    image = image.convertToFormat(QImage.Format.Format_RGB32)
+    return np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.width(), 4)[..., :3].astype(int)
+
+
+def on_screen(view: Plane) -> np.ndarray:
+    QApplication.processEvents()
+    return pixels(view.screen().grabWindow(view.winId()).toImage())
+
+
+def painted_anew(view: Plane) -> np.ndarray:
+    """As if all of it had just come to be: nothing that was painted before is used."""
+    view.resize(view.width() + 1, view.height())
+    view.resize(view.width() - 1, view.height())
+    view.follow_text()
+    view.show_handle(view.tip, view.taken, view.force_N)
+    for plane in (view, *view.findChildren(Plane)):
+        plane.repaint_still()
+    return pixels(view.grab().toImage())
+
+
+@pytest.fixture
+def text_size() -> Iterator[None]:
+    before = theme.text_size()
+    yield
+    theme.set_text_size(before)
+
+
+@pytest.mark.parametrize("kind", [LinkageView, PassView, ParticipantView])
+@pytest.mark.parametrize("seed", range(2))
+def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, text_size, kind: type, seed: int) -> None:
+    view = kind()
+    qtbot.addWidget(view)
+    view.setMinimumSize(1, 1)
+    view.resize(420, 300)
+    happens, done = Anything(view, seed), []
+    for _ in range(STEPS):
+        done.append(happens.step())
+        if view.isVisible() and happens.random.random() < 0.5:
+            shown = on_screen(view)
+            apart = np.abs(shown - painted_anew(view)).max(axis=2)
+            assert not apart.any(), (done[-6:], int(apart.max()), np.argwhere(apart)[[0, -1]].tolist())
