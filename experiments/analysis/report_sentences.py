@@ -113,10 +113,10 @@ def _equal_speed(results: Sequence[Result], names: Mapping[int, str]) -> Iterato
             errors.setdefault(r.configuration, {}).setdefault(r.statistic, {})[r.first] = 1e3 * r.value
     for device, found in errors.items():
         measured, adjusted = found["mean_error"], found["error_at_common_speed"]
-        listed = ", ".join(f"{name_of(k, names)} {measured[k]:.2f} -> {adjusted[k]:.2f}" for k in measured)
+        listed = ", ".join(f"{name_of(k, names)} {measured[k]:.2f} and {adjusted[k]:.2f}" for k in measured)
         is_same = sorted(measured, key=measured.__getitem__) == sorted(adjusted, key=adjusted.__getitem__)
         order = "stays" if is_same else "changes"
-        yield f"Path error at equal speed, {device} (mm, measured -> adjusted): {listed}; the order {order}."
+        yield f"Path error as measured and at equal speed, {device} (mm): {listed}; the order {order}."
 
 
 def _reaction_times(results: Sequence[Result]) -> Iterator[str]:
@@ -147,14 +147,21 @@ def _order(base: Result, others: Sequence[Result], names: Mapping[int, str]) -> 
     swaps: dict[str, list[str]] = {}  # those that swap some controllers, by which
     for other in others:
         pairs = ", ".join(f"{name_of(a, names)} and {name_of(b, names)}" for a, b in swapped(base.first, other.first))
-        (swaps.setdefault(pairs, []) if pairs else same).append(other.measure)
+        (swaps.setdefault(pairs, []) if pairs else same).append(_measure(other.measure))
     order = " < ".join(name_of(controller, names) for controller in base.first.split(" < "))
-    said = [f"Order of controllers by {base.measure}, {base.configuration}, least first: {order}."]
+    said = [f"Order of controllers by {_measure(base.measure)}, {base.configuration}, least first: {order}."]
     if same:
         said.append(f"The same by {'; '.join(same)}.")
     for pairs, measures in swaps.items():
         said.append(f"{pairs[:1].upper()}{pairs[1:]} change places by {'; '.join(measures)}.")
     return " ".join(said)
+
+
+def _measure(definition: str) -> str:
+    """A measure, or another definition of one ("dft_sum, Hann window"), in a sentence."""
+    name, comma, how = definition.partition(", ")
+    short = BY_NAME[name].short if name in BY_NAME else name.replace("dft_sum", "DFT sum")
+    return f"{short}{comma}{how}"
 
 
 # -------------------------------------------------------------------------------------------------- how to read a table
