@@ -94,19 +94,21 @@ class ProgressBar:
 class CompileProgress:
     """Shows which kernel of how many is being compiled or linked, and adds up the time (s)."""
 
+    FEW = 20  # kernels, of which the bar shows no share: it would run to and fro before the many of a trial
+
     def __init__(self) -> None:
         self.seconds, self._bar = 0.0, ProgressBar("compiling kernels")
+        self._share = 0.0
         self._began: float | None = None
 
     def __call__(self, number: int, of: int, name: str) -> None:
         """As `watchers` of the cache are called. The first half of the bar: compiling; the other: linking."""
         if self._began is None:
             self._began = time.perf_counter()
-        if name == LINKING:
-            self._bar(0.5, "linking")  # where no kernel had to be compiled, too: it may take 20 s
-            return
         if name:
-            self._bar(0.5 * number / of, f"{number} of {of}")
+            if of > self.FEW:
+                self._share = 0.5 * number / of
+            self._bar(self._share, "linking" if name == LINKING else f"{number} of {of}")
             return
         self._bar.close()
         self.seconds, self._began = self.seconds + time.perf_counter() - self._began, None

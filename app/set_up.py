@@ -290,4 +290,7 @@ def stop(sentence: str, code: int = FAILED) -> NoReturn:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:  # while the command is imported: it hears others itself
+        stop("interrupted", 130)

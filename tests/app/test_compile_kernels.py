@@ -60,12 +60,14 @@ def test_after_the_set_up_a_study_a_simulation_a_live_trial_and_the_window_compi
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 2.0, 3.0, 3.5)).__next__))
+    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 1.5, 2.0, 3.0, 3.5)).__next__))
     compiling = watch_compiling()
     try:
+        watchers[0](3, 6, "drag")
+        assert f"[{'.' * 30}] 3 of 6" in capsys.readouterr().err  # the bar of few would go back for the many
         watchers[0](45, 156, "advance_event")
         assert "45 of 156" in capsys.readouterr().err
-        watchers[0](0, 0, LINKING)  # the parts of an entry may all be there, and linking them takes as long
+        watchers[0](156, 156, LINKING)
         assert "[###############...............] linking" in capsys.readouterr().err
         watchers[0](0, 0, "")
         assert capsys.readouterr().err == "\r\033[K" and compiling.seconds == 2.5
