@@ -60,7 +60,8 @@ def test_after_the_set_up_a_study_a_simulation_a_live_trial_and_the_window_compi
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr("app.progress.time", SimpleNamespace(perf_counter=iter((0.0, 1.0, 1.5, 2.0, 3.0, 3.5)).__next__))
+    clock = SimpleNamespace(perf_counter=iter((0.0, 1.0, 1.5, 2.0, 3.0, 3.5)).__next__)
+    monkeypatch.setattr("app.progress.time", clock)
     compiling = watch_compiling()
     try:
         watchers[0](3, 6, "drag")
