@@ -6,7 +6,7 @@ quickly, and where a brake would give energy. Too many events within a short tim
 are given to `stepping`, and that is counted.
 """
 
-from core.kernels import kernel
+from core.kernels import inlined, kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.event_location import LOOSE_MINUS, LOOSE_PLUS, NONE, PLAY, SPEED, STOP, first_event, locate
@@ -117,7 +117,7 @@ def advance_event(model, data, currents, t, h):
     state.settled = 0 if state.held == STILL else 1
 
 
-@kernel
+@inlined
 def stand_still(model, data, t, elapsed, h):
     """Leave the tip at rest from `elapsed` (s) into the step on, until the hand pushes it loose, an event.
 
