@@ -188,12 +188,11 @@ def test_a_folder_without_whole_trials_is_refused_in_one_sentence(tmp_path, caps
     assert f"01 has {LEAST_TRIALS - 1} whole trials on straight paths" in refusal(capsys, "fit-operator", few)
 
 
-def test_a_damaged_recording_is_named_and_nothing_is_written(tmp_path, capsys):
-    data, out = tmp_path / "data", tmp_path / "people.toml"
-    closed_session(data, 9)
-    path = sorted(of(data).glob("trials/*.parquet"))[4]
+def test_a_damaged_recording_is_named_and_nothing_is_written(tmp_path, capsys, data):
+    spoilt, out = shutil.copytree(data, tmp_path / "spoilt"), tmp_path / "people.toml"
+    path = sorted(of(spoilt).glob("trials/*.parquet"))[4]
     flip_a_bit(path)
-    assert f"{path}: file: " in refusal(capsys, "fit-operator", data, "--out", out) and not out.exists()
+    assert f"{path}: file: " in refusal(capsys, "fit-operator", spoilt, "--out", out) and not out.exists()
 
 
 def test_a_file_is_never_overwritten_and_a_population_must_exist(tmp_path, capsys, data):
