@@ -36,14 +36,15 @@ class Verdicts(QScrollArea):
         warned = filter(None, (*conclusions.warnings, conclusions.refusal))
         parts = [f"<p>{in_colour(text, COLOURS.caution)}</p>" for text in warned]
         if conclusions.found:
-            parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6>")
+            parts.append("<h3>What these data say of the paper's statements</h3><table cellpadding=6 width=100%>")
             for finding in conclusions.found:
                 verdict, why = (
                     in_colour(finding.verdict, VERDICT[finding.verdict]),
                     in_colour(finding.sentence, COLOURS.quiet),
                 )
                 parts.append(
-                    f"<tr><td><b>{verdict}</b></td><td>{escape(finding.statement.text)}</td><td>{why}</td></tr>"
+                    f"<tr><td width=13%><b>{verdict}</b></td><td width=30%>{escape(finding.statement.text)}</td>"
+                    f"<td>{why}</td></tr>"
                 )
             parts.append("</table>")
         if conclusions.sentences:

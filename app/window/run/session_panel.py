@@ -30,6 +30,7 @@ from experiments.session.files import finished_cells, place
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
+NO_SESSION = "No session is open"
 READS = "The participant reads the instructions; after the last page the first trial can be started."
 
 
@@ -40,7 +41,7 @@ class SessionPanel(Panel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.head = OneLine("", "", theme.HEAD, bold=True)
+        self.head = OneLine(NO_SESSION, "", theme.HEAD, bold=True)
         self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
         self.elapsed = text_label("", "quiet", theme.SMALL)
         self.grid = PlanGrid()
@@ -98,7 +99,7 @@ class SessionPanel(Panel):
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot, can: Actions, reads: bool) -> None:
         """Where the session stands and what can be done. reads: the participant has a page of instructions."""
         self.setEnabled(True)
-        self.head.setText(f"Participant {opened.participant}" if opened.participant else "No session is open")
+        self.head.setText(f"Participant {opened.participant}" if opened.participant else NO_SESSION)
         self.grid.show_session(opened, snapshot)
         self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
         done, lacking = map(len, finished_cells(snapshot.rows))
