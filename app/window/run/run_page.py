@@ -71,6 +71,7 @@ class RunPage(Page):
         self.can = Actions()  # what can be done now
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
         self.recording = RecordingSign()
+        self._proof: m.Proof | None = None  # the newest: of the running recording
         self._opened_s = time.perf_counter()  # when the session was opened here
         self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
@@ -251,10 +252,23 @@ class RunPage(Page):
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed, and so is the note
             self.panel.note.clear()
+            if before.stage != m.NO_SESSION:
+                self._clear_trial()
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
         self._show_trial(before)
+        self._show_recording()
+
+    def _clear_trial(self) -> None:
+        """No session is open: nothing of its trials stays."""
+        self._waiting.clear()
+        self._ticks.clear()
+        if self.opened is not None:
+            self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
+            self.workspace.view.show_text("", "")
+        for panel in (self.traces, self.energy, self.timing):
+            panel.clear()
 
     def _show_trial(self, before: m.Snapshot) -> None:
         """The workspace: the running trial, else the coming one unless there is a trail to look at."""
@@ -286,9 +300,13 @@ class RunPage(Page):
             self.workspace.view.show_text("", UNMEASURED)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        self.timing.show_timing(pulse.timing)
+        self.timing.show_timing(pulse.timing, self.snapshot.running is not None)
+        self._proof = pulse.proof
+        self._show_recording()
+
+    def _show_recording(self) -> None:
         trial_s = float(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0.0
-        self.recording.show_proof(self.snapshot, pulse.proof, trial_s)
+        self.recording.show_proof(self.snapshot, self._proof, trial_s)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
@@ -354,7 +372,6 @@ class RunPage(Page):
             button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
-            self.recording.show_proof(snapshot, None, 0.0)
             shown = words.between(snapshot, opened, hand_is_mouse(opened))
             turns = words.language_of(opened)["page_space"]
             self._write(shown._replace(small=turns) if self.participant_reads else shown)

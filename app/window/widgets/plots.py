@@ -264,6 +264,9 @@ class Traces(QWidget):
         """Another trial: its brakes; the curves begin anew."""
         self.currents.names, self.currents.unit = device.labels, device.command_unit
         self.currents.title.setText(f"Currents, {device.command_unit}")
+        self.clear()
+
+    def clear(self) -> None:
         for trace in self.all:
             trace.clear()
 
@@ -310,6 +313,7 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
+        self._runs = False
         self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [COLOURS.good], self.DECADES, 0)
         self.item.addItem(self.late)
@@ -329,15 +333,19 @@ class TimingStrip(Trace):
         self.late.clear()
         super().clear()
 
-    def show_timing(self, timing: Timing | None) -> None:
-        self.timing = timing
+    def show_timing(self, timing: Timing | None, runs: bool) -> None:
+        """runs: a trial does, and it is of this one so far; else of the last one, or of before any."""
+        self.timing, self._runs = timing, runs
         self.show_newest()
 
     def show_newest(self) -> None:
         missed, foot, kind, colour = NO_TRIAL, "", "", COLOURS.quiet
         if (now := self.timing) is not None:
             p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
-            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} · "
+            missed, foot = (
+                f"{grouped(now.missed)} missed{' so far' * self._runs}",
+                f"p50 {p50} · p99 {p99} · max {most} · ",
+            )
             kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
             colour = COLOURS.caution if now.missed else COLOURS.quiet
         self.figures.show_parts((missed, colour))
