@@ -242,7 +242,7 @@ def ignored_features(setup: Setup, protocol: Protocol) -> str:
     """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
     features = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
-        "no questionnaire": protocol.questionnaire.on,
+        "no questionnaire": protocol.questionnaire.on, "no instructions": bool(protocol.instruction),
     }  # fmt: skip
     missing = [name for name, is_used in features.items() if is_used]
     if setup.hand != OPERATOR or not missing:

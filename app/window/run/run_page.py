@@ -300,7 +300,7 @@ class RunPage(Page):
             self.workspace.view.show_text("", UNMEASURED)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        self.timing.show_timing(pulse.timing, self.snapshot.running is not None)
+        self.timing.show_timing(pulse.timing, runs=pulse.proof is not None)
         self._proof = pulse.proof
         self._show_recording()
 
@@ -351,7 +351,10 @@ class RunPage(Page):
         self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far" if in_session else "")
 
     def begin(self, what: object = None) -> None:
+        """what: m.Leave: ask whether to close the session."""
         self._refresh()
+        if isinstance(what, m.Leave):
+            self._leave()
 
     def _refresh(self) -> None:
         snapshot, opened = self.snapshot, self.opened

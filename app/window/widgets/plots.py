@@ -339,7 +339,7 @@ class TimingStrip(Trace):
         self.show_newest()
 
     def show_newest(self) -> None:
-        missed, foot, kind, colour = NO_TRIAL, "", "", COLOURS.quiet
+        missed, foot, kind, colour = NOTHING if self._runs else NO_TRIAL, "", "", COLOURS.quiet
         if (now := self.timing) is not None:
             p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
             missed, foot = (
