@@ -98,6 +98,13 @@ def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
     assert traces.currents.read_at(QPointF(0.2, 0.5)) == HIDDEN
 
 
+def test_the_lowest_curve_has_the_seconds_of_all(traces: Traces) -> None:
+    for shown in (False, True):
+        traces.show_speed(shown)
+        timed = [trace for trace in traces.all if trace.item.getAxis("bottom").isVisible()]
+        assert timed == [trace for trace in traces.all if not trace.isHidden()][-1:]
+
+
 def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None:
     for value in (0.001, 0.2, 3.3, 10.0, 17.0, 999.0, 1234.0):
         assert value <= range_for(value, 1e-9) <= 2.0 * value
@@ -168,7 +175,7 @@ def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> N
     assert strip.foot.toolTip().endswith("max 402 · real-time: FIFO 50, core 0")
     assert strip.figures.parts[0][1] == COLOURS.quiet
     strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"), runs=True)
-    assert strip.value == "1\u202f234 missed so far" and "max 1\u202f064 ·" in strip.foot.text()
+    assert strip.value == "1\u202f234 missed, so far" and "max 1\u202f064 ·" in strip.foot.text()
     assert strip.figures.parts[0][1] == COLOURS.caution
     strip.show_timing(
         Timing(140.2, 9931.4, 248_123.0, 123_456, "real-time: FIFO 50, core 0, memory not locked"), runs=True

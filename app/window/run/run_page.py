@@ -22,7 +22,7 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack
+from app.window.widgets.parts import Figures, KeyButton, column, holder, keep_room, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
@@ -53,9 +53,7 @@ class RunPage(Page):
         #: what the participant reads, in large words, and the workspace under it
         self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
-        keeps_its_place = self.workspace.sizePolicy()
-        keeps_its_place.setRetainSizeWhenHidden(True)
-        self.workspace.setSizePolicy(keeps_its_place)
+        keep_room(self.workspace)
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
@@ -86,7 +84,7 @@ class RunPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.speed.setVisible(self.height() > theme.text_px(LOW_PX))
+        self.traces.show_speed(self.height() > theme.text_px(LOW_PX))
 
     def _connect(self) -> None:
         for signal, do in (

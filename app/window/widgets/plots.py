@@ -160,6 +160,7 @@ class Trace(TimePlot):
         self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
+        self.item.getAxis("bottom").setStyle(hideOverlappingLabels=True)  # a number that scrolls out is never cut
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
         self.clear()
 
@@ -259,6 +260,7 @@ class Traces(QWidget):
         self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
         self.all = (self.error, self.force, self.currents, self.speed)
         self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
+        self.show_speed(True)
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
@@ -269,6 +271,12 @@ class Traces(QWidget):
     def clear(self) -> None:
         for trace in self.all:
             trace.clear()
+
+    def show_speed(self, shown: bool) -> None:
+        """Whether there is room for the tip speed; the lowest curve has the seconds of all."""
+        self.speed.setVisible(shown)
+        self.speed.item.showAxis("bottom", shown)
+        self.currents.item.showAxis("bottom", not shown)
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
@@ -343,7 +351,7 @@ class TimingStrip(Trace):
         if (now := self.timing) is not None:
             p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
             missed, foot = (
-                f"{grouped(now.missed)} missed{' so far' * self._runs}",
+                f"{grouped(now.missed)} missed{', so far' * self._runs}",
                 f"p50 {p50} · p99 {p99} · max {most} · ",
             )
             kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
