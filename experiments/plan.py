@@ -250,7 +250,7 @@ def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:
     rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
     times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
-    breaks = protocol.breaks
+    breaks, pages = protocol.breaks, counted(len(protocol.instruction), "page")
     every = counted(breaks.after_trials, "trial").removeprefix("1 ") if breaks else ""
     facts = {
         "participants": [", ".join(protocol.participants) or "anybody"],
@@ -264,7 +264,10 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "participant sees": [_seen(protocol)],
         "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
         "measures": [_file_text(name, protocol.code[name]) for name in [protocol.measure] if name],
-        "questionnaire": [f"after each {protocol.questionnaire.each}"] if protocol.questionnaire.on else [],
+        "instructions": [f"{pages} before the first trial, for a person"] if protocol.instruction else [],
+        "questionnaire": [f"after each {protocol.questionnaire.each}, for a person"]
+        if protocol.questionnaire.on
+        else [],
     }
     lines = [
         f"{protocol.name} protocol, participant {participant}: {_length(protocol, plan)} "

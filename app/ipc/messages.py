@@ -388,7 +388,7 @@ class Timing(NamedTuple):
 
 
 class Pulse(NamedTuple):
-    """About ten times a second: proof of recording and timing."""
+    """About ten times a second, and before every change of the state: proof of recording and timing."""
 
     proof: Proof | None  # None: nothing is being recorded
     timing: Timing | None

@@ -83,7 +83,8 @@ def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, 
         return Check("Loop", WAITING, "preparing")
     timing = last or tried
     # Ticks that were missed are the finding, however small a share: the 99th percentile may be 0 µs all the same.
-    text = f"{counted(timing.missed, 'tick')} missed" if timing.missed else f"1 kHz, p99 {timing.p99_us:.0f} µs"
+    missed = f"{counted(timing.missed, 'tick')} missed {'in the last' if last else 'before any'} trial"
+    text = missed if timing.missed else f"1 kHz, p99 {timing.p99_us:.0f} µs"
     if timing.p99_us <= LATE_US and timing.missed == 0:
         return Check("Loop", GOOD, text)
     advice = "Ticks come late: close other programs."
@@ -241,7 +242,7 @@ def ignored_features(setup: Setup, protocol: Protocol) -> str:
     """Which features of the protocol a simulated operator's sessions ignore, as a sentence; "": none."""
     features = {
         "no blinding": protocol.blind, "no practice": protocol.practice_trials > 0,
-        "no questionnaire": protocol.questionnaire.on,
+        "no questionnaire": protocol.questionnaire.on, "no instructions": bool(protocol.instruction),
     }  # fmt: skip
     missing = [name for name, is_used in features.items() if is_used]
     if setup.hand != OPERATOR or not missing:

@@ -114,14 +114,14 @@ class SessionServer:
     def _send_state(self) -> None:
         if self._window.has_backlog:  # it hangs; once it reads again it gets the newest state
             return
-        for shown in (self._state.opened(), self._state.snapshot()):
-            if shown != self._shown.get(type(shown)):
-                self._window.send(shown)
-                self._shown[type(shown)] = shown
-        now = time.perf_counter()
-        if now - self._pulse_s >= PULSE_S:
+        shown, now = (self._state.opened(), self._state.snapshot()), time.perf_counter()
+        changed = [state for state in shown if state != self._shown.get(type(state))]
+        if changed or now - self._pulse_s >= PULSE_S:  # first: a trial that is shown to run has its proof already
             self._window.send(self._state.pulse())
             self._pulse_s = now
+        for state in changed:
+            self._window.send(state)
+            self._shown[type(state)] = state
 
 
 def run(

@@ -222,9 +222,10 @@ class TrialRunner:
 
     @property
     def timing(self) -> Timing | None:
-        """The lateness over the running trial, else the last one, else without work."""
-        now = self.run.recorder.timing(self._scheduling_words) if self.run else None
-        return now or self._last_timing or self._idle_timing
+        """The lateness over the running trial (None: it has no ticks yet), else the last one, else without work."""
+        if self.run is not None:
+            return self.run.recorder.timing(self._scheduling_words)
+        return self._last_timing or self._idle_timing
 
     @property
     def check(self) -> Check:

@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QEvent, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent
+from PySide6.QtCore import QEvent, Qt, QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QLineEdit,
@@ -32,7 +32,7 @@ from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.preflight import Preflight
-from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, show_folder, size
+from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, size
 from experiments.plan import grouped
 
 #: page -> its module and class; a page is made when it is first shown
@@ -68,13 +68,15 @@ CHANGED = (
 class Footer(Panel):
     """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
 
+    folder_asked = Signal(object)  # as of a page
+
     def __init__(self) -> None:
         super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
         self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
-        self.open = button("Open folder", lambda: show_folder(self._path), "small")
+        self.open = button("Open folder", lambda: self.folder_asked.emit(self._path), "small")
         self.lamp, self.origin = text_label("●", "off", theme.SMALL), text_label("", "quiet", theme.SMALL)
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
@@ -181,6 +183,7 @@ class MainWindow(QWidget):
         for name, tab in self.tabs.items():
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
         self.preflight.brakes.clicked.connect(self._press_brakes)
+        self.footer.folder_asked.connect(self._open_folder)
         self.preflight.device_asked.connect(lambda: self.show_page(DEVICE))
         own: dict[str, Callable[[], object]] = {
             "escape": lambda: self.escape("Esc was pressed in the main window"),
@@ -204,6 +207,7 @@ class MainWindow(QWidget):
             page.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
             page.pointer_left.connect(lambda: self.client.ring.let_go())
             page.setup_asked.connect(self.restart_asked)
+            page.folder_asked.connect(self._open_folder)
             page.turn_asked.connect(self.turn_asked)
             page.consent_asked.connect(self.consent_asked)
             page.answers_changed.connect(self.answers_changed)
@@ -261,6 +265,14 @@ class MainWindow(QWidget):
 
     def send(self, command: object) -> None:
         self.client.send(command)
+
+    def _open_folder(self, folder: Path) -> None:
+        """In the system's own file manager; of a folder that is not there yet, the first one above that is."""
+        existing = str(next(above for above in (folder, *folder.parents) if above.is_dir()))
+        if not QDesktopServices.openUrl(QUrl.fromLocalFile(existing)):
+            QGuiApplication.clipboard().setText(existing)
+            text = f"No file manager could be opened. The folder is {existing}, copied to the clipboard."
+            self.cards.show_message("The folder cannot be shown", f"{text} Paste it into a terminal.")
 
     def show_keys(self) -> None:
         """Those of every page, then those of the page at the front."""

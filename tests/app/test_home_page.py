@@ -316,7 +316,7 @@ def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
     shown.click(page.start)
     assert shown.pages == [(RUN, None)] and shown.sent == []
     shown.click(buttons["Close"])
-    assert shown.sent == [m.Leave()]
+    assert shown.pages[1:] == [(RUN, m.Leave())] and shown.sent == [], "Run asks first"
 
 
 def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_path: Path, monkeypatch) -> None:

@@ -75,8 +75,10 @@ def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_
 
 def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
     began = time.perf_counter()
-    run = window.start().running.run
-    name = f"run-{run:03d}.arrows"
+    window.until_stage(m.READY)
+    window.client.send(m.Start())
+    name = f"run-{window.until_stage(m.RUNNING).running.run:03d}.arrows"
+    assert window.pulse.proof and window.pulse.proof.name == name, "no later than the trial itself"
     window.until(lambda s: window.pulse and (proof := window.pulse.proof) and proof.name == name and proof.rows > 0)
     first = window.pulse.proof
     window.until(lambda s: window.pulse.proof and window.pulse.proof.rows > first.rows)

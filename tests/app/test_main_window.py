@@ -658,3 +658,14 @@ def test_a_page_needs_no_key_of_its_own(qtbot, monkeypatch: pytest.MonkeyPatch) 
     qtbot.addWidget(window)
     window.tabs["Notes"].click()
     assert window.shown == "Notes" and window.tabs["Notes"].isChecked()
+
+
+def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
+    screens: Screens, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr("app.window.main_window.QDesktopServices.openUrl", lambda url: False)
+    screens.hear(opened(folder=str(tmp_path / "not there yet")), ready())
+    QTest.mouseClick(screens.main.footer.open, Qt.MouseButton.LeftButton)
+    said = screens.main.cards.question.text.text().replace("\u200b", "")
+    assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
+    assert QApplication.clipboard().text() == str(tmp_path)

@@ -65,7 +65,7 @@ def test_on_try(screens: Screens) -> None:
         assert moved(screens, said) == [], said
 
 
-def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path) -> None:
+def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path, monkeypatch) -> None:
     with session_of(tmp_path, 2):
         screens.hear(opened(""), before())
     screens.main.show_page(ANALYSE, tmp_path)
@@ -78,3 +78,7 @@ def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path) -> N
         page.side.note_that(note)
         assert places(screens.main) == was
     assert moved(screens, before(checks=RED)) == []
+    monkeypatch.setattr(page.export_task, "busy", True)
+    page._show_busy()  # an export goes on
+    page.show_message("Writing the charts and tables …", "quiet")
+    assert page.cancel_button.isVisible() and places(screens.main).items() >= was.items()

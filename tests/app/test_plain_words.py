@@ -36,8 +36,11 @@ def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
 def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
     assert check_loop(IDLE, False, DEFAULT).state == m.GOOD
     late = check_loop(IDLE, False, DEFAULT, LATE)
-    assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed"), "and no percentile beside it"
+    assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed in the last trial"), (
+        "and no percentile beside it"
+    )
     assert check_loop(IDLE, False, DEFAULT).text == "1 kHz, p99 0 µs"
+    assert check_loop(LATE, False, DEFAULT).text == "2\u202f180 ticks missed before any trial"
     assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
     assert check_loop(None, False, None, LATE).state == m.WAITING
 

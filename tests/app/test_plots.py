@@ -98,6 +98,13 @@ def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
     assert traces.currents.read_at(QPointF(0.2, 0.5)) == HIDDEN
 
 
+def test_the_lowest_curve_has_the_seconds_of_all(traces: Traces) -> None:
+    for shown in (False, True):
+        traces.show_speed(shown)
+        timed = [trace for trace in traces.all if trace.item.getAxis("bottom").isVisible()]
+        assert timed == [trace for trace in traces.all if not trace.isHidden()][-1:]
+
+
 def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None:
     for value in (0.001, 0.2, 3.3, 10.0, 17.0, 999.0, 1234.0):
         assert value <= range_for(value, 1e-9) <= 2.0 * value
@@ -163,14 +170,16 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
-    strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"))
+    strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"), runs=False)
     assert strip.value == "0 missed" and strip.foot.text() == "p50 14 · p99 31 · max 402 · real-time"
     assert strip.foot.toolTip().endswith("max 402 · real-time: FIFO 50, core 0")
     assert strip.figures.parts[0][1] == COLOURS.quiet
-    strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"))
-    assert strip.value == "1\u202f234 missed" and "max 1\u202f064 ·" in strip.foot.text()
+    strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"), runs=True)
+    assert strip.value == "1\u202f234 missed, so far" and "max 1\u202f064 ·" in strip.foot.text()
     assert strip.figures.parts[0][1] == COLOURS.caution
-    strip.show_timing(Timing(140.2, 9931.4, 248_123.0, 123_456, "real-time: FIFO 50, core 0, memory not locked"))
+    strip.show_timing(
+        Timing(140.2, 9931.4, 248_123.0, 123_456, "real-time: FIFO 50, core 0, memory not locked"), runs=True
+    )
     assert strip.foot.text() == "p50 140 · p99 9\u202f931 · max 248 ms · real-time"
     strip.resize(297, 120)  # as in the smallest window
     assert theme.text_width(strip.foot.text(), theme.SMALL) <= strip.foot.width()

@@ -1,5 +1,6 @@
 """Every key does what the screen says that it does: brakes off in any window, cards, questions, the start page."""
 
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -58,6 +59,19 @@ def test_a_re_rig_is_confirmed_by_enter_after_a_note_was_written_and_after_a_cli
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
     screens.run.workspace.view.setFocus()
     assert screens.press(KEY.Key_Return, screens.run.workspace.view) == [m.Confirm()]
+
+
+def test_one_who_cancels_a_question_types_on_where_they_were(screens: Screens) -> None:
+    screens.hear(opened(), ready(30, stage=m.RERIG))
+    note = screens.run.panel.note
+    screens.press(KEY.Key_N, modifier=ALT)
+    home_asks = partial(screens.main.show_page, RUN, m.Leave())
+    for ask in (screens.main.close, screens.run.panel.leave.click, home_asks):
+        QTest.keyClicks(note, "b")
+        ask()
+        assert focus(screens) is not note
+        assert screens.press(KEY.Key_Escape) == [] and focus(screens) is note
+    note.clear()
 
 
 @pytest.mark.parametrize("name", [RUN, TRY])

@@ -19,7 +19,9 @@ from app.window.participant.questionnaire import ITEMS
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown
 from core import tick_log
+from experiments.inputs import MOUSE, OPERATOR
 from experiments.language import ENGLISH_WORDS
+from experiments.plan import print_plan
 from experiments.protocol import load_protocol, shipped_protocols
 from experiments.protocol_file import Consent, Cues, Instruction
 
@@ -232,9 +234,9 @@ def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
             assert view.side == 0
 
 
-def instructed(screens: Screens, folder: str) -> None:
+def instructed(screens: Screens, folder: str, hand: str = MOUSE) -> None:
     pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
-    screens.hear(opened(protocol=paper(instruction=pages), folder=folder), ready(0))
+    screens.hear(opened(protocol=paper(instruction=pages), folder=folder, hand=hand), ready(0))
 
 
 @pytest.mark.parametrize("how", ["key", "button", "participant", "click", "both"])
@@ -276,6 +278,13 @@ def test_instructions_that_nobody_sees_hold_nothing_up_and_do_not_come_after_the
     assert screens.participant.instructions.isVisible()
     screens.participant.hide()
     assert screens.run.panel.start.text() == "Start"
+
+
+def test_a_simulated_operator_is_given_nothing_to_read_and_the_plan_says_for_whom_it_is(screens: Screens) -> None:
+    screens.participant.show()
+    instructed(screens, "operator", OPERATOR)
+    assert screens.participant.view.isVisible() and screens.run.panel.start.text() == "Start"
+    assert "2 pages before the first trial, for a person" in print_plan(screens.main.opened.protocol, "01")
 
 
 def test_the_countdown_of_a_break_goes_on_between_two_words_of_the_server(screens, monkeypatch) -> None:

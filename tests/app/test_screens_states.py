@@ -5,7 +5,21 @@ import wave
 
 import numpy as np
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, movement, opened, paper, pulse, ready, result, running, ticks
+from fake_client import (
+    GREEN,
+    LONG_BREAK,
+    PLAN,
+    RED,
+    before,
+    movement,
+    opened,
+    paper,
+    pulse,
+    ready,
+    result,
+    running,
+    ticks,
+)
 from PySide6.QtCore import QPoint, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QPicture
 from PySide6.QtWidgets import QAbstractButton, QLabel
@@ -115,6 +129,26 @@ def test_between_trials_the_curves_stay_and_no_value_beside_them_is_one_of_now(s
     screens.hear(ready(1))
     traces = screens.run.traces
     assert (traces.force.value, traces.speed.value, len(traces.force.t)) == ("– N", "– m/s", 1000)
+
+
+def test_the_sign_says_that_a_trial_is_recorded_as_soon_as_the_trial_is_shown(screens: Screens) -> None:
+    screens.hear(opened(), ready(), pulse(""))
+    assert screens.run.recording.text() == "Not recording"
+    screens.hear(pulse(), running())
+    assert screens.run.recording.text() == "● Recording  0:00"
+    screens.hear(pulse(""), ready(1))
+    assert screens.run.recording.text() == "Not recording"
+
+
+def test_nothing_of_a_trial_stays_on_run_after_its_session_is_closed(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
+    view = screens.run.workspace.view
+    assert view.trail and len(screens.run.timing.t)
+    screens.hear(ready(1), opened(""), before())
+    assert not view.trail and not len(view.outline) and view.tip is None
+    assert not any(len(trace.t) for trace in (*screens.run.traces.all, screens.run.timing))
+    assert not screens.run.energy.ledger.began
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:

@@ -167,7 +167,7 @@ class LocalClient:
         if shown != self._shown:
             said.append(shown)
         self._opened, self._shown = opened, shown
-        return [*said, self.state.pulse()]
+        return [self.state.pulse(), *said]
 
     def ticks(self) -> np.ndarray:
         return self.ring.newest()

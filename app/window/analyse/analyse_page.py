@@ -25,6 +25,7 @@ from app.window.widgets.parts import (
     button,
     column,
     holder,
+    keep_room,
     row,
     stack,
     text_label,
@@ -32,7 +33,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.theme import colour_of
-from app.window.widgets.words import in_colour, show_folder
+from app.window.widgets.words import in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.analysis.charts import (
@@ -116,12 +117,12 @@ class AnalysePage(Page):
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self.cancel_button = button("Cancel", lambda: self.export_task.stop(wait=True), "small")
         self.bar.setFixedSize(160, 8)
-        self.folder_button = button("Open folder", lambda: show_folder(self._job.folder), "small")
-        self._foot = holder(row(self.message, self.folder_button, self.bar, self.cancel_button))
+        self.folder_button = button("Open folder", lambda: self.folder_asked.emit(self._job.folder), "small")
+        keep_room(self.cancel_button)
         self._lay_out()
         self.cards = Cards(self)
         self._show_busy()
-        for absent in (self.side, self._foot, self.timeouts, self.logarithmic):
+        for absent in (self.side, self.folder_button, self.timeouts, self.logarithmic):
             absent.hide()
         self._show_empty(NO_FOLDER)
 
@@ -136,7 +137,8 @@ class AnalysePage(Page):
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         notes = row((self.caption, 1), self.summary, spacing=14)
-        left = column((self.stack, 1), notes, self.warning, self._foot, spacing=8)
+        foot = row(self.message, self.folder_button, self.bar, self.cancel_button)
+        left = column((self.stack, 1), notes, self.warning, foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
@@ -433,12 +435,11 @@ class AnalysePage(Page):
     def show_message(self, text: str, look: str) -> None:
         theme.set_style(self.message, look)
         self.message.setText(text)
-        self._foot.setVisible(bool(text) or self.export_task.busy)
+        self.folder_button.hide()  # it is of the message before
 
     def _show_busy(self) -> None:
         """Whether an export is being written."""
         self.bar.setValue(0)
-        self.folder_button.hide()
         for widget in (self.bar, self.cancel_button):
             widget.setVisible(self.export_task.busy)
         self._allow_export()

@@ -27,7 +27,7 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home, show_folder
+from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home
 from app.window.widgets.work import VerbProcess, Watch
 from core.files import InputError
 from experiments.plan import counted
@@ -62,6 +62,7 @@ class DataPanel(Panel):
     close_asked = Signal()  # the session that is open
     looked = Signal()  # something in the folder has changed
     page_asked = Signal(str, object)  # as of a page
+    folder_asked = Signal(object)  # as of a page
 
     def __init__(self) -> None:
         super().__init__()
@@ -82,7 +83,7 @@ class DataPanel(Panel):
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = wrapped_label("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self.export_task.stop, "small")
-        self.show_export = button("Show", lambda: show_folder(self._out), "small")
+        self.show_export = button("Show", lambda: self.folder_asked.emit(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
         self._lay_out()
@@ -154,7 +155,7 @@ class DataPanel(Panel):
             main = button("Close", self.close_asked.emit, hint=LEAVE)
             main.setEnabled(self._can_leave)
         elif session.declined:
-            main = button("Folder", lambda: show_folder(session.folder))
+            main = button("Folder", lambda: self.folder_asked.emit(session.folder))
         elif session.complete:
             main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
         else:
@@ -190,7 +191,7 @@ class DataPanel(Panel):
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
         self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
-        self._entry(menu, "Show the folder", lambda: show_folder(session.folder))
+        self._entry(menu, "Show the folder", lambda: self.folder_asked.emit(session.folder))
         return more
 
     @staticmethod

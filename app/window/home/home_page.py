@@ -95,8 +95,9 @@ class HomePage(Page):
         self.data.folder_chosen.connect(self._take_folder)
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
         self.consent.answered.connect(self.answer_consent)
-        self.data.close_asked.connect(lambda: self.send(m.Leave()))
+        self.data.close_asked.connect(lambda: self.page_asked.emit(RUN, m.Leave()))  # which asks first
         self.data.page_asked.connect(self.page_asked)
+        self.data.folder_asked.connect(self.folder_asked)
         self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
         self.editor.closed.connect(self._show_columns)

@@ -25,6 +25,7 @@ from app.window.widgets.words import Shown, hand_is_mouse
 from core import tick_log
 from core.device import Device
 from core.path import PathFile, outline
+from experiments.inputs import is_person
 from experiments.language import Language
 from experiments.plan import PlannedTrial
 from experiments.protocol_file import Consent
@@ -163,7 +164,8 @@ class ParticipantWindow(QWidget):
         """A session, or a protocol before one."""
         protocol = opened.protocol
         if self._opened is None or opened.folder != self._opened.folder:
-            self.instructions.show_pages(protocol.pages if opened.participant else (), protocol.sentences)
+            reads = opened.participant and is_person(opened.hand)
+            self.instructions.show_pages(protocol.pages if reads else (), protocol.sentences)
         self._opened = opened
         self.questions.show_language(protocol.sentences)
         self.view.mouse = hand_is_mouse(opened)

@@ -7,7 +7,7 @@ from app.window.widgets import theme
 
 
 class RecordingSign(QLabel):
-    """It says what the newest proof says; its place stays when it is quiet."""
+    """It says what the newest proof says, which comes before its snapshot; its place stays when it is quiet."""
 
     def __init__(self) -> None:
         super().__init__("Not recording", objectName="sign")

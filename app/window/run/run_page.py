@@ -22,7 +22,7 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import Figures, KeyButton, column, holder, row, stack
+from app.window.widgets.parts import Figures, KeyButton, column, holder, keep_room, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
@@ -53,9 +53,7 @@ class RunPage(Page):
         #: what the participant reads, in large words, and the workspace under it
         self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
-        keeps_its_place = self.workspace.sizePolicy()
-        keeps_its_place.setRetainSizeWhenHidden(True)
-        self.workspace.setSizePolicy(keeps_its_place)
+        keep_room(self.workspace)
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
         self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
@@ -71,6 +69,7 @@ class RunPage(Page):
         self.can = Actions()  # what can be done now
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
         self.recording = RecordingSign()
+        self._proof: m.Proof | None = None  # the newest: of the running recording
         self._opened_s = time.perf_counter()  # when the session was opened here
         self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
@@ -85,7 +84,7 @@ class RunPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.speed.setVisible(self.height() > theme.text_px(LOW_PX))
+        self.traces.show_speed(self.height() > theme.text_px(LOW_PX))
 
     def _connect(self) -> None:
         for signal, do in (
@@ -251,10 +250,23 @@ class RunPage(Page):
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed, and so is the note
             self.panel.note.clear()
+            if before.stage != m.NO_SESSION:
+                self._clear_trial()
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
         self._show_trial(before)
+        self._show_recording()
+
+    def _clear_trial(self) -> None:
+        """No session is open: nothing of its trials stays."""
+        self._waiting.clear()
+        self._ticks.clear()
+        if self.opened is not None:
+            self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
+            self.workspace.view.show_text("", "")
+        for panel in (self.traces, self.energy, self.timing):
+            panel.clear()
 
     def _show_trial(self, before: m.Snapshot) -> None:
         """The workspace: the running trial, else the coming one unless there is a trail to look at."""
@@ -286,9 +298,13 @@ class RunPage(Page):
             self.workspace.view.show_text("", UNMEASURED)
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        self.timing.show_timing(pulse.timing)
+        self.timing.show_timing(pulse.timing, runs=pulse.proof is not None)
+        self._proof = pulse.proof
+        self._show_recording()
+
+    def _show_recording(self) -> None:
         trial_s = float(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0.0
-        self.recording.show_proof(self.snapshot, pulse.proof, trial_s)
+        self.recording.show_proof(self.snapshot, self._proof, trial_s)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
@@ -333,7 +349,10 @@ class RunPage(Page):
         self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far" if in_session else "")
 
     def begin(self, what: object = None) -> None:
+        """what: m.Leave: ask whether to close the session."""
         self._refresh()
+        if isinstance(what, m.Leave):
+            self._leave()
 
     def _refresh(self) -> None:
         snapshot, opened = self.snapshot, self.opened
@@ -354,7 +373,6 @@ class RunPage(Page):
             button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
-            self.recording.show_proof(snapshot, None, 0.0)
             shown = words.between(snapshot, opened, hand_is_mouse(opened))
             turns = words.language_of(opened)["page_space"]
             self._write(shown._replace(small=turns) if self.participant_reads else shown)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
+from shiboken6 import isValid
 
 from app.window.widgets import theme
 from app.window.widgets.keys import add_key
@@ -171,10 +172,12 @@ class Cards:
     def __init__(self, parent: QWidget) -> None:
         self._parent = parent
         self.question: OverlayCard | None = None
+        self._came_from: QWidget | None = None  # what had the keyboard before it
 
     def put(self, question: OverlayCard, kind: str = "") -> None:
         """Show a question, in place of another one; kind: for `withdraw`."""
         self.leave()
+        self._came_from = self._parent.window().focusWidget()
         self.question, question.kind = question, kind
         question.appear()
 
@@ -199,8 +202,13 @@ class Cards:
             return False
         question.hide()
         question.deleteLater()
-        self._parent.window().setFocus()
-        self.take_focus()
+        before = self._came_from
+        if before is not None and isValid(before) and before.isVisible() and before.isEnabled():
+            before.setFocus()
+        else:
+            self._parent.window().setFocus()
+        if not isinstance(before, QLineEdit):  # one who was typing types on
+            self.take_focus()
         return True
 
     def take_focus(self) -> None:

@@ -17,7 +17,8 @@ class Page(QWidget):
     To add one: a file with its class, and its line in `main_window.PAGES`.
     """
 
-    page_asked = Signal(str, object)  # show this page (HOME ..) with this, e.g. a folder or a recording for ANALYSE
+    page_asked = Signal(str, object)  # show this page (HOME ..) with this: a folder or a recording for ANALYSE ..
+    folder_asked = Signal(object)  # show this folder (a Path) in the system's own file manager
     pointer_moved = Signal(float, float, float)  # m, m, grip: over a workspace in which the pointer is the hand
     setup_asked = Signal(object, object)  # a Setup for a new session server, and a command for it then (or None)
     turn_asked = Signal()  # the next page of the instructions, which the participant reads

@@ -290,6 +290,13 @@ def stack(*pages: QWidget) -> QStackedWidget:
     return widget
 
 
+def keep_room(widget: QWidget) -> None:
+    """Its place stays while it is hidden."""
+    policy = widget.sizePolicy()
+    policy.setRetainSizeWhenHidden(True)
+    widget.setSizePolicy(policy)
+
+
 def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
     """A panel with a title and, in a column below it, these parts."""
     frame, head = Panel(), text_label(title, size=theme.HEAD, bold=True)

@@ -160,6 +160,7 @@ class Trace(TimePlot):
         self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
+        self.item.getAxis("bottom").setStyle(hideOverlappingLabels=True)  # a number that scrolls out is never cut
         self.item.vb.sigRangeChangedManually.connect(self._stop_following)
         self.clear()
 
@@ -259,13 +260,23 @@ class Traces(QWidget):
         self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
         self.all = (self.error, self.force, self.currents, self.speed)
         self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
+        self.show_speed(True)
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
         self.currents.names, self.currents.unit = device.labels, device.command_unit
         self.currents.title.setText(f"Currents, {device.command_unit}")
+        self.clear()
+
+    def clear(self) -> None:
         for trace in self.all:
             trace.clear()
+
+    def show_speed(self, shown: bool) -> None:
+        """Whether there is room for the tip speed; the lowest curve has the seconds of all."""
+        self.speed.setVisible(shown)
+        self.speed.item.showAxis("bottom", shown)
+        self.currents.item.showAxis("bottom", not shown)
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
@@ -310,6 +321,7 @@ class TimingStrip(Trace):
 
     def __init__(self) -> None:
         self.timing: Timing | None = None
+        self._runs = False
         self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [COLOURS.good], self.DECADES, 0)
         self.item.addItem(self.late)
@@ -329,15 +341,19 @@ class TimingStrip(Trace):
         self.late.clear()
         super().clear()
 
-    def show_timing(self, timing: Timing | None) -> None:
-        self.timing = timing
+    def show_timing(self, timing: Timing | None, runs: bool) -> None:
+        """runs: a trial does, and it is of this one so far; else of the last one, or of before any."""
+        self.timing, self._runs = timing, runs
         self.show_newest()
 
     def show_newest(self) -> None:
-        missed, foot, kind, colour = NO_TRIAL, "", "", COLOURS.quiet
+        missed, foot, kind, colour = NOTHING if self._runs else NO_TRIAL, "", "", COLOURS.quiet
         if (now := self.timing) is not None:
             p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
-            missed, foot = f"{grouped(now.missed)} missed", f"p50 {p50} · p99 {p99} · max {most} · "
+            missed, foot = (
+                f"{grouped(now.missed)} missed{', so far' * self._runs}",
+                f"p50 {p50} · p99 {p99} · max {most} · ",
+            )
             kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
             colour = COLOURS.caution if now.missed else COLOURS.quiet
         self.figures.show_parts((missed, colour))

@@ -4,8 +4,7 @@ from html import escape
 from pathlib import Path
 from typing import NamedTuple
 
-from PySide6.QtCore import QLocale, QUrl
-from PySide6.QtGui import QDesktopServices
+from PySide6.QtCore import QLocale
 
 from app.ipc import messages as m
 from app.window.widgets.theme import COLOURS
@@ -198,12 +197,6 @@ def as_sentence(text: str) -> str:
 def data_folder_of(folder: Path) -> Path:
     """A folder that was chosen; of a session the data folder that holds it."""
     return folder.parent.parent if (folder / STORED).exists() else folder
-
-
-def show_folder(folder: Path) -> None:
-    """In the system's own file manager; of a folder that is not there yet, the first one above that is."""
-    existing = next(above for above in (folder, *folder.parents) if above.is_dir())
-    QDesktopServices.openUrl(QUrl.fromLocalFile(str(existing)))
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:
