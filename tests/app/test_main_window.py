@@ -374,6 +374,14 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
 def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(screens):
     console = screens.hear(opened(), ready(60, stage=m.FINISHED))
     assert "Session complete" in visible_texts(console) and not screens.run.panel.start.isEnabled()
+    screens.run.panel.note.setText("a last no")
+    sent = len(screens.client.sent)
+    screens.run.cards.notice.buttons[1].click()
+    assert "Not saved" in screens.run.cards.question.text.text() and len(screens.client.sent) == sent
+    screens.run.cards.leave()
+    screens.run.panel.note.clear()
+    screens.run.cards.notice.buttons[1].click()
+    assert screens.client.sent[sent:] == [m.Leave()]
     screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
     QTest.mouseClick(screens.run.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
     question = screens.run.cards.question

@@ -48,6 +48,13 @@ class SessionCards(Cards):
         text = f"{LEAVE} Not saved, and lost then: {lost}." if lost else LEAVE
         self.put(OverlayCard("Close the session?", text, buttons, self._parent), "leave")
 
+    def _next_participant(self, page: Page) -> None:
+        """Close the session, whose plan is done; asks only where something would be lost."""
+        if lost := page.unsaved():
+            self.ask_to_leave(lambda: page.send(m.Leave()), lost)
+        else:
+            page.send(m.Leave())
+
     def _typing(self) -> bool:
         """Whether the user is typing: a notice that comes must not take the next letters for an answer."""
         at = self._parent.window().focusWidget()
@@ -101,7 +108,7 @@ class SessionCards(Cards):
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
             buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
-        buttons.append(("Next participant", lambda: page.send(m.Leave())))
+        buttons.append(("Next participant", lambda: self._next_participant(page)))
         return OverlayCard("Session complete", text, buttons, self._parent)
 
     def show_time(self, now_s: float) -> None:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
-from shiboken6 import isValid
 
 from app.window.widgets import theme
 from app.window.widgets.keys import add_key
@@ -203,7 +202,7 @@ class Cards:
         question.hide()
         question.deleteLater()
         before = self._came_from
-        if before is not None and isValid(before) and before.isVisible() and before.isEnabled():
+        if before in self._parent.window().findChildren(QWidget) and before.isVisible() and before.isEnabled():
             before.setFocus()
         else:
             self._parent.window().setFocus()
