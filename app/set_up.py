@@ -292,5 +292,5 @@ def stop(sentence: str, code: int = FAILED) -> NoReturn:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except KeyboardInterrupt:  # while the command is imported: it hears others itself
+    except KeyboardInterrupt:  # while the command is imported; once it runs it catches Ctrl-C itself
         stop("interrupted", 130)
