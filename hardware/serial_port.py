@@ -179,11 +179,11 @@ def link_of(name: str) -> Link:
     name = name if sys.platform == "win32" else os.path.realpath(name)  # there ports are no files
     identity = usb_ports().get(name)
     if identity is None:
-        return Link("pseudo-terminal" if name.startswith("/dev/pts/") else f"UART at {BAUD:,} baud")
+        return Link("pseudo-terminal" if name.startswith("/dev/pts/") else f"UART at {BAUD / 1e3:g} kbaud")
     if identity[:2] in ST_LINKS:
-        return Link(f"UART at {ST_LINK_BAUD:,} baud, by an ST-LINK", ST_LINK_BAUD)
+        return Link(f"UART at {ST_LINK_BAUD / 1e3:g} kbaud, by an ST-LINK", ST_LINK_BAUD)
     if adapter := ADAPTERS.get(identity.vendor):
-        return Link(f"UART at {BAUD:,} baud, by an adapter ({adapter})")
+        return Link(f"UART at {BAUD / 1e3:g} kbaud, by an adapter ({adapter})")
     return Link("USB")
 
 

@@ -36,7 +36,7 @@ def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: cause of a brakes-off, or ""."""
     if why_off:
         to_do = advice(why_off) or FAULTS["brakes-off"].advice
-        return Check("Device", BAD, BRAKES_OFF, f"Brakes off: {why_off}. {to_do}")
+        return Check("Device", BAD, BRAKES_OFF, f"Brakes off. {why_off[0].upper()}{why_off[1:]}. {to_do}")
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 

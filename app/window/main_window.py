@@ -41,7 +41,7 @@ PAGES = {
     TRY: ("sandbox.try_page", "TryPage"),
     RUN: ("run.run_page", "RunPage"),
     ANALYSE: ("analyse.analyse_page", "AnalysePage"),
-    DEVICE: ("device_page", "DevicePage"),
+    DEVICE: ("device.device_page", "DevicePage"),
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording

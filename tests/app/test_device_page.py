@@ -7,10 +7,12 @@ import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import LEFT, PageDriver, texts
 from PySide6.QtTest import QTest
-from status_messages import NOT_ZEROED, ON_BENCH, WELL, status, told
+from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
-from app.window.device_page import RECENT_S, SIMULATED, DevicePage, Rates, counters_of, quantisation, worth_a_look
+from app.window.device.device_page import SIMULATED, DevicePage
+from app.window.device.device_view import FOLLOWS, NO_DEVICE, UNHOMED
+from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
 
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
@@ -51,7 +53,7 @@ def test_of_a_simulated_device_one_sentence_is_shown_and_of_a_board_that_it_is_b
 
 def test_a_step_that_is_being_done_is_said_on_its_button_and_none_is_offered_meanwhile(page: DevicePage) -> None:
     for button, step, says in zip(
-        page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), ("Homing …", "Zeroing …", "Connecting …"), strict=True
+        page.steps.values(), (m.CONNECT, m.HOME, m.ZERO), ("Connecting …", "Homing …", "Zeroing …"), strict=True
     ):
         page.show_snapshot(ready(3, checks=WELL, step=step))
         assert button.text() == says and not any(other.isEnabled() for other in page.steps.values())
@@ -62,9 +64,9 @@ def test_a_step_that_is_being_done_is_said_on_its_button_and_none_is_offered_mea
 def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: DevicePage) -> None:
     shown = texts(page)
     for what in (
-        "All is well.", "four-brake", "B-7", "/dev/ttyACM0", "0.9.0, protocol 1", "ready: no current", "homed at",
+        "four-brake", "B-7 at /dev/ttyACM0", "0.9.0, protocol 1", "Ready: no current", "A B: homed at",
         "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
-        "UART at 2,000,000 baud, by an ST-LINK", "5.0 N   x 3.0   y -4.0", "1.6 ms at best",
+        "UART at 2000 kbaud, by an ST-LINK", "5.0 N   x 3.0   y -4.0", "1.6 ms at best",
         "12 of 812\u202f357 samples", "+12 ppm", "± 35 µs",
     ):  # fmt: skip
         assert what in shown, what
@@ -73,7 +75,7 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
 def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) -> None:
     page.show_pulse(told(status(problem="no sample for 200 ms", homed=False, counts=(), theta=())))
     sensors = [label.text() for name, label in page.values.items() if name.startswith("Joint") or name == "Handle"]
-    assert set(sensors) == {"–"} and page.values["State"].text() == "not connected"
+    assert set(sensors) == {"–"} and FOLLOWS not in texts(page)
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
     assert page.values["Hand force"].text() == page.values["Handle"].text() == "–"
     assert page.values["Joint A"].text() == "34\u202f512 counts"
@@ -84,7 +86,7 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) ->
 def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:
     bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
     show(page, opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
-    assert "not homed. Home the encoders: until then" in texts(page) and "All is well." not in texts(page)
+    assert "Not homed. Home the encoders: until then" in texts(page)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: s
     assert recent.rates(0.0, quiet) == {}
     noisy = {**quiet, "samples": 1000, counter: 9}
     (found,) = worth_a_look(status(), recent.rates(1.0, noisy))
-    assert says in found.text and found.advice and found.state == m.CAUTION
+    assert says in found
     for second in range(2, 2 * int(RECENT_S)):
         noisy = {**noisy, "samples": noisy["samples"] + 1000}
         rates = recent.rates(float(second), noisy)
@@ -107,9 +109,9 @@ def test_a_counter_that_rises_is_worth_a_word_and_an_old_count_is_not(counter: s
 
 def test_few_samples_and_clocks_that_run_apart_are_worth_a_word() -> None:
     slow = {**dict.fromkeys(counters_of(status().report), 0.0), "samples": 900.0}
-    assert "Only 900 of 1000" in worth_a_look(status(), slow)[0].text
+    assert "Only 900 of 1000" in worth_a_look(status(), slow)[0]
     apart = {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 9}
-    assert "unevenly" in worth_a_look(status({"clock": apart}), {})[0].text
+    assert "unevenly" in worth_a_look(status({"clock": apart}), {})[0]
 
 
 @pytest.mark.parametrize(
@@ -119,8 +121,7 @@ def test_few_samples_and_clocks_that_run_apart_are_worth_a_word() -> None:
 )  # fmt: skip
 def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str]) -> None:
     found = worth_a_look(status(counted), {})
-    assert len(found) == len(says) and all(what in one.text for what, one in zip(says, found, strict=True))
-    assert all(one.advice for one in found)
+    assert len(found) == len(says) and all(what in one for what, one in zip(says, found, strict=True))
 
 
 def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
@@ -144,7 +145,7 @@ def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: Devi
 
 def test_a_step_is_taken_after_a_question_that_says_what_it_needs(bench: Bench, page: DevicePage) -> None:
     for button, step, says in zip(
-        page.steps.values(), (m.HOME, m.ZERO, m.CONNECT), (" mm", "Let go", "closed and made again"), strict=True
+        page.steps.values(), (m.CONNECT, m.HOME, m.ZERO), ("closed and made again", " mm", "Let go"), strict=True
     ):
         QTest.mouseClick(button, LEFT)
         assert bench.sent == [] and says in page.cards.question.text.text()
@@ -173,7 +174,7 @@ def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage
 
 def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
     page.show_pulse(told(status(fault="no command for 50 ms")))
-    home, zero, reconnect = page.steps.values()
+    reconnect, home, zero = page.steps.values()
     assert not home.isEnabled() and not zero.isEnabled() and reconnect.isEnabled()
 
 
@@ -186,4 +187,38 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     assert "can be felt" in texts(page)
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
     show(page, opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
-    assert "can be felt" not in texts(page) and "One encoder count is" in texts(page)
+    assert "can be felt" not in texts(page) and "too little to be felt" in texts(page)
+
+
+def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -> None:
+    not_homed = m.Check("Device", m.DUE, "not homed yet", "The session begins with homing the encoders.")
+    off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off.")
+    for state, checks, off_by, main in (
+        ({}, WELL, "", []), ({"zeroed": False}, NOT_ZEROED, "", ["Take the zero …"]),
+        ({"zeroed": False, "homed": False}, (not_homed, *NOT_ZEROED[1:]), "", ["Home the encoders …"]),
+        ({"problem": "no sample for 200 ms"}, LOST, "", ["Reconnect …"]),
+        ({"fault": "too hot"}, (off, *WELL[1:]), "the board: too hot", ["Reset faults  Ctrl+B"]),
+    ):  # fmt: skip
+        page.show_pulse(told(status(**state)))
+        show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))
+        assert [one.text() for one in (*page.steps.values(), page.reset) if one.objectName() == "main"] == main
+
+
+def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_at_all_once_it_is_lost(
+    page: DevicePage,
+) -> None:
+    assert page.view.isVisible() and page.view.tip == status().tip and page.view.caption.text() == FOLLOWS
+    page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))
+    assert page.view.isVisible() and page.view.tip != status().tip and page.view.caption.text() == UNHOMED
+    page.show_pulse(told(status(problem="no sample for 200 ms")))
+    assert not page.view.isVisible() and page.view.caption.text() == NO_DEVICE
+
+
+def test_a_fault_stands_in_the_row_of_what_it_is_of() -> None:
+    lost = m.Check("Device", m.BAD, "not connected", "No sample for 200 ms.")
+    for state, off_by, row in (
+        (status(problem="no sample"), "Esc was pressed", "Board"), (status(), "Esc was pressed", "Brakes"),
+        (status(fault="too hot"), "", "Brakes"), (status(homed=False), "", "Encoders"), (None, "", "Board"),
+    ):  # fmt: skip
+        found = readiness(ready(3, checks=(lost, *WELL[1:]), brakes_off=off_by), state, {})
+        assert [name for name, check in found.items() if check.state == m.BAD] == [row]

@@ -16,7 +16,7 @@ from test_board_session import OnBench
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from app.loop import guided_bring_up
-from app.window.device_page import DevicePage
+from app.window.device.device_page import DevicePage
 from experiments.bring_up.record import newest_record
 from experiments.bring_up.step import Step
 from experiments.bring_up.steps import steps_for
@@ -90,8 +90,8 @@ def test_the_page_shows_the_step_and_what_was_seen(qtbot) -> None:
     page.show_opened(opened(**ON_BENCH))
     page.show_snapshot(ready(3, checks=WELL))
     page.show_pulse(m.Pulse(None, None, 0, device=status()))
-    page.bring_up.ask_open.click()
-    assert page.bring_up.isVisible() and not page.bench.isVisible() and not page.bring_up.begin.isEnabled()
+    page.ask_bring_up.click()
+    assert page.bring_up.isVisible() and not page.why.isVisible() and not page.bring_up.begin.isEnabled()
     page.bring_up.name.setText("A. Builder")
     page.bring_up.begin.click()
     assert driver.sent[-1] == m.PrepareDevice(m.BRING_UP, "A. Builder")
@@ -105,4 +105,4 @@ def test_the_page_shows_the_step_and_what_was_seen(qtbot) -> None:
     assert [command.step for command in driver.sent[-2:]] == [m.GO_ON, m.BREAK_OFF]
     page.show_pulse(m.Pulse(None, None, 0, device=status()))
     page.bring_up.end.click()
-    assert page.bench.isVisible()
+    assert page.why.isVisible() and not page.bring_up.isVisible()

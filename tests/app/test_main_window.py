@@ -79,17 +79,21 @@ def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: S
     assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
 
 
-def test_words_of_the_preflight_row_are_whole_or_in_the_tooltip_and_what_is_wrong_has_room_first(screens) -> None:
-    def shown() -> list[bool]:
+def test_a_long_text_in_the_preflight_row_is_shortened_before_another_loses_its_words(screens: Screens) -> None:
+    def shown() -> list[str]:
         settle(screens.main)
-        return [pill.text.isVisible() for pill in screens.main.preflight.pills]
+        return [pill.text.text() for pill in screens.main.preflight.pills]
 
     screens.hear(opened(), ready(checks=GREEN))
-    assert all(shown())
-    screens.hear(ready(checks=(*GREEN[:4], m.Check("Recording", m.CAUTION, "every tick and its markers, none lost"))))
-    assert shown()[4] and not all(shown()[:4]) and faults(screens.main) == []
+    whole = shown()
+    assert not any(text.endswith("…") for text in whole)
+    long = m.Check("Recording", m.BAD, "every tick and its markers, none of which has been lost so far")
+    screens.hear(ready(checks=(*GREEN[:4], long)))
+    assert shown()[:4] == whole[:4] and shown()[4].startswith("every tick") and shown()[4].endswith("…")
+    assert long.text in screens.main.preflight.pills[4].toolTip() and faults(screens.main) == []
     screens.main.resize(*SMALLEST)
-    assert not shown()[4] and screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+    assert not any(text == "…" for text in shown())
+    assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
 
 
 def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:

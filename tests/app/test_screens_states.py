@@ -177,10 +177,10 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
 def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(screens):
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
     banner, line = screens.main.preflight.banner.text(), screens.run.workspace.view
-    assert banner.startswith("Brakes off: Esc.") and "Device: not connected. No sample for 200 ms." in banner
+    assert banner.startswith("Brakes off. Esc.") and "Device: not connected. No sample for 200 ms." in banner
     assert line.line == UNMEASURED
-    off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off: Esc.")
-    assert told(off) == "Brakes off: Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
+    off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
+    assert told(off) == "Brakes off. Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
     assert screens.main.preflight.banner.text().count("Esc.") == 1 and not line.line
 

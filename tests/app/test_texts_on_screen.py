@@ -173,7 +173,7 @@ def bring_up(screens: Screens) -> None:
     results = ("Limits", "passed", "All are those of the file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
     shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results)
     device(ready(3, checks=WELL), status(bring_up=shown))(screens)
-    screens.main.pages[DEVICE].bring_up.set_open(True)
+    screens.main.pages[DEVICE].ask_bring_up.click()
 
 
 def consent(screens: Screens) -> None:

@@ -109,10 +109,10 @@ def test_another_device_that_has_got_the_name_is_not_opened_and_a_port_that_is_n
     [
         ("/dev/ttyACM0", 0x1209, 0x0001, "USB", 921_600),
         ("/dev/ttyACM0", 0x0483, 0x5740, "USB", 921_600),  # a board's own port, of the same maker as the ST-LINK
-        ("/dev/ttyACM0", 0x0483, 0x374B, "UART at 2,000,000 baud, by an ST-LINK", 2_000_000),
-        ("/dev/ttyUSB0", 0x0403, 0x6001, "UART at 921,600 baud, by an adapter (FTDI)", 921_600),
-        ("/dev/ttyUSB1", 0x10C4, 0xEA60, "UART at 921,600 baud, by an adapter (CP210x)", 921_600),
-        ("/dev/ttyS0", None, None, "UART at 921,600 baud", 921_600),
+        ("/dev/ttyACM0", 0x0483, 0x374B, "UART at 2000 kbaud, by an ST-LINK", 2_000_000),
+        ("/dev/ttyUSB0", 0x0403, 0x6001, "UART at 921.6 kbaud, by an adapter (FTDI)", 921_600),
+        ("/dev/ttyUSB1", 0x10C4, 0xEA60, "UART at 921.6 kbaud, by an adapter (CP210x)", 921_600),
+        ("/dev/ttyS0", None, None, "UART at 921.6 kbaud", 921_600),
         ("/dev/pts/3", None, None, "pseudo-terminal", 921_600),
         ("socket://127.0.0.1:4000", None, None, "TCP", 921_600),
     ],

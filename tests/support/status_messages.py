@@ -20,7 +20,7 @@ FRAMES = {"good": 812_400, "bad_cobs": 0, "bad_crc": 0, "too_long": 0, "resyncs"
 REPORT = {
     "samples": 812_345, "lost": 12, "repeated": 0, "late_commands": 0, "refused": 0, "not_closed": 0, "lost_links": 0,
     "round_trip_s": 0.0016, "delay_ticks": 1, "frames": FRAMES, "board": "B-7", "firmware": "0.9.0", "protocol": 1,
-    "starts": 1, "link": "UART at 2,000,000 baud, by an ST-LINK",
+    "starts": 1, "link": "UART at 2000 kbaud, by an ST-LINK",
     "clock": {"offset_s": 1234.5678, "drift": 12.3e-6, "residual_s": 35e-6, "blocks": 60}, "state": "READY",
     "counts_per_rev": [96_000, 96_000],
 }  # fmt: skip

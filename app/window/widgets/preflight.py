@@ -6,7 +6,9 @@ from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
+from app.window.widgets.parts import END, NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
+from app.window.widgets.words import as_sentence
+from core import faults
 
 #: state -> shape and look of its mark: said by shape too, not by colour alone
 MARKS = {
@@ -14,7 +16,6 @@ MARKS = {
     m.WAITING: ("○", "off"),
 }  # fmt: skip
 DEVICE = "Device"  # the check that leads to the device page
-URGENT = (m.BAD, m.DUE, m.CAUTION, m.WAITING, m.GOOD)  # whose words have room first
 GAP_PX = 4  # in a pill and between two
 PADDING_PX = 14  # beside the words of the banner: the sheet's padding, and a little
 
@@ -28,14 +29,23 @@ class Pill(Panel):
         super().__init__("pill-bad" if check.state == m.BAD else "pill")
         self.mark = text_label(*MARKS[check.state], theme.SMALL)
         name = text_label(check.name, size=theme.SMALL, bold=True)
-        short = check.text.partition(",")[0] if check.state == m.GOOD else check.text
-        self.state, self.text = check.state, text_label(short, "quiet", theme.SMALL)
-        self.text.hide()
+        self.words = check.text.partition(",")[0] if check.state == m.GOOD else check.text
+        self.text = text_label("", "quiet", theme.SMALL)
         self.setLayout(row(self.mark, name, self.text, spacing=GAP_PX, margins=(7, 0, 7, 0)))
         self.setFixedHeight(30)
         leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
         self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
         self.setToolTip(" ".join(filter(None, (f"{check.name}: {sentence(told(check))}", leads))))
+
+    @property
+    def wanted_px(self) -> int:
+        """How wide its words are."""
+        return self.text.fontMetrics().horizontalAdvance(self.words) + 1  # which is rounded
+
+    def shorten(self, room_px: int) -> None:
+        """Show as much of its words as has room; of a few letters nothing."""
+        shown = self.text.fontMetrics().elidedText(self.words, END, room_px)
+        self.text.setText(shown if shown == self.words or len(shown) > 3 else "")
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
@@ -125,14 +135,14 @@ class Preflight(QWidget):
         self.setLayout(row(1, self._row))
 
     def follow_text(self) -> None:
-        """The words for which there is room, what is wrong first; the others stand in the tooltips alone."""
-        words = {pill: pill.text.sizeHint().width() + GAP_PX for pill in self.pills}
-        names = (pill.sizeHint().width() - (0 if pill.text.isHidden() else words[pill]) for pill in self.pills)
-        room = self.width() - sum(names) - GAP_PX * (len(self.pills) - 1)
-        for pill in sorted(self.pills, key=lambda pill: URGENT.index(pill.state)):
-            fits = words[pill] <= room
-            pill.text.setVisible(fits)
-            room -= words[pill] if fits else 0
+        """A fair share of the room to the words of each: what a short one does not need is for the longer ones."""
+        for pill in self.pills:
+            pill.shorten(0)
+        room = self.width() + GAP_PX - sum(pill.sizeHint().width() + GAP_PX for pill in self.pills)
+        for n, pill in enumerate(sorted(self.pills, key=lambda pill: pill.wanted_px)):
+            share = min(pill.wanted_px, max(room, 0) // (len(self.pills) - n))
+            pill.shorten(share)
+            room -= share
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -162,9 +172,9 @@ class Preflight(QWidget):
 def advice(snapshot: m.Snapshot) -> list[str]:
     """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
     lines = []
-    if snapshot.brakes_off:
-        cause = sentence(snapshot.brakes_off)
-        lines.append(f"Brakes off: {cause} Press Ctrl+B or “Allow brakes”.")
+    if why := snapshot.brakes_off:
+        to_do = faults.advice(why) or "Press Ctrl+B or “Allow brakes”."
+        lines.append(f"Brakes off. {as_sentence(why)} {to_do}")
     for check in snapshot.checks:
         if check.state == m.BAD and not (snapshot.brakes_off and check.text == m.BRAKES_OFF):
             lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))

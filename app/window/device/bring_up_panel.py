@@ -20,15 +20,12 @@ ABOUT = (
 class BringUpPanel(QWidget):
     """A name and a button before; the present step and the results while it goes on."""
 
-    opened = Signal(bool)  # it is open, in place of the page's figures; or not
+    closed = Signal()
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__()
-        self.send, self.shown = send, m.BringUpShown("", "", False, ())
-        self.is_open = self._usable = False
-        self.ask_open = button("Bring up …", lambda: self.set_open(True))
-        self.name = QLineEdit()
-        self.name.setPlaceholderText("Your name")
+        self.send, self.shown, self._usable = send, m.BringUpShown("", "", False, ()), False
+        self.name = QLineEdit(placeholderText="Your name", accessibleName="Your name")
         self.name.textChanged.connect(lambda _: self._refresh())
         self.begin = button("Begin", self._begin, "main")
         self.go_on = button("Done", lambda: self.send(m.PrepareDevice(m.GO_ON)), "main")
@@ -38,14 +35,10 @@ class BringUpPanel(QWidget):
         self.found = panel("What was found", self.results)
         head = panel("Bring up the device", self.title, self.ask, row(self.name, self.begin, self.go_on, self.end, 1))
         self.setLayout(column(head, (scrolled(holder(column(self.found, 1))), 1), spacing=theme.GAP))
-        self.setVisible(False)
 
-    def set_open(self, is_open: bool) -> None:
-        """Show it in place of the page's figures, or hide it."""
-        self.is_open = is_open
-        self.setVisible(is_open)
-        self._refresh()
-        self.opened.emit(is_open)
+    @property
+    def can_open(self) -> bool:
+        return self._usable or bool(self.shown.title)
 
     def show_status(self, status: m.DeviceStatus | None, usable: bool) -> None:
         """usable: whether a step may be taken now."""
@@ -62,13 +55,12 @@ class BringUpPanel(QWidget):
         if self.shown.title:
             self.send(m.PrepareDevice(m.BREAK_OFF))
         else:
-            self.set_open(False)
+            self.closed.emit()
 
     def _refresh(self) -> None:
         shown = self.shown
-        self.ask_open.setEnabled(self._usable or bool(shown.title))
         self.title.setText(shown.title or "Before it begins")
-        self.ask.setText((shown.ask or "Nothing: it is looked at.") if shown.title else ABOUT)
+        self.ask.setText((shown.ask or "Wait: this is checked without you.") if shown.title else ABOUT)
         self.name.setVisible(not shown.title)
         self.begin.setVisible(not shown.title)
         self.begin.setEnabled(self._usable and bool(self.name.text().strip()))

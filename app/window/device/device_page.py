@@ -1,0 +1,223 @@
+"""The device on the bench: is it ready, what to do next, and what its board and sensors report."""
+
+from collections.abc import Callable
+from functools import partial
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import QGridLayout
+
+from app.ipc import messages as m
+from app.window.device.bring_up_panel import BringUpPanel
+from app.window.device.device_view import DeviceView
+from app.window.device.figures import (
+    BOARD,
+    BRAKES,
+    ENCODERS,
+    FORCE,
+    LINK,
+    NOTHING,
+    READINESS,
+    READY_BOARD,
+    SENSORS,
+    Rates,
+    counters_of,
+    figures_of,
+    is_reached,
+    readiness,
+)
+from app.window.widgets import theme
+from app.window.widgets.cards import Cards, OverlayCard
+from app.window.widgets.page import Page
+from app.window.widgets.parts import (
+    breakable,
+    button,
+    column,
+    grid,
+    holder,
+    keep_room,
+    panel,
+    row,
+    stack,
+    text_label,
+    wrapped_label,
+)
+from app.window.widgets.preflight import MARKS
+from experiments.protocol import home_of
+
+SIMULATED = (
+    "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on the "
+    "Home page and connect to its port."
+)
+#: row -> the words of its button, the step that it asks for, and what its question says
+STEPS = {
+    READY_BOARD: (
+        "Reconnect …",
+        m.CONNECT,
+        "The connection is closed and made again. The zero must be taken again afterwards.",
+    ),
+    ENCODERS: ("Home the encoders …", m.HOME, "Hold the handle in its jig at {}, then go on."),
+    FORCE: ("Take the zero …", m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
+}
+NEW_BENCH = "New bench"
+CHECKED = "Has it just been wired? Check it step by step, and sign the record."
+
+
+class DevicePage(Page):
+    """Row by row what must be ready, each with its button; the device as its encoders have it; figures."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)
+        self._port = ""  # of a device on the bench; "": the device is simulated
+        self._status: m.DeviceStatus | None = None
+        self._rates, self._recent = dict[str, float](), Rates()
+        self.cards = Cards(self)
+        self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
+        self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.view = DeviceView()
+        keep_room(self.view)
+        self.rows = {name: (text_label(), wrapped_label()) for name in (*READINESS, NEW_BENCH)}  # mark, words
+        self.values = {name: wrapped_label(NOTHING) for name in (*BOARD, *SENSORS, *LINK)}
+        self.bring_up = BringUpPanel(send)
+        self.steps = {name: button(text, partial(self._ask, name)) for name, (text, _, _) in STEPS.items()}
+        self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
+        self.ask_bring_up = button("Bring up …", lambda: self._show_bring_up(True))
+        self.bring_up.closed.connect(lambda: self._show_bring_up(False))
+        self._lay_out()
+        self._refresh()
+
+    def _lay_out(self) -> None:
+        lines = grid(10, 4, stretched=2)
+        buttons = {**self.steps, BRAKES: self.reset, NEW_BENCH: self.ask_bring_up}
+        for down, (name, (mark, words)) in enumerate(self.rows.items()):
+            for across, part in enumerate((mark, text_label(name, bold=True), words, buttons.get(name))):
+                if part is not None:
+                    lines.addWidget(part, down, across, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
+            lines.setRowStretch(down, 1)
+        lines.setRowStretch(len(self.rows), 1)
+        state = panel("Is it ready?", (lines, 1), self.why)
+        self._left = stack(state, self.bring_up)
+        seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
+        # shares of the width: what the board is called may take two lines, numbers that change may not
+        groups = ("Board", BOARD, 5), ("Sensors", SENSORS, 6), ("Link since it was opened", LINK, 5)
+        self._figures = holder(
+            row(
+                *((panel(title, self._grid_of(tuple(names)), 1), share) for title, names, share in groups),
+                spacing=theme.GAP,
+            )
+        )
+        top = row((self._left, 5), (seen, 4), spacing=theme.GAP)
+        self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
+        self.setLayout(column(self.no_figures, (self.bench, 1)))
+
+    def _grid_of(self, names: tuple[str, ...]) -> QGridLayout:
+        lines = grid(8, 4, stretched=1)
+        for place, name in enumerate(names):
+            lines.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
+            lines.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
+        return lines
+
+    def show_setup(self, setup: m.Setup) -> None:
+        self._port, self._status, self.opened = setup.link, None, None
+        self._refresh()
+
+    def show_opened(self, opened: m.Opened) -> None:
+        if opened != self.opened:
+            self.cards.leave()
+        super().show_opened(opened)
+        self._refresh()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        if snapshot.stage != self.snapshot.stage:
+            self.cards.leave()
+        super().show_snapshot(snapshot)
+        self._refresh()
+
+    def cancel(self) -> bool:
+        return self.cards.leave()
+
+    def show_pulse(self, pulse: m.Pulse) -> None:
+        status = pulse.device
+        if status is None or status != self._status:
+            before, self._status = self._status, status
+            if before is None or status is None or status.homed != before.homed:
+                self._recent = Rates()  # what the encoders gave before they were homed means nothing
+            self._rates = self._recent.rates(status.reported_s, counters_of(status.report)) if status else {}
+            self._refresh()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._refresh()
+
+    def _show_bring_up(self, shown: bool) -> None:
+        """The steps of the bring-up in place of the rows and figures."""
+        self._left.setCurrentIndex(int(shown))
+        self._refresh()
+
+    def _refresh(self) -> None:
+        status, snapshot, opened = self._status, self.snapshot, self.opened
+        on_bench = opened is not None and opened.real_device
+        self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
+        self.no_figures.setVisible(not on_bench)
+        self.bench.setVisible(on_bench)
+        self._figures.setVisible(self._left.currentWidget() is not self.bring_up)
+        if opened is None or not on_bench or not self.isVisible():
+            return
+        figures = figures_of(status, self._rates, opened.protocol) if status else {}
+        for name, label in self.values.items():
+            label.setText(breakable(figures.get(name) or NOTHING))
+        why = why_no_step(opened, snapshot)
+        self.why.setText(why)
+        free = not why and not snapshot.step  # one step at a time
+        self.bring_up.show_status(status, free and status is not None and not status.problem)
+        self._show_rows(readiness(snapshot, status, self._rates), free)
+        self.view.show_device(status if is_reached(status) else None, opened.protocol)
+
+    def _show_rows(self, found: dict[str, m.Check], free: bool) -> None:
+        """What is ready; the button of the first that is not, and can be made so, is the main one."""
+        status = self._status
+        usable = status if free and is_reached(status) and status is not None and not status.fault else None
+        senses = usable is not None and usable.force_channels > 0
+        can = {READY_BOARD: free, ENCODERS: usable is not None, FORCE: senses}
+        for name, pressed in self.steps.items():
+            text, step, _ = STEPS[name]
+            pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
+            pressed.setEnabled(can[name])
+        self.reset.setEnabled(bool(self.snapshot.brakes_off) and self.snapshot.stage != m.RUNNING)
+        self.ask_bring_up.setEnabled(self.bring_up.can_open)
+        due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
+        for name, pressed in {**self.steps, BRAKES: self.reset}.items():
+            theme.set_style(pressed, "main" if name == due else "")
+        for name, (mark, words) in self.rows.items():
+            check = found.get(name, m.Check(name, m.WAITING, CHECKED))
+            shape, look = MARKS[check.state]
+            mark.setText(shape)
+            theme.set_style(mark, look)
+            words.setText(breakable(check.text[:1].upper() + check.text[1:]))
+
+    def _ask(self, name: str) -> None:
+        """Say what the step needs before it is taken."""
+        text, step, needs = STEPS[name]
+        coming, opened = self.snapshot.coming, self.opened
+        if coming is None or opened is None:
+            return
+        if step == m.HOME:
+            x, y = home_of(opened.protocol.device(coming.configuration), opened.protocol.paths)
+            needs = needs.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
+
+        def do() -> None:
+            self.cards.leave()
+            self.send(m.PrepareDevice(step))
+
+        answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
+        self.cards.put(OverlayCard(text.removesuffix(" …"), needs, answers, self))
+
+
+def why_no_step(opened: m.Opened, snapshot: m.Snapshot) -> str:
+    """Why no step can be taken now, one sentence; "": one can."""
+    if not opened.participant:
+        return "Start a session first: its journal records these steps."
+    if snapshot.coming is None:
+        return "All trials of the plan are done."
+    between = snapshot.stage == m.READY or snapshot.card is not None
+    return "" if between else "These steps are taken between two trials."
