@@ -91,16 +91,16 @@ def run(args: argparse.Namespace) -> int | None:
         memory = import_window_module("widgets.memory")
         memory.begin()
         palette.choose(args.theme or memory.remembered(memory.DARK_OR_LIGHT))
-        windows = import_window_module("windows")
+        program = import_window_module("program")
         display.check()
-        windows.make_ready()
-        if not windows.compile_kernels():
+        program.make_ready()
+        if not program.compile_kernels():
             client.stop("the set-up was closed")
             return 0
     except BaseException:
         client.stop("no window was opened")
         raise
-    return windows.run(client)
+    return program.run(client)
 
 
 def data_dir_of(args: argparse.Namespace) -> Path:

@@ -25,6 +25,7 @@ from PySide6.QtWidgets import (
 from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
+from app.window.participant.participant_window import ParticipantWindow
 from app.window.settings import HelpCard, KeysCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
@@ -119,9 +120,6 @@ class MainWindow(QWidget):
     """Header, one page at a time, footer."""
 
     participant_asked = Signal()  # show or hide the participant's window
-    turn_asked = Signal()  # as `Page.turn_asked`
-    consent_asked = Signal(object)  # as `Page.consent_asked`
-    answers_changed = Signal(dict)  # as `Page.answers_changed`
     restart_asked = Signal(object, object)  # as `Page.setup_asked`
     setting_changed = Signal(str)  # a key of `memory`, whose new value is remembered
     closed = Signal()
@@ -129,13 +127,14 @@ class MainWindow(QWidget):
     def __init__(self, client: Client) -> None:
         super().__init__()
         self.setWindowTitle("PHD")
-        self.client = client
+        self.client, self.participant = client, ParticipantWindow()
+        self.participant.changed.connect(self._show_participant)
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
         self._moved: tuple[str, str] | None = None  # as the newest snapshot has it
         self._stake: tuple | None = None  # `_at_stake` when the user closed the window last
-        self.dead = self._closing = self._participant_answers = self._participant_reads = False
+        self.dead = self._closing = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
         self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
@@ -208,16 +207,17 @@ class MainWindow(QWidget):
             page.pointer_left.connect(lambda: self.client.ring.let_go())
             page.setup_asked.connect(self.restart_asked)
             page.folder_asked.connect(self._open_folder)
-            page.turn_asked.connect(self.turn_asked)
-            page.consent_asked.connect(self.consent_asked)
-            page.answers_changed.connect(self.answers_changed)
+            page.turn_asked.connect(self.participant.start)
+            page.consent_asked.connect(self.participant.ask_consent)
+            page.answers_changed.connect(self.participant.questions.show_values)
+            self.participant.questions.changed.connect(page.show_answers)
+            self.participant.consent.answered.connect(page.answer_consent)
             self.pages[name] = page
             self._stack.addWidget(page)
-            page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
             page.show_setup(self.client.setup)
             if self.opened is not None:
                 page.show_opened(self.opened)
-            page.show_snapshot(self.snapshot)
+            self._show_participant()
         return self.pages[name]
 
     def show_page(self, name: str, what: object = None) -> None:
@@ -231,29 +231,10 @@ class MainWindow(QWidget):
         self._stack.setCurrentWidget(page)
         page.begin(what)
 
-    def ask_participant(self, seen: bool) -> None:
-        """Whether the participant's window is seen: questions are then answered there."""
-        self._participant_answers = seen
-        self._show_participant()
-
-    def answer_consent(self, agrees: bool) -> None:
-        """The participant has answered on their own screen."""
-        self.pages[HOME].answer_consent(agrees)
-
-    def show_answers(self, values: dict[str, int | None]) -> None:
-        """What the participant has answered so far: they may go on in this window."""
-        for page in self.pages.values():
-            page.show_answers(values)
-
-    def show_reading(self, reads: bool) -> None:
-        """Whether the participant has instructions before them: a start then turns their page."""
-        self._participant_reads = reads
-        self._show_participant()
-
     def _show_participant(self) -> None:
         """Hand every page what the participant is doing."""
         for page in self.pages.values():
-            page.participant_answers, page.participant_reads = self._participant_answers, self._participant_reads
+            page.participant_answers, page.participant_reads = self.participant.isVisible(), self.participant.reads
             page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:

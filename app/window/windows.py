@@ -2,34 +2,24 @@
 
 import gc
 import math
-import os
-import signal
-import sys
 import threading
 import time
 from functools import partial
 from importlib import import_module
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QGuiApplication, QScreen
-from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgressDialog
+from PySide6.QtWidgets import QApplication
 
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.progress import ProgressBar
 from app.window.main_window import MainWindow
-from app.window.participant.participant_window import ParticipantWindow
-from app.window.widgets import memory, theme, words
+from app.window.widgets import memory, words
 from app.window.widgets.keys import bind
-from app.window.widgets.theme import show_fitted
-from app.window.widgets.work import VerbProcess
 from core import tick_log
-from core.files import InputError
-from core.kernels.cache import is_compiled
 
-LARGEST = (1920, 1080)  # px, as the main window opens
 FRAME_S = 1.0 / 60.0
 
 
@@ -42,7 +32,7 @@ class Windows(QObject):
         super().__init__()
         self.client = client
         self.main = MainWindow(client)
-        self.participant = ParticipantWindow()
+        self.participant = self.main.participant
         self.over = False
         self._warm_up: threading.Thread | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
@@ -56,16 +46,9 @@ class Windows(QObject):
         shown.view.pointer_moved.connect(lambda *hand: self.client.ring.aim(*hand))
         shown.view.pointer_left.connect(lambda: self.client.ring.let_go())
         shown.questions.answered.connect(lambda values: main.send(m.Answers(dict(values))))
-        shown.questions.changed.connect(main.show_answers)
-        main.answers_changed.connect(shown.questions.show_values)
         for answered in (shown.questions.answered, shown.consent.answered):
             answered.connect(self._hand_back)
         shown.close_asked.connect(self._close_asked)
-        shown.seen.connect(main.ask_participant)
-        shown.reading.connect(main.show_reading)
-        main.consent_asked.connect(shown.ask_consent)
-        shown.consent.answered.connect(main.answer_consent)
-        main.turn_asked.connect(shown.start)
         bind(shown, self._keys_of_participant())
         application = QApplication.instance()
         assert isinstance(application, QApplication)
@@ -293,95 +276,3 @@ def load_statistics() -> None:
 
     gc.collect()
     gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then
-
-
-def make_ready() -> QApplication:
-    """What need not wait for the server: the application."""
-    application = QApplication.instance() or QApplication(sys.argv[:1])
-    assert isinstance(application, QApplication)
-    memory.begin()
-    theme.apply_theme(application)
-    application.setQuitOnLastWindowClosed(False)
-    return application
-
-
-def compile_kernels() -> bool:
-    """On the first start on a computer: a bar in a window and one in the terminal, until the kernels are compiled.
-
-    Whether to go on: False once that window is closed.
-    """
-    if is_compiled("run_ticks"):
-        return True
-    bar = QProgressDialog("Setting up for this computer, once: a minute, or a few if it is busy.", "", 0, 100)
-    bar.setBar(QProgressBar(textVisible=False))
-    bar.setCancelButton(None)
-    bar.setWindowTitle("PHD")
-    bar.setMinimumDuration(0)
-    waiting = QEventLoop()
-    compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
-    in_terminal = ProgressBar("setting up for this computer: once")
-
-    def show(share: float) -> None:
-        if not compiling.stopped:  # else it would open again
-            bar.setValue(round(99 * share))
-            in_terminal(share)
-
-    show(0.0)
-    compiling.progressed.connect(show)
-    for closed in (bar.canceled, bar.rejected):
-        closed.connect(lambda: compiling.stop())
-    compiling.begin(module="app.compile_kernels")
-    waiting.exec()
-    in_terminal.close()
-    bar.hide()
-    return not compiling.stopped
-
-
-def show_refusal(refused: str) -> None:
-    """In a box for those who started the program without a terminal; that of a double click on Windows closes."""
-    in_terminal = sys.stderr is not None and sys.stderr.isatty() and os.name != "nt"
-    if not in_terminal and QGuiApplication.platformName() != "offscreen":
-        QMessageBox.critical(None, "PHD cannot start", words.as_sentence(refused))
-
-
-def run(client: Client) -> int:
-    """Open the app, which has been made ready, on a session server and stay until it closes; the exit code.
-
-    InputError if the session server cannot serve; the window is then closed at once.
-    """
-    application = QApplication.instance()
-    assert isinstance(application, QApplication)
-    code = 0
-    try:
-        windows = Windows(client)
-        windows.main.closed.connect(application.quit)
-
-        def leave(number: int, _frame: object) -> None:
-            nonlocal code
-            code = 128 + number
-            QTimer.singleShot(0, end)  # not here: a wait for a message that this interrupts would never end
-
-        def end() -> None:
-            windows.close("the program was interrupted")
-            application.quit()
-
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, leave)
-        show_fitted(windows.main, *LARGEST)
-        windows.show()
-        refused = client.refused(meanwhile=application.processEvents)
-        # another folder can be chosen in the window, where there is someone to do so
-        asks = client.wants_other_folder and QGuiApplication.platformName() != "offscreen"
-        if refused and not windows.over and not asks:
-            windows.close()
-            show_refusal(refused)
-            raise InputError(refused)
-        if not windows.over:  # the user may have closed them meanwhile
-            application.exec()
-    except BaseException:
-        client.stop("the window failed")
-        raise
-    windows.close()
-    if refused and windows.client is client:
-        raise InputError(refused)
-    return code

@@ -24,9 +24,10 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
+from app.window.program import show_refusal
 from app.window.run.trial_card import NO_FLAGS
 from app.window.widgets.page import RUN
-from app.window.windows import Windows, show_refusal
+from app.window.windows import Windows
 from core import tick_log
 from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
@@ -115,7 +116,7 @@ APP = """
 import sys
 from PySide6.QtCore import QTimer
 from app.cli import main
-from app.window.windows import Windows, show_refusal
+from app.window.windows import Windows
 show = Windows.show
 Windows.show = lambda self: (show(self), QTimer.singleShot(0, lambda: print("open", flush=True)))
 sys.exit(main(["run", *sys.argv[1:]]))
@@ -141,7 +142,7 @@ def test_ctrl_c_closes_windows_and_bench_and_leaves_nothing(tmp_path: Path) -> N
 def test_what_cannot_be_recorded_is_refused_and_no_window_stays(tmp_path: Path, monkeypatch, capsys, qapp) -> None:
     monkeypatch.setattr(QApplication, "exec", lambda _: pytest.fail("a window stays"))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setattr("app.window.windows.make_ready", lambda: qapp)  # that of all tests, which has no settings
+    monkeypatch.setattr("app.window.program.make_ready", lambda: qapp)  # that of all tests, which has no settings
     (tmp_path / "data").touch()
     assert "data: is a file" in refusal(capsys, "run", "--data-dir", tmp_path / "data")
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]

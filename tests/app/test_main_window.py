@@ -32,7 +32,7 @@ from texts_on_screen import faults
 
 from app import DATA
 from app.ipc import messages as m
-from app.window import windows
+from app.window import program
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
@@ -574,9 +574,9 @@ def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp,
             self.done.emit(InputError("it was ended early"))
 
     seen: list[bool] = []
-    monkeypatch.setattr(windows, "VerbProcess", Compiling)
-    monkeypatch.setattr(windows, "is_compiled", lambda _: False)
-    assert not windows.compile_kernels() and seen == [False]
+    monkeypatch.setattr(program, "VerbProcess", Compiling)
+    monkeypatch.setattr(program, "is_compiled", lambda _: False)
+    assert not program.compile_kernels() and seen == [False]
 
 
 def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:

@@ -81,7 +81,7 @@ def test_a_process_is_started_before_the_compiler_is_imported(module: str) -> No
 
 
 def test_the_windows_import_no_plots_and_no_statistics() -> None:
-    code = "import sys, app.window.windows; print(*{'matplotlib', 'scipy.linalg', 'pyarrow'} & set(sys.modules))"
+    code = "import sys, app.window.program; print(*{'matplotlib', 'scipy.linalg', 'pyarrow'} & set(sys.modules))"
     assert run_python(code) == ""
 
 

@@ -140,7 +140,8 @@ def long_names(screens: Screens) -> None:
 
 def instructed(screens: Screens) -> None:
     screens.hear(opened(), ready(0))
-    screens.main.show_reading(True)
+    screens.run.participant_reads = True
+    screens.run.show_snapshot(ready(0))
 
 
 def editor(screens: Screens) -> None:

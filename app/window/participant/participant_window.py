@@ -138,8 +138,7 @@ class ParticipantWindow(QWidget):
     """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
     close_asked = Signal()
-    seen = Signal(bool)  # shown or hidden: questions are answered here or in the main window
-    reading = Signal(bool)  # whether instructions are seen that have not all been turned over yet
+    changed = Signal()  # whether it is seen, so that questions are answered here; or `reads`
 
     def __init__(self) -> None:
         super().__init__()
@@ -153,7 +152,7 @@ class ParticipantWindow(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
-        self._rest_until_s, self._reads = 0.0, False
+        self._rest_until_s, self._told = 0.0, (False, False)
         self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions, self.consent):
@@ -198,22 +197,25 @@ class ParticipantWindow(QWidget):
         instructs = self._snapshot.stage == m.READY and not self._snapshot.rows and not self.instructions.over
         page = self.questions if self._snapshot.stage == m.QUESTIONS else self.instructions if instructs else self.view
         self._stack.setCurrentWidget(self.consent if self._asks_consent else page)
-        self._say_reading()
+        self._tell()
 
-    def _say_reading(self) -> None:
-        if (reads := self.isVisible() and self._stack.currentWidget() is self.instructions) != self._reads:
-            self._reads = reads
-            self.reading.emit(reads)
+    @property
+    def reads(self) -> bool:
+        """Whether instructions are seen that have not all been turned over yet."""
+        return self.isVisible() and self._stack.currentWidget() is self.instructions
+
+    def _tell(self) -> None:
+        if (now := (self.isVisible(), self.reads)) != self._told:
+            self._told = now
+            self.changed.emit()
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        self.seen.emit(True)
-        self._say_reading()
+        self._tell()
 
-    def hideEvent(self, event: QHideEvent) -> None:
+    def hideEvent(self, event: QHideEvent) -> None:  # a minimised one is still visible
         super().hideEvent(event)
-        self.seen.emit(self.isVisible())  # still, where it was minimised
-        self._say_reading()
+        self._tell()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         before, self._snapshot = self._snapshot, snapshot
