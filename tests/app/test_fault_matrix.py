@@ -180,7 +180,7 @@ last ones are among them ends as if the host had not been away.
 The data folder is no part of the wire; what a trial does without it is in `tests/app/test_folder_gone.py` (deleted,
 taken away, full) and `tests/app/test_slow_disk.py`. Our choice: the trial runs on to its end with its ticks in memory
 (400 MB at most, a quarter of an hour and more; beyond that it is ended, and the ticks that are lost are counted). No
-trial starts until the folder has everything or the session goes on in another one (*Other folder* on the Run page):
+trial starts until the folder has everything or the session goes on in another one (*Go on in another folder* on Run):
 what can be read of the old one is copied, everything else comes from memory but the earlier recordings, which `phd
 verify` then names. A program that ends first loses what is in memory, and the window asks before.
 """

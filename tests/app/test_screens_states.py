@@ -155,7 +155,7 @@ def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     screens.hear(opened(), ready())
     assert (
         "no brake added energy" not in screens.run.energy.proof.text()
-        and "no trial yet" in screens.run.energy.proof.text()
+        and "no trial yet" in screens.run.energy.balance.text()
     )
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))

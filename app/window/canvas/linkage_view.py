@@ -28,6 +28,7 @@ READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
 MOST_BRAKES = 4  # of a device: their read-outs have room on one line, or on two
 FOOT_PX = 20.0  # high, of the line below, at a text size of 1
 WIDEST_READOUT = "A slips 88.8 N m "
+READOUT_HEADS = ("Force", "Brakes", "")  # of the lines
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -175,8 +176,13 @@ class LinkageView(ForceView):
     @property
     def _brakes_a_line(self) -> int:
         """How many brakes' read-outs stand side by side, at the size of the text."""
-        room = self.width() - 32.0
+        room = self.width() - 32.0 - self._head_px
         return MOST_BRAKES if MOST_BRAKES * text_width(WIDEST_READOUT, theme.SMALL, bold=True) <= room else 2
+
+    @property
+    def _head_px(self) -> float:
+        """How wide the heads of the lines are."""
+        return max(text_width(f"{head}   ", theme.SMALL) for head in READOUT_HEADS)
 
     @property
     def readout_box(self) -> QRectF:
@@ -188,10 +194,12 @@ class LinkageView(ForceView):
         box, most = self.readout_box, self._brakes_a_line
         forces, brakes = self.readouts(labels)
         for down, line in enumerate((forces, brakes[:most], brakes[most:])):
-            apart = min((box.width() - 16.0) / max(len(line), 1), text_px(READOUT_PX))
+            apart = min((box.width() - 16.0 - self._head_px) / max(len(line), 1), text_px(READOUT_PX))
             size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
+            left = box.topLeft() + QPointF(8.0, (down + 0.5) * text_px(READOUT_STEP_PX))
+            write_from(painter, left, READOUT_HEADS[down] if line else "", theme.SMALL, False, COLOURS.quiet)
             for across, (name, text, colour) in enumerate(line):
-                at = box.topLeft() + QPointF(8.0 + across * apart, (down + 0.5) * text_px(READOUT_STEP_PX))
+                at = left + QPointF(self._head_px + across * apart, 0.0)
                 write_from(painter, at, name, size, True, colour)
                 gap = text_width(f"{name} ", size, bold=True)
                 write_from(painter, at + QPointF(gap, 0.0), text, size, False, colour)

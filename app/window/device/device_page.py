@@ -94,7 +94,6 @@ class DevicePage(Page):
                 if part is not None:
                     lines.addWidget(part, down, across, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
             lines.setRowStretch(down, 1)
-        lines.setRowStretch(len(self.rows), 1)
         state = panel("Is it ready?", (lines, 1), self.why)
         self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)

@@ -77,21 +77,19 @@ class EnergyPanel(Panel):
 
     def refresh_text(self) -> None:
         """Bring the words and the bar up to date: a few times a second, for they must be read."""
-        ledger = self.ledger
+        ledger, text = self.ledger, COLOURS.text
+        stops = [("+", text), (f"stops {ledger.stops:.2f}", STOPS)] if ledger.stops > 0.005 else []
         balance = [
-            (f"hand {ledger.hand:.2f} J =", COLOURS.text), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", COLOURS.text),
-            (f"kinetic {ledger.kinetic:.2f}", KINETIC),
+            (f"hand {ledger.hand:.2f} J =", text), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", text),
+            (f"kinetic {ledger.kinetic:.2f}", KINETIC), *stops,
         ]  # fmt: skip
-        if ledger.stops > 0.005:
-            balance += [("+", COLOURS.text), (f"stops {ledger.stops:.2f}", STOPS)]
         if ledger.added > ROUNDING_J:
             verdict = (f"a brake added {small_energy(ledger.added)}", COLOURS.bad)
         else:
             verdict = ("no brake added energy", COLOURS.good)
         residual = small_energy(ledger.residual) if abs(ledger.residual) > ROUNDING_J else "under 1 nJ"
-        proof = [(f"residual {residual} ·", COLOURS.quiet), verdict] if ledger.began else [(NO_TRIAL, COLOURS.quiet)]
-        self.balance.show_parts(*balance)
-        self.proof.show_parts(*proof)
+        self.balance.show_parts(*balance if ledger.began else [(NO_TRIAL, COLOURS.quiet)])
+        self.proof.show_parts(*[(f"residual {residual} ·", COLOURS.quiet), verdict] if ledger.began else [])
         parts_J = [max(part, 0.0) for part in (ledger.brakes, ledger.kinetic, ledger.stops)]
         whole = max(ledger.hand, sum(parts_J), 1e-3)
         for i, part in enumerate((*parts_J, whole - sum(parts_J))):

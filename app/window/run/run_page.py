@@ -345,8 +345,8 @@ class RunPage(Page):
     def show_time(self, now_s: float) -> None:
         """What only the clock changes: the countdown of a break, the minutes that have passed."""
         self.cards.show_time(now_s)
-        in_session = self.opened is not None and self.opened.participant
-        self.panel.elapsed.setText(f"{int((now_s - self._opened_s) / 60.0)} min so far" if in_session else "")
+        minutes = int((now_s - self._opened_s) / 60.0) if self.opened is not None and self.opened.participant else 0
+        self.panel.elapsed.setText(f"{minutes} min so far" if minutes else "")
 
     def begin(self, what: object = None) -> None:
         """what: m.Leave: ask whether to close the session."""
@@ -364,8 +364,9 @@ class RunPage(Page):
         self._show_card(opened)
         self.can = can = possible(snapshot, self.card.row if self.card_shown else None, self._asked_by is not None)
         self.panel.show_session(opened, snapshot, can, self.participant_reads)
-        self.panel.start.setEnabled(can.start and not self.card_shown)  # one button for Space
-        self.panel.start.key.setVisible(not self.card_shown)
+        for pressed, possible_now in ((self.panel.start, can.start), (self.panel.redo, can.repeat is not None)):
+            pressed.setEnabled(possible_now and not self.card_shown)  # one button for a key
+            pressed.key.setVisible(not self.card_shown)
         keep = CLOSE if self._earlier is not None else KEEP_AND_START if can.start else KEEP
         self.card.offer(can, keep, has_space=snapshot.card is None and snapshot.stage != m.FINISHED)
         if self._asked_by is not None:

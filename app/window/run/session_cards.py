@@ -13,7 +13,7 @@ from experiments.plan import counted
 from experiments.session.files import finished_cells
 
 ABORT = Ask(
-    "abort", "Abort this trial?", "It goes on until you answer. Its recording is kept and marked as aborted.", "Abort",
+    "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",
     ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
 )  # fmt: skip

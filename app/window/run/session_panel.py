@@ -35,7 +35,7 @@ READS = "The participant reads the instructions; after the last page the first t
 
 
 class SessionPanel(Panel):
-    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session, Other folder."""
+    """Plan, next, Start, Redo, Skip, Pause, Abort, notes, Close session, Go on in another folder."""
 
     noted = Signal(str)
 
@@ -55,8 +55,8 @@ class SessionPanel(Panel):
         self.pause = key_button("Pause", "pause")
         self.pause.setCheckable(True)
         self.abort = key_button("Abort trial …", "abort")
-        self.leave = KeyButton("Close session …", "keeps all")  # between trials, in the place of Abort
-        self.elsewhere = KeyButton("Other folder …", "goes on")  # where the disk does not take the session
+        self.leave = KeyButton("Close session …")  # between trials, in the place of Abort
+        self.elsewhere = KeyButton("Go on in another folder …")  # where the disk does not take the session
         self.elsewhere.hide()
         self.note = QLineEdit(
             placeholderText=f"Note …  {KEYS['note'].keys[0]}", accessibleName="Note, kept with the time", maxLength=500

@@ -193,7 +193,7 @@ class Choice(QComboBox):
 class KeyButton(QPushButton):
     """A button that says its key; it never takes the keyboard, so a key always means the same."""
 
-    def __init__(self, text: str, key: str, name: str = "key") -> None:
+    def __init__(self, text: str, key: str = "", name: str = "key") -> None:
         super().__init__(text, objectName=name, focusPolicy=NO_FOCUS, minimumHeight=30)
         self.setFont(theme.font(theme.NORMAL, bold=name == "main"))
         self.setStyleSheet("text-align: left")

@@ -39,13 +39,14 @@ class Pill(Panel):
 
     @property
     def wanted_px(self) -> int:
-        """How wide its words are."""
-        return self.text.fontMetrics().horizontalAdvance(self.words) + 1  # which is rounded
+        """How wide its words are, with the gap before them."""
+        return self.text.fontMetrics().horizontalAdvance(self.words) + 1 + GAP_PX  # 1: it is rounded
 
     def shorten(self, room_px: int) -> None:
         """Show as much of its words as has room; of a few letters nothing."""
-        shown = self.text.fontMetrics().elidedText(self.words, END, room_px)
-        self.text.setText(shown if shown == self.words or len(shown) > 3 else "")
+        shown = self.text.fontMetrics().elidedText(self.words, END, room_px - GAP_PX)
+        self.text.setText(shown)
+        self.text.setVisible(shown == self.words or len(shown) > 3)
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self.rect().contains(event.position().toPoint()):
