@@ -52,6 +52,8 @@ GONE = (
 ALT = Qt.KeyboardModifier.AltModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
 FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
+UNEVEN = {"clock": {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 60}, "lost_links": 3, "begun_anew": 2}
+NOT_HOMED = m.Check("Device", m.DUE, "not homed yet", "The session begins with homing the encoders.")
 RUN_STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "ready": (opened(), ready(12, notes=NOTES)),
@@ -197,6 +199,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
+    "device, uneven": device(m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])), status(UNEVEN)),
     "device, lost": device(ready(3, checks=LOST), None),
     "device, off": device(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),

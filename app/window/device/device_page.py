@@ -38,6 +38,7 @@ from app.window.widgets.parts import (
     keep_room,
     panel,
     row,
+    scrolled,
     stack,
     text_label,
     wrapped_label,
@@ -60,7 +61,7 @@ STEPS = {
     FORCE: ("Take the zero …", m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
 }
 NEW_BENCH = "New bench"
-CHECKED = "Has it just been wired? Check it step by step, and sign the record."
+CHECKED = "Check it step by step once it is wired."
 
 
 class DevicePage(Page):
@@ -90,11 +91,14 @@ class DevicePage(Page):
         lines = grid(10, 4, stretched=2)
         buttons = {**self.steps, BRAKES: self.reset, NEW_BENCH: self.ask_bring_up}
         for down, (name, (mark, words)) in enumerate(self.rows.items()):
-            for across, part in enumerate((mark, text_label(name, bold=True), words, buttons.get(name))):
-                if part is not None:
-                    lines.addWidget(part, down, across, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
+            pressed = buttons.get(name)
+            for across, part in enumerate((mark, text_label(name, bold=True))):
+                lines.addWidget(part, down, across)
+            lines.addWidget(words, down, 2, 1, 1 if pressed else 2)
+            if pressed is not None:
+                lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
             lines.setRowStretch(down, 1)
-        state = panel("Is it ready?", (lines, 1), self.why)
+        state = panel("Is it ready?", (scrolled(holder(lines)), 1), self.why)
         self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
         # shares of the width: what the board is called may take two lines, numbers that change may not

@@ -16,6 +16,7 @@ from experiments.protocol import Protocol
 RECENT_S = 10.0  # what is counted as happening now
 SAMPLE_HZ, LEAST_HZ = 1000.0, 990.0  # samples a second; fewer than the second are worth a word. Our choice
 RESIDUAL_S, DRIFT = 1e-3, 200e-6  # our choice: a quartz drifts by less, a quiet USB port is ten times as regular
+KNOWN_BLOCKS = 10  # seconds after which the clocks are judged: a slow start of the link looks like drift. Our choice
 FELT_SHARE = 0.05  # of what the brakes can do, from where a noise may be felt. Our choice
 NOTHING = "–"
 BUSY = "Close other programs; phd doctor names what stands in the way."
@@ -96,7 +97,8 @@ def worth_a_look(status: m.DeviceStatus, rates: dict[str, float]) -> list[str]:
     if rates and rates["samples"] < LEAST_HZ and rates["lost"] <= RISING["lost"][0]:
         found.append((f"Only {rates['samples']:.0f} of {SAMPLE_HZ:.0f} samples a second arrive.", BUSY))
     found += [(what.format(report[name]), advice) for name, (what, advice) in COUNTED.items() if report.get(name, 0)]
-    if clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT:
+    uneven = clock.get("residual_s", 0.0) > RESIDUAL_S or abs(clock.get("drift", 0.0)) > DRIFT
+    if uneven and clock["blocks"] >= KNOWN_BLOCKS:
         what = "The clocks of the board and of this computer run unevenly, so times are less exact."
         found.append((what, "Close other programs, and plug the board in without a hub."))
     return [" ".join(words) for words in found]
@@ -114,7 +116,7 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
         letters = " ".join(status.encoders)
         lost = f"{grouped(status.report.get('lost', 0))} samples lost since it was opened"
         for name, good, text in (
-            (READY_BOARD, True, f"{status.board} at {status.port}"), (BRAKES, True, STATES.get(state, state)),
+            (READY_BOARD, True, f"{status.board} is connected"), (BRAKES, True, STATES.get(state, state)),
             (ENCODERS, status.homed, f"{letters}: {homed}"), (FORCE, status.zeroed, channels), (SAMPLES, True, lost),
         ):  # fmt: skip
             found[name] = m.Check(name, m.GOOD if good else m.WAITING, text)
@@ -176,7 +178,7 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float], protocol: Protoc
             figures["Delay"] = f"{ticks} {'tick' if ticks == 1 else 'ticks'}, sample to current"
         if (clock := report.get("clock")) and clock["blocks"]:
             figures["Clock offset"] = f"{clock['offset_s']:+.4f} s ± {1e6 * clock['residual_s']:.0f} µs"
-            figures["Clock drift"] = f"{1e6 * clock['drift']:+z.0f} ppm" if clock["blocks"] >= 3 else ""
+            figures["Clock drift"] = f"{1e6 * clock['drift']:+z.0f} ppm" if clock["blocks"] >= KNOWN_BLOCKS else ""
     return figures
 
 
