@@ -258,9 +258,9 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
     rows = [*map(result, PLAN)]
     screens.hear(opened(), ready(59))
-    assert "min left" in screens.run.panel.left.text()
+    assert "min left" in screens.run.panel.time.text()
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
-    assert "no result" not in " ".join(visible_texts(console)) and "min left" not in screens.run.panel.left.text()
+    assert "no result" not in " ".join(visible_texts(console)) and "min left" not in screens.run.panel.time.text()
     assert f"{len(PLAN)} runs are recorded and verified" in " ".join(visible_texts(console))
     screens.hear(opened(), ready(1))
     rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")

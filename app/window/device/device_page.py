@@ -8,24 +8,10 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout
 
 from app.ipc import messages as m
+from app.window.device import figures
 from app.window.device.bring_up_panel import BringUpPanel
 from app.window.device.device_view import DeviceView
-from app.window.device.figures import (
-    BOARD,
-    BRAKES,
-    ENCODERS,
-    FORCE,
-    LINK,
-    NOTHING,
-    READINESS,
-    READY_BOARD,
-    SENSORS,
-    Rates,
-    counters_of,
-    figures_of,
-    is_reached,
-    readiness,
-)
+from app.window.device.figures import BRAKES, ENCODERS, FORCE, READY_BOARD
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
@@ -71,14 +57,15 @@ class DevicePage(Page):
         super().__init__(send)
         self._port = ""  # of a device on the bench; "": the device is simulated
         self._status: m.DeviceStatus | None = None
-        self._rates, self._recent = dict[str, float](), Rates()
+        self._rates, self._recent = dict[str, float](), figures.Rates()
         self.cards = Cards(self)
         self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.view = DeviceView()
         keep_room(self.view)
-        self.rows = {name: (text_label(), wrapped_label()) for name in (*READINESS, NEW_BENCH)}  # mark, words
-        self.values = {name: wrapped_label(NOTHING) for name in (*BOARD, *SENSORS, *LINK)}
+        self.rows = {name: (text_label(), wrapped_label()) for name in (*figures.READINESS, NEW_BENCH)}  # mark, words
+        named = (name for names, _ in figures.GROUPS.values() for name in names)
+        self.values = {name: wrapped_label(figures.NOTHING) for name in named}
         self.bring_up = BringUpPanel(send)
         self.steps = {name: button(text, partial(self._ask, name)) for name, (text, _, _) in STEPS.items()}
         self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
@@ -101,14 +88,8 @@ class DevicePage(Page):
         state = panel("Is it ready?", (scrolled(holder(lines)), 1), self.why)
         self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
-        # shares of the width: what the board is called may take two lines, numbers that change may not
-        groups = ("Board", BOARD, 5), ("Sensors", SENSORS, 6), ("Link since it was opened", LINK, 5)
-        self._figures = holder(
-            row(
-                *((panel(title, self._grid_of(tuple(names)), 1), share) for title, names, share in groups),
-                spacing=theme.GAP,
-            )
-        )
+        panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
+        self._figures = holder(row(*panels, spacing=theme.GAP))
         top = row((self._left, 5), (seen, 4), spacing=theme.GAP)
         self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1)))
@@ -144,8 +125,8 @@ class DevicePage(Page):
         if status is None or status != self._status:
             before, self._status = self._status, status
             if before is None or status is None or status.homed != before.homed:
-                self._recent = Rates()  # what the encoders gave before they were homed means nothing
-            self._rates = self._recent.rates(status.reported_s, counters_of(status.report)) if status else {}
+                self._recent = figures.Rates()  # what the encoders gave before they were homed means nothing
+            self._rates = self._recent.rates(status.reported_s, figures.counters_of(status.report)) if status else {}
             self._refresh()
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -166,20 +147,20 @@ class DevicePage(Page):
         self._figures.setVisible(self._left.currentWidget() is not self.bring_up)
         if opened is None or not on_bench or not self.isVisible():
             return
-        figures = figures_of(status, self._rates, opened.protocol) if status else {}
+        values = figures.figures_of(status, self._rates, opened.protocol) if status else {}
         for name, label in self.values.items():
-            label.setText(breakable(figures.get(name) or NOTHING))
+            label.setText(breakable(values.get(name) or figures.NOTHING))
         why = why_no_step(opened, snapshot)
         self.why.setText(why)
         free = not why and not snapshot.step  # one step at a time
         self.bring_up.show_status(status, free and status is not None and not status.problem)
-        self._show_rows(readiness(snapshot, status, self._rates), free)
-        self.view.show_device(status if is_reached(status) else None, opened.protocol)
+        self._show_rows(figures.readiness(snapshot, status, self._rates), free)
+        self.view.show_device(status if figures.is_reached(status) else None, opened.protocol)
 
     def _show_rows(self, found: dict[str, m.Check], free: bool) -> None:
         """What is ready; the button of the first that is not, and can be made so, is the main one."""
         status = self._status
-        usable = status if free and is_reached(status) and status is not None and not status.fault else None
+        usable = status if free and figures.is_reached(status) and status is not None and not status.fault else None
         senses = usable is not None and usable.force_channels > 0
         can = {READY_BOARD: free, ENCODERS: usable is not None, FORCE: senses}
         for name, pressed in self.steps.items():

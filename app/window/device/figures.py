@@ -58,6 +58,8 @@ LINK = {
     "Too late": "{late_commands} commands", "Refused": "{refused} messages", "No position": "{not_closed} samples",
     "Lost links": "{lost_links}",
 }  # fmt: skip
+#: title -> names, share of the width: what the board is called may take two lines, numbers that change may not
+GROUPS = {"Board": (BOARD, 5), "Sensors": (SENSORS, 6), "Link since it was opened": (tuple(LINK), 5)}
 READY_BOARD, BRAKES, ENCODERS, FORCE, SAMPLES = READINESS = "Board", "Brakes", "Encoders", "Force sensor", "Link"
 
 

@@ -78,10 +78,10 @@ class EnergyPanel(Panel):
     def refresh_text(self) -> None:
         """Bring the words and the bar up to date: a few times a second, for they must be read."""
         ledger, text = self.ledger, COLOURS.text
-        stops = [("+", text), (f"stops {ledger.stops:.2f}", STOPS)] if ledger.stops > 0.005 else []
+        stops = [("+", text), (f"stops {ledger.stops:z.2f}", STOPS)] if ledger.stops > 0.005 else []
         balance = [
-            (f"hand {ledger.hand:.2f} J =", text), (f"brakes {ledger.brakes:.2f}", BRAKES), ("+", text),
-            (f"kinetic {ledger.kinetic:.2f}", KINETIC), *stops,
+            (f"hand {ledger.hand:z.2f} J =", text), (f"brakes {ledger.brakes:z.2f}", BRAKES), ("+", text),
+            (f"kinetic {ledger.kinetic:z.2f}", KINETIC), *stops,
         ]  # fmt: skip
         if ledger.added > ROUNDING_J:
             verdict = (f"a brake added {small_energy(ledger.added)}", COLOURS.bad)

@@ -22,7 +22,7 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.page import Page
-from app.window.widgets.parts import Figures, KeyButton, column, holder, keep_room, row, stack
+from app.window.widgets.parts import PART, Figures, KeyButton, column, holder, keep_room, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
@@ -345,8 +345,11 @@ class RunPage(Page):
     def show_time(self, now_s: float) -> None:
         """What only the clock changes: the countdown of a break, the minutes that have passed."""
         self.cards.show_time(now_s)
-        minutes = int((now_s - self._opened_s) / 60.0) if self.opened is not None and self.opened.participant else 0
-        self.panel.elapsed.setText(f"{minutes} min so far" if minutes else "")
+        in_session = self.opened is not None and self.opened.participant
+        so_far, over = int((now_s - self._opened_s) / 60.0), self.snapshot.stage == m.FINISHED
+        left = "" if over else words.minutes(self.snapshot.seconds_left)
+        parts = (left, f"{so_far} min so far" if so_far and in_session else "")
+        self.panel.time.setText(PART.join(filter(None, parts)))
 
     def begin(self, what: object = None) -> None:
         """what: m.Leave: ask whether to close the session."""

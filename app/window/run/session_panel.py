@@ -19,13 +19,12 @@ from app.window.widgets.parts import (
     Panel,
     breakable,
     column,
-    row,
     scrolled,
     text_label,
     wrapped_label,
 )
 from app.window.widgets.preflight import advice
-from app.window.widgets.words import LACKING, cell, done_of, minutes
+from app.window.widgets.words import LACKING, cell, done_of
 from experiments.session.files import finished_cells, place
 
 WIDTH_PX = 256
@@ -42,10 +41,8 @@ class SessionPanel(Panel):
     def __init__(self) -> None:
         super().__init__()
         self.head = OneLine(NO_SESSION, "", theme.HEAD, bold=True)
-        self.done, self.left = text_label("", "quiet", theme.SMALL), text_label("", bold=True)
-        self.elapsed = text_label("", "quiet", theme.SMALL)
+        self.done, self.time = text_label("", "quiet", theme.SMALL), OneLine("", "quiet")
         self.grid = PlanGrid()
-        self.coming_head = text_label("", "quiet")
         self.coming = text_label("", bold=True)
         self.cell = OneLine("", "quiet")
         self.notice = wrapped_label("", "caution", theme.SMALL)
@@ -73,8 +70,7 @@ class SessionPanel(Panel):
         self.scroll_area.setFocusPolicy(NO_FOCUS)
         self.scroll_area.setFixedHeight(LEAST_PLAN_PX)  # until there is a plan
         self.setLayout(column(
-            self.head, self.done, (self.scroll_area, 1000), row(self.left, 1, self.elapsed),
-            row(self.coming_head, self.coming, 1), self.cell,
+            self.head, self.done, (self.scroll_area, 1000), self.time, self.coming, self.cell,
             self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
             self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
@@ -105,7 +101,6 @@ class SessionPanel(Panel):
         done, lacking = map(len, finished_cells(snapshot.rows))
         self.done.setText(done_of(done, len(opened.plan), lacking) if opened.participant else "")
         self.done.setToolTip(LACKING if lacking else "")
-        self.left.setText(minutes(snapshot.seconds_left) if snapshot.stage != m.FINISHED else "")
         self._show_coming(opened, snapshot)
         self._show_status(opened, snapshot, reads)
         self._offer(snapshot, can)
@@ -119,14 +114,12 @@ class SessionPanel(Panel):
 
     def _show_coming(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         now = snapshot.running or snapshot.coming
-        self.coming_head.setVisible(now is not None)
-        self.coming_head.setText("Now" if snapshot.running else "Next")
+        self.cell.setText(cell(now, opened, snapshot.blind) if now is not None else "")
         if now is None:
             self.coming.setText("Session complete" if snapshot.stage == m.FINISHED else "")
-            self.cell.setText("")
-            return
-        self.coming.setText("Practice" if now.block == 0 else f"Trial {place(now, opened.plan)}")
-        self.cell.setText(cell(now, opened, snapshot.blind))
+        else:
+            trial = "practice" if now.block == 0 else f"trial {place(now, opened.plan)}"
+            self.coming.setText(f"{'Now' if snapshot.running else 'Next'}: {trial}")
 
     def _show_status(self, opened: m.Opened, snapshot: m.Snapshot, reads: bool) -> None:
         """What happened, and else why no trial can be started, unless the banner says it already."""
