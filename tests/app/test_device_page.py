@@ -11,7 +11,7 @@ from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device.device_page import SIMULATED, DevicePage
-from app.window.device.device_view import FOLLOWS, NO_DEVICE, UNHOMED
+from app.window.device.device_view import FOLLOWS, UNHOMED
 from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
 
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -212,7 +212,7 @@ def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_a
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))
     assert page.view.isVisible() and page.view.tip != status().tip and page.view.caption.text() == UNHOMED
     page.show_pulse(told(status(problem="no sample for 200 ms")))
-    assert not page.view.isVisible() and page.view.caption.text() == NO_DEVICE
+    assert page.view.instant is None and page.view.tip is None and not page.view.caption.text()
 
 
 def test_a_fault_stands_in_the_row_of_what_it_is_of() -> None:

@@ -21,7 +21,6 @@ from app.window.widgets.parts import (
     column,
     grid,
     holder,
-    keep_room,
     panel,
     row,
     scrolled,
@@ -62,7 +61,6 @@ class DevicePage(Page):
         self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.view = DeviceView()
-        keep_room(self.view)
         self.rows = {name: (text_label(), wrapped_label()) for name in (*figures.READINESS, NEW_BENCH)}  # mark, words
         named = (name for names, _ in figures.GROUPS.values() for name in names)
         self.values = {name: wrapped_label(figures.NOTHING) for name in named}

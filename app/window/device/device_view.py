@@ -31,15 +31,18 @@ class DeviceView(SmallView):
     def __init__(self) -> None:
         super().__init__(AT_DESK)
         self._keep_free = QMarginsF(30.0, 20.0, 30.0, ANGLE_PX + 16.0)
-        self.caption = wrapped_label(NO_DEVICE, "quiet", theme.SMALL)
+        self.caption = wrapped_label("", "quiet", theme.SMALL)
         self._status, self._jig = m.DeviceStatus(), (0.0, 0.0)  # m
 
     def show_device(self, status: m.DeviceStatus | None, protocol: Protocol) -> None:
         """What the board has reported; None: no device is reached."""
         device = next((device for device in protocol.devices if status and device.name == status.device), None)
-        self.setVisible(device is not None)
+        self.show()
         if device is None or status is None:
-            self.caption.setText(NO_DEVICE)
+            self.instant = None
+            self.show_handle(None)
+            self.caption.setText("")
+            self.update()
             return
         self._status, self._jig = status, home_of(device, protocol.paths)
         known = status.homed and math.isfinite(sum(status.tip))
@@ -51,6 +54,8 @@ class DeviceView(SmallView):
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None:
+            middle = QPointF(self.rect().center())
+            theme.write(painter, middle, NO_DEVICE, theme.NORMAL, False, COLOURS.quiet)
             return
         status, places = self._status, now.joints
         at = {joint: self.to_screen(place) for joint, place in places.items()}
