@@ -41,14 +41,14 @@ def test_whatever_is_possible_is_a_command_that_the_server_takes_then() -> None:
         for on_card in (None, snapshot.rows[0]):
             can = possible(snapshot, on_card, waiting=False)
             for offered, command in (
-                (can.start, m.Start), (can.pause, m.Pause), (can.skip, m.Skip), (can.repeat, m.Redo),
+                (can.start, m.Start), (can.pause, m.Pause), (can.skip, m.Skip), (can.redo, m.Redo),
                 (can.exclude, m.Exclude), (can.leave, m.Leave), (can.move, m.MoveTo),
             ):  # fmt: skip
                 rule = COMMANDS[command]
                 if offered:
                     assert not rule.stages or stage in rule.stages, (stage, command)
                     assert not (rule.stored and full), (stage, command)
-            for row, mark in ((can.repeat, "redone"), (can.exclude, "excluded")):
+            for row, mark in ((can.redo, "redone"), (can.exclude, "excluded")):
                 assert row is None or row.status in MARKS[mark][0], (mark, status)
 
 

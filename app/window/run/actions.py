@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from app.ipc import messages as m
 from experiments.analysis.trials_table import COUNTED, TRIED, TrialRow
+from experiments.plan import PlannedTrial
 
 BETWEEN = (m.READY, m.RERIG, m.BREAK, m.FINISHED)  # stages between two trials, except the questions
 
@@ -13,13 +14,17 @@ class Actions(NamedTuple):
 
     start: bool = False
     pause: bool = False  # or resume
-    skip: bool = False
-    abort: bool = False
     leave: bool = False
     move: bool = False  # to another data folder
     note: bool = False
-    repeat: TrialRow | None = None  # the trial on the card, else the last one that can be repeated
+    redo: TrialRow | None = None  # the trial on the card, else the last one that can be repeated
     exclude: TrialRow | None = None  # the trial on the card
+    skip: PlannedTrial | None = None  # the next trial
+    abort: PlannedTrial | None = None  # the running trial
+
+    def of(self, action: str) -> TrialRow | PlannedTrial | None:
+        """The trial to which this can be done: "redo", "exclude", "skip", "abort"; None: it cannot."""
+        return getattr(self, action)
 
 
 def possible(snapshot: m.Snapshot, on_card: TrialRow | None, waiting: bool) -> Actions:
@@ -33,12 +38,12 @@ def possible(snapshot: m.Snapshot, on_card: TrialRow | None, waiting: bool) -> A
     return Actions(
         start=ready and writes and not snapshot.trial_blocker,
         pause=ready or snapshot.stage == m.RUNNING,
-        skip=ready and writes and not snapshot.practice,
-        abort=snapshot.stage == m.RUNNING,
         leave=snapshot.can_leave,
         move=snapshot.can_leave and bool(snapshot.not_written),
         note=note,
         # one that was repeated has been; one that was cut short comes again by itself
-        repeat=next((row for row in trials if row.status in TRIED), None) if writes else None,
+        redo=next((row for row in trials if row.status in TRIED), None) if writes else None,
         exclude=on_card if writes and on_card is not None and on_card.status in COUNTED else None,
+        skip=snapshot.coming if ready and writes and not snapshot.practice else None,
+        abort=snapshot.running if snapshot.stage == m.RUNNING else None,
     )

@@ -3,6 +3,7 @@ of the trial that has just ended."""
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
 from app.window.run.session_panel import SessionPanel
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
-from app.window.widgets.cards import EXCLUDE
+from app.window.widgets.cards import EXCLUDE, Ask
 from app.window.widgets.page import Page
 from app.window.widgets.parts import PART, Figures, KeyButton, column, holder, keep_room, row, stack
 from app.window.widgets.plots import TimingStrip, Traces
@@ -41,6 +42,13 @@ RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
 PANELS_EVERY = 3
 KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
 WRITING = "One moment …"
+#: action -> its question, what its button says while it is done, the command for a trial and the answer
+ASKED: dict[str, tuple[Ask, str, Callable[..., object]]] = {
+    "redo": (REDO, WRITING, lambda row, why: m.Redo(row.run, why)),
+    "exclude": (EXCLUDE, WRITING, lambda row, why: m.Exclude(row.run, why)),
+    "skip": (SKIP, WRITING, lambda _, why: m.Skip(why)),
+    "abort": (ABORT, "Aborting …", lambda _, why, again: m.Abort(why, again)),
+}
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 
 
@@ -89,29 +97,24 @@ class RunPage(Page):
     def _connect(self) -> None:
         for signal, do in (
             (self.panel.start.clicked, self.start),
-            (self.panel.redo.clicked, self.redo),
-            (self.panel.skip.clicked, self.skip),
             (self.panel.pause.clicked, self.pause),
-            (self.panel.abort.clicked, self.abort),
             (self.panel.leave.clicked, self._leave),
             (self.panel.elsewhere.clicked, self._go_elsewhere),
             (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
-            (self.card.redo.clicked, self.redo),
-            (self.card.exclude.clicked, self.exclude),
             (self.questions.changed, self.answers_changed),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.workspace.view.pointer_moved, self.pointer_moved),
             (self.workspace.view.pointer_left, self.pointer_left),
         ):
             signal.connect(do)
+        for action, pressed in (*self.panel.asks.items(), *self.card.asks.items()):
+            pressed.clicked.connect(lambda _=False, action=action: self.ask(action))
 
     def keys(self) -> dict[str, Callable[[], object]]:
-        return {
-            "start": self.start, "redo": self.redo, "exclude": self.exclude, "skip": self.skip,
-            "pause": self.pause, "abort": self.abort, "note": self.panel.write_note,
-        }  # fmt: skip
+        asked = {action: partial(self.ask, action) for action in ASKED}
+        return {"start": self.start, "pause": self.pause, "note": self.panel.write_note, **asked}
 
     def own_keys(self) -> dict[str, str]:
         return self.workspace.keys
@@ -149,34 +152,20 @@ class RunPage(Page):
             paused = self.snapshot.paused
             self._command(m.Pause(not paused), self.panel.pause, "Resuming …" if paused else "Pausing …")
 
-    def redo(self) -> None:
-        """Ask why, then repeat the trial on the card, or the last one."""
-        if (row := self.can.repeat) is not None and self.opened is not None:
-            button = self.card.redo if self.card_shown else self.panel.redo
-            ask = REDO.of_trial(place(row, self.opened.plan))
-            self.cards.ask(ask, lambda why: self._command(m.Redo(row.run, why), button, WRITING))
+    def ask(self, action: str) -> None:
+        """Ask why, then repeat, exclude, skip or abort the trial that `Actions` names for it."""
+        question, waits, command = ASKED[action]
+        trial, opened = self.can.of(action), self.opened
+        if trial is None or opened is None:
+            return
+        pressed = (self.panel.asks | self.card.asks if self.card_shown else self.panel.asks)[action]
 
-    def exclude(self) -> None:
-        """Ask why, then take the trial on the card out of the results."""
-        if (row := self.can.exclude) is not None and self.opened is not None:
-            self.cards.ask(EXCLUDE.of_trial(place(row, self.opened.plan)), lambda why: self._exclude(row.run, why))
+        def answered(*why: str) -> None:
+            self._earlier = None
+            self._command(command(trial, *why), pressed, waits)
 
-    def _exclude(self, run: int, reason: str) -> None:
-        self._earlier = None
-        self._command(m.Exclude(run, reason), self.card.exclude, WRITING)
-
-    def skip(self) -> None:
-        """Ask why, then leave the next trial out."""
-        coming = self.snapshot.coming
-        if self.can.skip and self.opened is not None and coming is not None:
-            about = describe(coming, self.opened, self.snapshot.blind)
-            ask = SKIP.of_trial(place(coming, self.opened.plan), about)
-            self.cards.ask(ask, lambda why: self._command(m.Skip(why), self.panel.skip, WRITING))
-
-    def abort(self) -> None:
-        """Ask why and whether it comes again, then end the running trial."""
-        if self.can.abort:
-            self.cards.ask(ABORT, lambda *why: self._command(m.Abort(*why), self.panel.abort, "Aborting …"))
+        about = describe(trial, opened, self.snapshot.blind)
+        self.cards.ask(question.of_trial(place(trial, opened.plan), about), answered)
 
     def _leave(self) -> None:
         self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"), self.unsaved())
@@ -367,7 +356,7 @@ class RunPage(Page):
         self._show_card(opened)
         self.can = can = possible(snapshot, self.card.row if self.card_shown else None, self._asked_by is not None)
         self.panel.show_session(opened, snapshot, can, self.participant_reads)
-        for pressed, possible_now in ((self.panel.start, can.start), (self.panel.redo, can.repeat is not None)):
+        for pressed, possible_now in ((self.panel.start, can.start), (self.panel.redo, can.redo is not None)):
             pressed.setEnabled(possible_now and not self.card_shown)  # one button for a key
             pressed.key.setVisible(not self.card_shown)
         keep = CLOSE if self._earlier is not None else KEEP_AND_START if can.start else KEEP

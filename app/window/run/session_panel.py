@@ -74,7 +74,8 @@ class SessionPanel(Panel):
             self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
             self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
-        self._texts = {pressed: pressed.text() for pressed in (self.abort, self.leave, self.redo, self.skip)}
+        self.asks = {"redo": self.redo, "skip": self.skip, "abort": self.abort}
+        self._texts = {pressed: pressed.text() for pressed in (*self.asks.values(), self.leave)}
         self.abort.hide()
         self.setEnabled(False)  # until there is a protocol
         self.follow_text()
@@ -138,11 +139,10 @@ class SessionPanel(Panel):
     def _offer(self, snapshot: m.Snapshot, can: Actions) -> None:
         runs = snapshot.stage == m.RUNNING
         for pressed, offered in (
-            (self.start, can.start), (self.redo, can.repeat is not None), (self.skip, can.skip),
-            (self.pause, can.pause), (self.abort, can.abort), (self.leave, can.leave), (self.elsewhere, can.move),
-            (self.note, can.note),
+            (self.start, can.start), (self.pause, can.pause), (self.leave, can.leave), (self.elsewhere, can.move),
+            (self.note, can.note), *((pressed, can.of(action)) for action, pressed in self.asks.items()),
         ):  # fmt: skip
-            pressed.setEnabled(offered)
+            pressed.setEnabled(bool(offered))
         for pressed, text in self._texts.items():
             pressed.setText(text)
         self.pause.setChecked(snapshot.paused)

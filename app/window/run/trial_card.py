@@ -125,6 +125,7 @@ class TrialCard(Panel):
         self.flags = wrapped_label("", "quiet")
         self.keep = key_button("Keep", "start", "main")
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
+        self.asks = {"redo": self.redo, "exclude": self.exclude}
         decide = column(self.keep, self.redo, self.exclude)
         head = row(self.dot, self.title, 1)
         self._layout = column(
@@ -188,6 +189,6 @@ class TrialCard(Panel):
         """What can be done with the trial now. keep: the words of its first button; has_space: Space presses it."""
         self.keep.setText(keep)
         self.keep.key.setVisible(has_space)
-        for pressed, text, trial in ((self.redo, "Repeat …", can.repeat), (self.exclude, "Exclude …", can.exclude)):
+        for (action, pressed), text in zip(self.asks.items(), ("Repeat …", "Exclude …"), strict=True):
             pressed.setText(text)
-            pressed.setEnabled(trial is not None)
+            pressed.setEnabled(can.of(action) is not None)

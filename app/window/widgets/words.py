@@ -145,13 +145,13 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 # ---------------------------------------------------------------------------------------------- for the experimenter
 
 
-def cell(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
-    """Controller and path of a planned trial; the controller is left out while blind."""
+def cell(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:
+    """Controller and path of a trial; the controller is left out while blind."""
     path = f"path {planned.segment}"
     return path if blind else f"{opened.protocol.controller_name(planned.controller)} · {path}"
 
 
-def describe(planned: PlannedTrial, opened: m.Opened, blind: bool) -> str:
+def describe(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
 
 
