@@ -157,13 +157,6 @@ def test_a_step_is_taken_after_a_question_that_says_what_it_needs(bench: Bench, 
         bench.sent.clear()
 
 
-def test_faults_are_reset_as_the_brakes_are_allowed(bench: Bench, page: DevicePage) -> None:
-    assert not page.reset.isEnabled()
-    show(page, opened(**ON_BENCH), ready(3, checks=WELL, brakes_off="the board: no command for 50 ms"))
-    QTest.mouseClick(page.reset, LEFT)
-    assert bench.sent == [m.AllowBrakes()]
-
-
 def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage) -> None:
     for session, snapshot, says in (
         ("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
@@ -198,11 +191,11 @@ def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -
         ({}, WELL, "", []), ({"zeroed": False}, NOT_ZEROED, "", ["Take the zero …"]),
         ({"zeroed": False, "homed": False}, (not_homed, *NOT_ZEROED[1:]), "", ["Home the encoders …"]),
         ({"problem": "no sample for 200 ms"}, LOST, "", ["Reconnect …"]),
-        ({"fault": "too hot"}, (off, *WELL[1:]), "the board: too hot", ["Reset faults  Ctrl+B"]),
+        ({"fault": "too hot"}, (off, *WELL[1:]), "the board: too hot", []),
     ):  # fmt: skip
         page.show_pulse(told(status(**state)))
         show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))
-        assert [one.text() for one in (*page.steps.values(), page.reset) if one.objectName() == "main"] == main
+        assert [one.text() for one in page.steps.values() if one.objectName() == "main"] == main
 
 
 def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_at_all_once_it_is_lost(

@@ -11,7 +11,7 @@ from app.ipc import messages as m
 from app.window.device import figures
 from app.window.device.bring_up_panel import BringUpPanel
 from app.window.device.device_view import DeviceView
-from app.window.device.figures import BRAKES, ENCODERS, FORCE, READY_BOARD
+from app.window.device.figures import ENCODERS, FORCE, READY_BOARD
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
@@ -66,7 +66,6 @@ class DevicePage(Page):
         self.values = {name: wrapped_label(figures.NOTHING) for name in named}
         self.bring_up = BringUpPanel(send)
         self.steps = {name: button(text, partial(self._ask, name)) for name, (text, _, _) in STEPS.items()}
-        self.reset = button("Reset faults  Ctrl+B", lambda: self.send(m.AllowBrakes()))
         self.ask_bring_up = button("Bring up …", lambda: self._show_bring_up(True))
         self.bring_up.closed.connect(lambda: self._show_bring_up(False))
         self._lay_out()
@@ -74,7 +73,7 @@ class DevicePage(Page):
 
     def _lay_out(self) -> None:
         lines = grid(10, 4, stretched=2)
-        buttons = {**self.steps, BRAKES: self.reset, NEW_BENCH: self.ask_bring_up}
+        buttons = {**self.steps, NEW_BENCH: self.ask_bring_up}
         for down, (name, (mark, words)) in enumerate(self.rows.items()):
             pressed = buttons.get(name)
             for across, part in enumerate((mark, text_label(name, bold=True))):
@@ -165,10 +164,9 @@ class DevicePage(Page):
             text, step, _ = STEPS[name]
             pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
             pressed.setEnabled(can[name])
-        self.reset.setEnabled(bool(self.snapshot.brakes_off) and self.snapshot.stage != m.RUNNING)
         self.ask_bring_up.setEnabled(self.bring_up.can_open)
         due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
-        for name, pressed in {**self.steps, BRAKES: self.reset}.items():
+        for name, pressed in self.steps.items():  # that of the brakes is in the header
             theme.set_style(pressed, "main" if name == due else "")
         for name, (mark, words) in self.rows.items():
             check = found.get(name, m.Check(name, m.WAITING, CHECKED))

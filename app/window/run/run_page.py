@@ -16,14 +16,13 @@ from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
 from app.window.run.actions import Actions, possible
 from app.window.run.energy_panel import EnergyPanel
-from app.window.run.recording_sign import RecordingSign
 from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
 from app.window.run.session_panel import SessionPanel
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE, Ask
 from app.window.widgets.page import Page
-from app.window.widgets.parts import PART, Figures, KeyButton, column, holder, keep_room, row, stack
+from app.window.widgets.parts import PART, Figures, KeyButton, column, holder, keep_room, row, stack, text_label
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
@@ -76,7 +75,7 @@ class RunPage(Page):
         self._numbers = RefreshClock()
         self.can = Actions()  # what can be done now
         self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
-        self.recording = RecordingSign()
+        self.recording = text_label("Not recording", "sign", theme.TITLE, bold=True)  # its place stays
         self._proof: m.Proof | None = None  # the newest: of the running recording
         self._opened_s = time.perf_counter()  # when the session was opened here
         self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
@@ -292,8 +291,16 @@ class RunPage(Page):
         self._show_recording()
 
     def _show_recording(self) -> None:
-        trial_s = float(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0.0
-        self.recording.show_proof(self.snapshot, self._proof, trial_s)
+        """What the newest proof says, which comes before its snapshot, and for how long the trial has run."""
+        snapshot, proof = self.snapshot, self._proof
+        runs = snapshot.running is not None and snapshot.sandbox is None
+        look, text = "sign", "Practice" if snapshot.practice and runs else "Not recording"
+        if proof is not None and runs:
+            late = "sign-late", f"▲ Last write {proof.age_s:.0f} s ago"
+            look, text = late if proof.late else ("sign-on", "● Recording")
+        trial_s = int(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0
+        theme.set_style(self.recording, look)
+        self.recording.setText(f"{text}  {trial_s // 60}:{trial_s % 60:02d}" if runs else text)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
