@@ -11,7 +11,7 @@ from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device.device_page import SIMULATED, DevicePage
-from app.window.device.device_view import FOLLOWS, UNHOMED
+from app.window.device.device_view import FOLLOWS, STANDS, UNHOMED
 from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
 
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
@@ -196,6 +196,7 @@ def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -
         page.show_pulse(told(status(**state)))
         show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))
         assert [one.text() for one in page.steps.values() if one.objectName() == "main"] == main
+        assert page.title.text() == ("Ready" if state == {} else "Not ready yet")
 
 
 def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_at_all_once_it_is_lost(
@@ -204,6 +205,8 @@ def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_a
     assert page.view.isVisible() and page.view.tip == status().tip and page.view.caption.text() == FOLLOWS
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))
     assert page.view.isVisible() and page.view.tip != status().tip and page.view.caption.text() == UNHOMED
+    page.show_snapshot(running(3))
+    assert page.view.caption.text() == STANDS
     page.show_pulse(told(status(problem="no sample for 200 ms")))
     assert page.view.instant is None and page.view.tip is None and not page.view.caption.text()
 

@@ -16,6 +16,8 @@ from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
+    PANEL_MARGINS,
+    Panel,
     breakable,
     button,
     column,
@@ -58,6 +60,7 @@ class DevicePage(Page):
         self._status: m.DeviceStatus | None = None
         self._rates, self._recent = dict[str, float](), figures.Rates()
         self.cards = Cards(self)
+        self.title = text_label("", size=theme.HEAD, bold=True)
         self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.view = DeviceView()
@@ -82,7 +85,8 @@ class DevicePage(Page):
             if pressed is not None:
                 lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
             lines.setRowStretch(down, 1)
-        state = panel("Is it ready?", (scrolled(holder(lines)), 1), self.why)
+        state = Panel()
+        state.setLayout(column(self.title, (scrolled(holder(lines)), 1), self.why, spacing=8, margins=PANEL_MARGINS))
         self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
         panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
@@ -152,7 +156,8 @@ class DevicePage(Page):
         free = not why and not snapshot.step  # one step at a time
         self.bring_up.show_status(status, free and status is not None and not status.problem)
         self._show_rows(figures.readiness(snapshot, status, self._rates), free)
-        self.view.show_device(status if figures.is_reached(status) else None, opened.protocol)
+        runs = snapshot.stage == m.RUNNING
+        self.view.show_device(status if figures.is_reached(status) else None, opened.protocol, runs)
 
     def _show_rows(self, found: dict[str, m.Check], free: bool) -> None:
         """What is ready; the button of the first that is not, and can be made so, is the main one."""
@@ -166,6 +171,7 @@ class DevicePage(Page):
             pressed.setEnabled(can[name])
         self.ask_bring_up.setEnabled(self.bring_up.can_open)
         due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
+        self.title.setText("Not ready yet" if due else "Ready")
         for name, pressed in self.steps.items():  # that of the brakes is in the header
             theme.set_style(pressed, "main" if name == due else "")
         for name, (mark, words) in self.rows.items():

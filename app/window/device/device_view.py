@@ -21,6 +21,7 @@ FOLLOWS = (
     "Move the handle: the picture must follow. Ringed letters have an encoder; the arrow is the force of the hand."
 )
 UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring."
+STANDS = "A trial is running: this is the device before it. The Run page shows it now."
 NO_DEVICE = "Nothing is connected."
 JIG_PX, ANGLE_PX = 14.0, 24.0  # radius of the jig's ring; from a joint down to its angle
 
@@ -34,8 +35,8 @@ class DeviceView(SmallView):
         self.caption = wrapped_label("", "quiet", theme.SMALL)
         self._status, self._jig = m.DeviceStatus(), (0.0, 0.0)  # m
 
-    def show_device(self, status: m.DeviceStatus | None, protocol: Protocol) -> None:
-        """What the board has reported; None: no device is reached."""
+    def show_device(self, status: m.DeviceStatus | None, protocol: Protocol, runs: bool) -> None:
+        """What the board has reported; None: no device is reached. runs: a trial does, in which it reports nothing."""
         device = next((device for device in protocol.devices if status and device.name == status.device), None)
         self.show()
         if device is None or status is None:
@@ -48,7 +49,7 @@ class DeviceView(SmallView):
         known = status.homed and math.isfinite(sum(status.tip))
         if self.instant is None or self.instant.device is not device:
             self.set_extent(extent_of_linkages([device], protocol.paths.values()))
-        self.caption.setText(FOLLOWS if known else UNHOMED)
+        self.caption.setText(STANDS if runs else FOLLOWS if known else UNHOMED)
         self.show_instant(Instant(device, status.tip if known else self._jig), {})
         self.update()
 
