@@ -604,7 +604,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     with session_of(tmp_path, 2) as session:
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(2, rows=rows))
-    screens.run.panel.grid.clicked.emit(rows[0])
+    screens.run.panel.grid.cells[rows[0].run].click()
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
     assert (
@@ -613,7 +613,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
     assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
     screens.hear(ready(2, rows=rows))
-    screens.run.panel.grid.clicked.emit(rows[1])
+    screens.run.panel.grid.cells[rows[1].run].click()
     qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
     qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)
     assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
@@ -629,7 +629,7 @@ def test_the_card_of_an_earlier_trial_leaves_its_curve_to_no_other(qtbot, screen
     card = screens.run.card
     assert screens.run.card_shown and card.row == rows[1]
     own = card.trace.values
-    screens.run.panel.grid.clicked.emit(rows[0])
+    screens.run.panel.grid.cells[rows[0].run].click()
     screens.hear(ready(2, rows=rows))  # while the recording is read
     qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
     assert not np.array_equal(card.trace.values, own, equal_nan=True)

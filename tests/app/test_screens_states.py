@@ -90,8 +90,8 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         settle(console)
         grid = screens.run.panel.grid
         assert not screens.run.panel.scroll_area.verticalScrollBar().isVisible()
-        cells = list(grid.cells().values())
-        assert len(cells) == len(PLAN) and all(grid.rect().contains(cell.toAlignedRect()) for cell in cells)
+        cells = [cell.geometry() for cell in grid.cells.values()]
+        assert len(cells) == len(PLAN) and all(grid.rect().contains(cell) for cell in cells)
         assert min(cell.height() for cell in cells) > 8.0
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
 

@@ -2,21 +2,20 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QHelpEvent, QMouseEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
+from app.window.widgets.parts import NO_FOCUS, clear, column, grid, holder, row, text_label
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.session.files import cell, place
 
-HEAD_PX, ROW_PX, SPACE_PX, LABEL_PX = 20, 20, 6, 52
-LEAST_SHARE = 0.7  # where there is little room, rows are so much lower before the grid must be scrolled
-CELL_LEAST_PX = 8.0  # a block with more trials than fit in a row goes on in the next
+#: px, at a text size of 1: of a row of cells and of the label before it; high, of a cell; between two; wide, of a cell
+ROW_PX, LABEL_PX, HIGH_PX, GAP_PX, NARROWEST_PX, WIDEST_PX = 176, 52, 16, 3, 8, 17
 #: Shown by shape too, not by colour alone.
 MARKS = {
     "timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–", "stopped": "!", "excluded": "e",
@@ -30,21 +29,20 @@ class PlanGrid(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._opened: m.Opened | None = None
-        self._blind = False
-        self._groups: dict[str, dict[int, list[PlannedTrial]]] = {}
+        self._plan: Sequence[PlannedTrial] = ()
+        self.cells: dict[int, QPushButton] = {}  # run of the plan -> its cell
         self.statuses: dict[int, str] = {}  # run of the plan -> status of its cell
         self._newest: dict[int, TrialRow] = {}  # run of the plan -> newest row of its cell
         self.marked: int | None = None  # run of the plan: next or running
         self.running = False
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Maximum)
+        self._sizes: list[tuple[QWidget, int]] = []  # how wide (px, at a text size of 1) labels and cells are
+        self._whole = column()
+        self.setLayout(self._whole)
 
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         """The trials, what became of those that are over, and which one is next or running."""
-        self._opened, self._blind = opened, snapshot.blind
-        self._groups = {}
-        for trial in opened.plan:
-            self._groups.setdefault(trial.configuration, {}).setdefault(trial.block, []).append(trial)
+        if opened.plan != self._plan:
+            self._lay_out(opened.plan)
         self._newest = newest_rows(opened.plan, snapshot.rows)
         self.statuses = {run: row.status for run, row in self._newest.items()}
         now = snapshot.running or snapshot.coming
@@ -52,101 +50,52 @@ class PlanGrid(QWidget):
             opened.plan[min(place(now, opened.plan), len(opened.plan)) - 1].run
         )  # fmt: skip
         self.running = snapshot.running is not None
-        self.updateGeometry()
-        self.update()
-
-    # lengths
-
-    def _per_row(self) -> int:
-        return max(int((self.width() - theme.text_px(LABEL_PX)) / (CELL_LEAST_PX + 3.0)), 1)
-
-    def _rows_of(self, trials: Sequence[PlannedTrial]) -> int:
-        return -(-len(trials) // self._per_row())
-
-    def sizeHint(self) -> QSize:
-        rows = sum(self._rows_of(trials) for blocks in self._groups.values() for trials in blocks.values())
-        spaces = max(len(self._groups) - 1, 0) * SPACE_PX
-        return QSize(230, len(self._groups) * theme.text_px(HEAD_PX) + rows * theme.text_px(ROW_PX) + spaces)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(120, round(LEAST_SHARE * self.sizeHint().height()))
-
-    def _share(self) -> float:
-        """How high a row is, of its full height."""
-        return min(max(self.height() / max(self.sizeHint().height(), 1), LEAST_SHARE), 1.0)
-
-    def cells(self) -> dict[int, QRectF]:
-        """Run of the plan -> its cell (px)."""
-        return self._places()[0]
-
-    def _places(self) -> tuple[dict[int, QRectF], list[tuple[str, QRectF, bool]]]:
-        """Run of the plan -> its cell (px); the words beside the cells: text, place, whether it is a head."""
-        cells, words, y, per_row, share = {}, [], 0.0, self._per_row(), self._share()
-        high = share * theme.text_px(ROW_PX)
-        for configuration, blocks in self._groups.items():
-            words.append((configuration, QRectF(0.0, y, self.width(), share * theme.text_px(HEAD_PX)), True))
-            y += share * theme.text_px(HEAD_PX)
-            for block, trials in blocks.items():
-                words.append((f"block {block}", QRectF(0.0, y, theme.text_px(LABEL_PX), high), False))
-                step = (self.width() - theme.text_px(LABEL_PX)) / min(len(trials), per_row)
-                side = min(step - 3.0, high - 4.0)
-                for i, trial in enumerate(trials):
-                    x, down = theme.text_px(LABEL_PX) + i % per_row * step, i // per_row * high
-                    cells[trial.run] = QRectF(x, y + down + 0.5 * (high - side), min(step - 3.0, 1.6 * side), side)
-                y += self._rows_of(trials) * high
-            y += share * SPACE_PX
-        return cells, words
-
-    # events
-
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent) and self._opened:
-            trial = self._at(event.pos().toPointF())
-            if trial is None:
-                QToolTip.hideText()
-                return True
+        for trial in opened.plan:
             status = self.statuses.get(trial.run, "not done yet")
             if trial.run == self.marked:
                 status = "running" if self.running else "next"
-            text = f"Trial {trial.run} · {describe(trial, self._opened, self._blind)} · {status}"
-            QToolTip.showText(event.globalPos(), text, self)
-            return True
-        return super().event(event)
+            self._show_cell(trial.run, f"Trial {trial.run} · {describe(trial, opened, snapshot.blind)} · {status}")
 
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        trial = self._at(event.position())
-        if trial is not None and (row := self._newest.get(trial.run)) is not None and row.recording:
-            self.clicked.emit(row)
+    def _lay_out(self, plan: Sequence[PlannedTrial]) -> None:
+        """A cell for each trial; a block with more than fit in a row goes on in the next."""
+        self._plan, self.cells, self._sizes, blocks, head = plan, {}, [], column(spacing=3), ""
+        for key in dict.fromkeys((trial.configuration, trial.block) for trial in plan):
+            if key[0] != head:
+                head = key[0]
+                blocks.addWidget(text_label(head, "quiet", theme.SMALL, bold=True))
+            trials = [trial for trial in plan if (trial.configuration, trial.block) == key]
+            wide = min(max(ROW_PX // len(trials) - GAP_PX, NARROWEST_PX), WIDEST_PX)
+            label = text_label(f"block {key[1]}", "quiet", theme.SMALL)
+            cells, in_line = grid(GAP_PX, GAP_PX, stretched=len(trials)), ROW_PX // (wide + GAP_PX)
+            for number, trial in enumerate(trials):
+                self.cells[trial.run] = pressed = QPushButton(focusPolicy=NO_FOCUS)
+                pressed.setFont(theme.font(theme.SMALL, bold=True))
+                pressed.clicked.connect(lambda _=False, run=trial.run: self.clicked.emit(self._newest[run]))
+                cells.addWidget(pressed, *divmod(number, in_line))
+            self._sizes += [(label, LABEL_PX), *((self.cells[trial.run], wide) for trial in trials)]
+            blocks.addLayout(row(label, (cells, 1), spacing=0))
+        self.follow_text()
+        clear(self._whole)
+        self._whole.addWidget(whole := holder(blocks))
+        whole.show()  # at once, for the grid to know its height
 
-    def _at(self, place: QPointF) -> PlannedTrial | None:
-        cells = self.cells()
-        plan = self._opened.plan if self._opened else ()
-        return next((trial for trial in plan if cells[trial.run].contains(place)), None)
+    def follow_text(self) -> None:
+        for widget, wide in self._sizes:
+            widget.setFixedSize(theme.text_px(wide), theme.text_px(HIGH_PX))
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), theme.shade(COLOURS.panel))
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(theme.shade(COLOURS.quiet))
-        cells, words = self._places()
-        for text, box, head in words:
-            painter.setFont(theme.font(theme.SMALL, bold=head))
-            painter.drawText(box, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, text)
-        for run, box in cells.items():
-            self._paint_cell(painter, box, run)
-
-    def _paint_cell(self, painter: QPainter, box: QRectF, run: int) -> None:
-        status = self.statuses.get(run)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.shade(theme.STATUS[status], 0.55) if status else theme.shade(COLOURS.line, 0.6))
+    def _show_cell(self, run: int, hint: str) -> None:
+        status, newest, pressed = self.statuses.get(run), self._newest.get(run), self.cells[run]
+        ground = theme.mixed(COLOURS.panel, theme.STATUS[status] if status else COLOURS.line, 0.6).name()
+        edge = "none"
         if run == self.marked:
-            painter.setPen(QPen(theme.shade(COLOURS.text if self.running else COLOURS.accent), 2.0))
-            painter.setBrush(theme.shade(COLOURS.accent if self.running else COLOURS.accent_ground))
-        painter.drawRoundedRect(box, 3.0, 3.0)
-        if status in MARKS:
-            painter.setFont(theme.font(theme.SMALL, bold=True))
-            painter.setPen(theme.shade(COLOURS.text))
-            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, MARKS[status])
+            ground = COLOURS.accent if self.running else COLOURS.accent_ground
+            edge = f"2px solid {COLOURS.text if self.running else COLOURS.accent}"
+        look = f"background: {ground}; border: {edge}; border-radius: 3px; padding: 0; color: {COLOURS.text}"
+        if look != pressed.styleSheet():
+            pressed.setStyleSheet(look)
+        pressed.setText(MARKS.get(status or "", ""))
+        pressed.setToolTip(hint)
+        pressed.setEnabled(newest is not None and bool(newest.recording))
 
 
 def newest_rows(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[int, TrialRow]:
@@ -154,10 +103,10 @@ def newest_rows(plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> dict[
     such a row is found by its run number."""
     found: dict[int, TrialRow] = {}
     by_run = {trial.run: trial for trial in plan}
-    for row in rows:
-        planned = by_run.get(row.run)
+    for newer in rows:
+        planned = by_run.get(newer.run)
         if planned is None:  # a redo or a resumed trial has a run number of its own
-            planned = next((trial for trial in plan if cell(trial) == cell(row)), None)
+            planned = next((trial for trial in plan if cell(trial) == cell(newer)), None)
         if planned is not None:
-            found[planned.run] = row
+            found[planned.run] = newer
     return found
