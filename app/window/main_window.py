@@ -69,15 +69,13 @@ CHANGED = (
 class Footer(Panel):
     """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
 
-    folder_asked = Signal(object)  # as of a page
-
-    def __init__(self) -> None:
+    def __init__(self, open_folder: Callable[[Path], None]) -> None:
         super().__init__()
         self.folder = OneLine("", "", theme.NORMAL, bold=True)
         self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
         self.recording = OneLine("Nothing is being recorded")
         self.recording.setMinimumWidth(RECORDING_PX)
-        self.open = button("Open folder", lambda: self.folder_asked.emit(self._path), "small")
+        self.open = button("Open folder", lambda: open_folder(self._path), "small")
         self.lamp, self.origin = text_label("●", "off", theme.SMALL), text_label("", "quiet", theme.SMALL)
         self._path = Path()
         parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
@@ -137,7 +135,8 @@ class MainWindow(QWidget):
         self.dead = self._closing = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
-        self.preflight, self.footer, self._stack = Preflight(), Footer(), QStackedWidget()
+        self.preflight = Preflight(lambda: self.show_page(DEVICE))
+        self.footer, self._stack = Footer(self._open_folder), QStackedWidget()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
         self.preflight.banner.lie_over(self)
@@ -182,8 +181,6 @@ class MainWindow(QWidget):
         for name, tab in self.tabs.items():
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
         self.preflight.brakes.clicked.connect(self._press_brakes)
-        self.footer.folder_asked.connect(self._open_folder)
-        self.preflight.device_asked.connect(lambda: self.show_page(DEVICE))
         own: dict[str, Callable[[], object]] = {
             "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,

@@ -1,5 +1,7 @@
 """The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QEvent, QObject, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QPushButton, QWidget
@@ -122,10 +124,10 @@ class BrakesButton(QPushButton):
 class Preflight(QWidget):
     """Pills; `brakes` and `advice`, which says what is wrong, are placed by the window."""
 
-    device_asked = Signal()
-
-    def __init__(self) -> None:
+    def __init__(self, show_device: Callable[[], None]) -> None:
+        """show_device: shows the device page."""
         super().__init__()
+        self._show_device = show_device
         self._checks: tuple[m.Check, ...] = ()  # that are shown
         self.pills: list[Pill] = []
         self.brakes = BrakesButton()
@@ -158,7 +160,7 @@ class Preflight(QWidget):
             for pill, check in zip(self.pills, snapshot.checks, strict=True):
                 self._row.addWidget(pill)
                 if check.name == DEVICE:
-                    pill.clicked.connect(self.device_asked)
+                    pill.clicked.connect(self._show_device)
             self.follow_text()
         wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
         self.banner.show_text("\n".join(wrong))
