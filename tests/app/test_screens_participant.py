@@ -314,7 +314,7 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
     view = screens.participant.view
     for name in shipped_protocols():
         protocol = load_protocol(name)
-        screens.hear(opened(protocol=protocol, folder=name), ready(coming=None))
+        screens.hear(opened(protocol=protocol, folder=name, plan=()), ready(coming=None))
         for width, height in ((1280, 1024), (1024, 768), (1680, 1050), (1280, 720), (1920, 1080), (2560, 1080)):
             screens.participant.resize(width, height)
             QApplication.processEvents()
