@@ -96,6 +96,16 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
 
 
+def test_the_plan_has_the_room_of_larger_text_at_once(screens: Screens) -> None:
+    screens.main.resize(1920, 1080)
+    screens.hear(opened(), ready(12))
+    theme.scale_text(2)
+    settle(screens.main)
+    scrolls = screens.run.panel.scroll_area.verticalScrollBar().isVisible()
+    theme.scale_text(-2)
+    assert not scrolls
+
+
 def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.tick(movement(PLAN[0].segment, "AEB", 1.5))

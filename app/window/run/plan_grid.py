@@ -91,6 +91,7 @@ class PlanGrid(QWidget):
             ground = COLOURS.accent if self.running else COLOURS.accent_ground
             edge = f"2px solid {COLOURS.text if self.running else COLOURS.accent}"
         look = f"background: {ground}; border: {edge}; border-radius: 3px; padding: 0; color: {COLOURS.text}"
+        look = f"QPushButton {{ {look} }}"  # not its tooltip
         if look != pressed.styleSheet():
             pressed.setStyleSheet(look)
         pressed.setText(MARKS.get(status or "", ""))

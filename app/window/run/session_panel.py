@@ -68,7 +68,7 @@ class SessionPanel(Panel):
         self.scroll_area = scrolled(self.grid)
         self.scroll_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.scroll_area.setFocusPolicy(NO_FOCUS)
-        self.scroll_area.setFixedHeight(LEAST_PLAN_PX)  # until there is a plan
+        self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self.scroll_area, 1000), self.time, self.coming, self.cell,
             self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
@@ -82,6 +82,11 @@ class SessionPanel(Panel):
 
     def follow_text(self) -> None:
         self.setFixedWidth(theme.text_px(WIDTH_PX))
+        self._fit_plan()
+
+    def _fit_plan(self) -> None:
+        """As high as the plan needs it, where there is room."""
+        self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
 
     def write_note(self) -> None:
         if self.note.isEnabled():
@@ -98,7 +103,7 @@ class SessionPanel(Panel):
         self.setEnabled(True)
         self.head.setText(f"Participant {opened.participant}" if opened.participant else NO_SESSION)
         self.grid.show_session(opened, snapshot)
-        self.scroll_area.setMaximumHeight(max(self.grid.sizeHint().height() + 2, LEAST_PLAN_PX))
+        self._fit_plan()
         done, lacking = map(len, finished_cells(snapshot.rows))
         self.done.setText(done_of(done, len(opened.plan), lacking) if opened.participant else "")
         self.done.setToolTip(LACKING if lacking else "")
