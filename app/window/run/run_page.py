@@ -22,7 +22,19 @@ from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE, Ask
 from app.window.widgets.page import Page
-from app.window.widgets.parts import PART, Figures, KeyButton, column, holder, keep_room, row, stack, text_label
+from app.window.widgets.parts import (
+    PART,
+    Figures,
+    KeyButton,
+    column,
+    holder,
+    keep_room,
+    panel,
+    row,
+    stack,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
@@ -48,6 +60,10 @@ ASKED: dict[str, tuple[Ask, str, Callable[..., object]]] = {
     "skip": (SKIP, WRITING, lambda _, why: m.Skip(why)),
     "abort": (ABORT, "Aborting …", lambda _, why, again: m.Abort(why, again)),
 }
+BEFORE = (
+    "While it runs: path error, force of the hand, currents of the brakes, speed, energy, and how late the loop is. "
+    "After it: its card, to keep, repeat or exclude it."
+)
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 
 
@@ -80,7 +96,7 @@ class RunPage(Page):
         self._opened_s = time.perf_counter()  # when the session was opened here
         self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
-        self._right = stack(live, self.card)
+        self._right = stack(live, self.card, panel("The trial", wrapped_label(BEFORE, "quiet"), 1))
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
         self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
@@ -253,8 +269,8 @@ class RunPage(Page):
         if self.opened is not None:
             self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
             self.workspace.view.show_text("", "")
-        for panel in (self.traces, self.energy, self.timing):
-            panel.clear()
+        for part in (self.traces, self.energy, self.timing):
+            part.clear()
 
     def _show_trial(self, before: m.Snapshot) -> None:
         """The workspace: the running trial, else the coming one unless there is a trail to look at."""
@@ -393,7 +409,8 @@ class RunPage(Page):
             if earlier is None and self._ticks:
                 ticks = np.concatenate(self._ticks)
             self.card.show_row(row, rows, ticks, opened, snapshot)
-        self._right.setCurrentIndex(1 if wanted else 0)
+        live = snapshot.running is not None or self.energy.ledger.began
+        self._right.setCurrentIndex(1 if wanted else 0 if live else 2)
 
 
 def read_ticks(run: int, recording: Path) -> tuple[int, np.ndarray]:
