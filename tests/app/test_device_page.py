@@ -211,6 +211,11 @@ def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_a
     assert page.view.instant is None and page.view.tip is None and not page.view.caption.text()
 
 
+def test_of_hardware_that_reports_no_state_nothing_is_claimed_but_that_it_is_there() -> None:
+    found = readiness(ready(3, checks=WELL), status(board="")._replace(report={}), {})
+    assert found["Board"].text == "four-brake is connected" and found["Brakes"].text == "no fault"
+
+
 def test_a_fault_stands_in_the_row_of_what_it_is_of() -> None:
     lost = m.Check("Device", m.BAD, "not connected", "No sample for 200 ms.")
     for state, off_by, row in (

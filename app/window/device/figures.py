@@ -111,14 +111,14 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     reached = is_reached(status)
     found = {name: m.Check(name, m.WAITING, NOTHING) for name in READINESS}
     if status is not None and reached:
-        state = status.report.get("state", "")
+        board, state = status.board or status.device, status.report.get("state", "no fault")
         homed = f"homed{at(status.homed_at) or ' before this program began'}" if status.homed else "not homed yet"
         zeroed = f"zero{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
         channels = f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none"
         letters = " ".join(status.encoders)
         lost = f"{grouped(status.report.get('lost', 0))} samples lost since it was opened"
         for name, good, text in (
-            (READY_BOARD, True, f"{status.board} is connected"), (BRAKES, True, STATES.get(state, state)),
+            (READY_BOARD, True, f"{board} is connected"), (BRAKES, True, STATES.get(state, state)),
             (ENCODERS, status.homed, f"{letters}: {homed}"), (FORCE, status.zeroed, channels), (SAMPLES, True, lost),
         ):  # fmt: skip
             found[name] = m.Check(name, m.GOOD if good else m.WAITING, text)
