@@ -79,8 +79,8 @@ class DevicePage(Page):
         buttons = {**self.steps, NEW_BENCH: self.ask_bring_up}
         for down, (name, (mark, words)) in enumerate(self.rows.items()):
             pressed = buttons.get(name)
-            for across, part in enumerate((mark, text_label(name, bold=True))):
-                lines.addWidget(part, down, across)
+            lines.addWidget(mark, down, 0)
+            lines.addWidget(text_label(name, bold=True), down, 1)
             lines.addWidget(words, down, 2, 1, 1 if pressed else 2)
             if pressed is not None:
                 lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
@@ -165,15 +165,14 @@ class DevicePage(Page):
         usable = status if free and figures.is_reached(status) and status is not None and not status.fault else None
         senses = usable is not None and usable.force_channels > 0
         can = {READY_BOARD: free, ENCODERS: usable is not None, FORCE: senses}
-        for name, pressed in self.steps.items():
-            text, step, _ = STEPS[name]
-            pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
-            pressed.setEnabled(can[name])
-        self.ask_bring_up.setEnabled(self.bring_up.can_open)
         due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
         self.title.setText("Not ready yet" if due else "Ready")
         for name, pressed in self.steps.items():  # that of the brakes is in the header
+            text, step, _ = STEPS[name]
+            pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
+            pressed.setEnabled(can[name])
             theme.set_style(pressed, "main" if name == due else "")
+        self.ask_bring_up.setEnabled(self.bring_up.can_open)
         for name, (mark, words) in self.rows.items():
             check = found.get(name, m.Check(name, m.WAITING, CHECKED))
             shape, look = MARKS[check.state]
