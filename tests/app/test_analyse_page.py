@@ -23,6 +23,7 @@ from sessions import closed_session
 from app.ipc import messages as m
 from app.window.analyse.analyse_page import FINDINGS, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
+from app.window.analyse.verdicts import Differences, as_printed
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
@@ -232,6 +233,10 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     by_number = {finding.statement.number: finding.verdict for finding in page.verdicts.shown.found}
     assert len(by_number) == 11 and by_number[1] == FAILS  # "SDOF reduces path error": here it is larger than without
+    drawn = page.verdicts.findChildren(Differences)  # what decides a statement is drawn as it is said
+    for finding, picture in zip(page.verdicts.shown.found, drawn, strict=True):
+        said = [piece for piece in finding.evidence if piece.judged in finding.sentence]
+        assert picture.evidence == said and bool(said) == ("needed" in finding.sentence)
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "Two people" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
@@ -239,6 +244,10 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert SIMULATED in page.verdicts.shown.warnings
+
+
+def test_numbers_are_printed_with_the_sign_of_a_number_and_beside_their_unit() -> None:
+    assert as_printed("two-brake -3 % (-9 to 4.5 mm)") == "two-brake −3\u00a0% (−9 to 4.5\u00a0mm)"
 
 
 def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> None:
