@@ -145,7 +145,7 @@ def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_as
     (cross,) = plot.crosses.points()
     assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
     assert cross.brush().color().name() == COLOURS.caution.lower() and "1 timed out" in page.summary.text()
-    assert "not in the boxes" in page.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
+    assert "not in the boxes" in page.legend.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
     plot.item.setYRange(1.0, 2.0, padding=0.0)
     assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
     QTest.mouseClick(page.timeouts, Qt.MouseButton.LeftButton)
@@ -168,7 +168,7 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         write_table(table_of(data, who), rows, replacing=True)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
-    assert colour_of("K3") == COLOURS.quiet and not page.colours.isVisible()
+    assert colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
@@ -187,8 +187,8 @@ def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, two_t
     for name in (POOLED, PERSON, ORDER, SPEED):
         page.show_page(name)
         drawn = {point.data().controller: point.pen().color().name() for point in page.plots[0].points.points()}
-        shown = page.colours.text().replace("\u00a0", " ")
-        assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
+        shown = page.legend.text().replace("\u00a0", " ")
+        assert page.legend.isVisible() and len(drawn) == shown.count("●") > 0
         for controller, colour in drawn.items():
             assert f'color: {colour}">●</span> {page.view(page.results).name(controller)}'.lower() in shown.lower()
 
@@ -254,12 +254,13 @@ def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> N
     page = page_on(qtbot, data)
     page.show_page(QUESTIONS)
     assert "No questionnaire" in page.empty.text() and page.stack.currentWidget() is page.empty
+    assert not page.export_button.isEnabled() and not page.logarithmic.isVisible() and not page.timeouts.isVisible()
     page.begin(tmp_path / "none")
     qtbot.waitUntil(lambda: "no such folder" in page.empty.text(), timeout=60_000)
     (tmp_path / "new").mkdir()
     page.begin(tmp_path / "new")
     qtbot.waitUntil(lambda: "Nothing is recorded" in page.empty.text(), timeout=60_000)
-    assert not page.export_button.isEnabled()
+    assert not page.export_button.isEnabled() and not any(tab.isEnabled() for tab in page.tabs.values())
 
 
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
@@ -323,7 +324,7 @@ def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then
     exclude(page, 1)
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
     assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
-    assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
+    assert "excluded" in page.side.about.text() and [row.run for row in page.rows] == [1]
     session = page.results.folder / "sub-01" / "ses-01"
     assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
     resumed = Session.resume(page.results.folder, "01")

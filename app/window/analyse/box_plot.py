@@ -50,7 +50,7 @@ class ChartPlot(Plot):
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
         for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
             changed.connect(self._name_ticks)
-        self.item.showGrid(y=True, alpha=0.15)
+        self.item.showGrid(y=True, alpha=0.6)
         self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
 

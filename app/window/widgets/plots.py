@@ -109,6 +109,7 @@ class TimePlot(Plot):
     """A measure over time, one curve or several, drawn as far as it is seen; 0 is at the bottom."""
 
     padding = 0.04  # of its height
+    hidden = False  # the session is blind: neither curve nor value
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
@@ -140,6 +141,17 @@ class TimePlot(Plot):
         self.item.setYRange(0.0, self.end, padding=self.padding)
         self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
 
+    def read_at(self, place: QPointF) -> str:
+        if self.hidden:
+            return HIDDEN
+        k = int(np.searchsorted(self.t, place.x()))
+        return f"{self.t[k]:.3f} s: {self.values_at(k)}" if 0 < k < len(self.t) else ""
+
+    def values_at(self, k: int) -> str:
+        """The values of a tick, with their unit."""
+        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
+        return ", ".join(values) or NOTHING
+
     def figure(self, value: float) -> str:
         """A value without its unit."""
         return f"{value:.{self.digits}f}" if value == value else NOTHING
@@ -156,7 +168,7 @@ class Trace(TimePlot):
         super().__init__(title, unit, colours, least, digits)
         #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
         self.names: Mapping[str, str] = {}
-        self._colours, self.hidden = colours, False
+        self._colours = colours
         self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
@@ -218,15 +230,6 @@ class Trace(TimePlot):
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named)
-
-    def read_at(self, place: QPointF) -> str:
-        if self.hidden:
-            return HIDDEN
-        k = int(np.searchsorted(self.t, place.x()))
-        if not 0 < k < len(self.t):
-            return ""
-        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
-        return f"{self.t[k]:.3f} s: {', '.join(values) or NOTHING}"
 
     def show_all(self) -> None:
         """Follow the newest tick again."""
