@@ -284,6 +284,7 @@ class ParticipantWindow(QWidget):
         if self._snapshot.running is None or not len(rows):
             return
         self.view.extend_trail(way_of(rows))
+        self._follow_phase(rows)  # tones are heard where this window is not seen, too
         if not self.isVisible():
             return
         held = taken or not self.view.mouse
@@ -293,7 +294,6 @@ class ParticipantWindow(QWidget):
         self.view.show_handle(tip, taken if self.view.mouse else None, force)
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
-        self._follow_phase(rows)
         early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
         self._write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
 
