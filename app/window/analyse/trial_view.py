@@ -38,7 +38,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
-LOW_PX = 480  # a lower side of the page, at a text size of 1, has the curves alone
+LOW_PX = 492  # a lower side of the page, at a text size of 1, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
@@ -87,7 +87,7 @@ class TrialView(Panel):
         self.workspace = Workspace(whole)
         self.workspace.hide()  # until there is a trial
         if not whole:
-            self.workspace.view.setMinimumSize(200, 88)
+            self.workspace.view.setMinimumSize(200, 70)
             for layer in (FIELD, REACHABLE, LINKAGE):
                 self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
@@ -298,7 +298,8 @@ class TrialView(Panel):
         else:
             self.measures.setText(measures_table(other.recorded or self._values, other.metrics))
             far = " What was recorded is measured as far as both went." if other.recorded else ""
-            self.note_that(f"{self.beside.currentText()}: {other.status}.{far} {other.text}")
+            ended = f"It ended as {other.status}. " if other.status != "done" else ""
+            self.note_that(f"{ended}{other.text}{far}")
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)
 

@@ -46,6 +46,9 @@ def start_of_hold(ticks: np.ndarray) -> int:
     return int(approach[-1] + 1) % len(ticks) if len(approach) else 0
 
 
+pg.setConfigOptions(mouseRateLimit=0)  # else the last place of a fast pointer is skipped, and what is there not read
+
+
 class Graph(pg.PlotWidget):
     """A plot in the colours and the typeface of the screens."""
 
