@@ -290,9 +290,9 @@ def test_of_points_that_lie_over_each_other_the_nearest_one_is_opened(qtbot, dat
     first, last = (point for point in plot.chart.points if point.row in (page.rows[0], page.rows[-1]))
     x, y = first.x, first.y
     pixel = plot.item.vb.viewPixelSize()[0]
-    beside = [first, last._replace(x=x + 3.0 * pixel, y=y)]  # drawn over it
+    beside = [first, last._replace(x=x + 2.5 * pixel, y=y)]  # drawn over it
     plot.show_chart(plot.chart._replace(points=tuple(beside)), False)
-    click(plot, x - pixel, y)
+    click(plot, x + 0.5 * pixel, y)
     assert opened == [first.row]
 
 
