@@ -6,14 +6,24 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.window.canvas.path_marks import paint_disc
 from app.window.widgets import theme
-from app.window.widgets.parts import Panel, Part, column, grid, holder, rule, scrolled, text_label, wrapped_label
+from app.window.widgets.parts import (
+    Figures,
+    Panel,
+    Part,
+    column,
+    grid,
+    holder,
+    rule,
+    scrolled,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.theme import COLOURS, pen, shade
-from app.window.widgets.words import in_colour
-from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, SIMILAR, Evidence
+from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, SIMILAR, Evidence, Finding
 from experiments.export.results import Conclusions
 
 VERDICT = {
@@ -85,18 +95,20 @@ class Verdicts(Panel):
 
     def show_conclusions(self, conclusions: Conclusions | None) -> None:
         """None: they are being computed."""
-        self.shown = conclusions
-        parts: list[Part] = [text_label("The statistics are being computed …", "quiet")]
-        if conclusions is not None:
-            warned = " ".join(filter(None, (*conclusions.warnings, conclusions.refusal)))
-            parts = [_text(warned, "caution")] if warned else []
+        self.shown, parts = conclusions, list[Part]()
+        if conclusions is None:
+            parts.append(_text("The statistics are being computed …", "quiet"))
+        else:
+            parts += [_text(warning, "caution") for warning in (*conclusions.warnings, conclusions.refusal) if warning]
             if conclusions.found:
-                parts += [_title("What these data say of the paper's statements"), _counts(conclusions)]
-                parts += [wrapped_label(ABOUT, "quiet", theme.SMALL), _table(conclusions)]
+                parts += [_title("What these data say of the paper's statements"), *_findings(conclusions.found)]
             if conclusions.sentences:
-                parts += [rule(), _title("What else to know")]
-                parts += [_text(sentence) for sentence in conclusions.sentences]
+                parts += [rule(), _title("What else to know"), *map(_text, conclusions.sentences)]
         self._area.setWidget(holder(column(*parts, 1, spacing=8, margins=(12, 8, 12, 12))))
+
+
+def _title(text: str) -> QLabel:
+    return text_label(text, size=theme.TITLE, bold=True)
 
 
 def _text(text: str, name: str = "") -> QLabel:
@@ -106,39 +118,23 @@ def _text(text: str, name: str = "") -> QLabel:
     return label
 
 
-def _title(text: str) -> QLabel:
-    return text_label(text, size=theme.TITLE, bold=True)
-
-
-def _counts(conclusions: Conclusions) -> QLabel:
-    """How many statements have each verdict."""
-    count, label = Counter(finding.verdict for finding in conclusions.found), wrapped_label()
-    label.setTextFormat(Qt.TextFormat.RichText)
-    parts = (
-        in_colour(f"{mark} {verdict}: {count[verdict]}".replace(" ", "\u00a0"), colour)
-        for verdict, (mark, colour) in VERDICT.items() if count[verdict]
-    )  # fmt: skip
-    label.setText(" &nbsp; ".join(parts))
-    return label
-
-
-def _table(conclusions: Conclusions) -> QGridLayout:
-    """A line for each statement: verdict, statement, what decides it as a picture and in words."""
+def _findings(found: Sequence[Finding]) -> tuple[Part, ...]:
+    """How many have each verdict; and a line for each: verdict, statement, what decides it, drawn and in words."""
+    count, counts = Counter(finding.verdict for finding in found), Figures(theme.NORMAL)
+    counts.show_parts(*((f"{mark} {name}: {count[name]} ", of) for name, (mark, of) in VERDICT.items() if count[name]))
     lines = grid(16, 7, stretched=3)
     lines.setColumnStretch(1, 1)
     lines.setColumnStretch(3, 2)
-    top = Qt.AlignmentFlag.AlignTop
     for across, head in enumerate(HEADS):
         lines.addWidget(text_label(head, "quiet", theme.SMALL), 0, across)
-    for finding in conclusions.found:
+    for finding in found:
         down, (mark, colour) = lines.rowCount(), VERDICT[finding.verdict]
         verdict = wrapped_label(f"{mark} {finding.verdict}", bold=True)
         verdict.setStyleSheet(f"color: {colour}")
         verdict.setFixedWidth(theme.text_px(VERDICT_PX))
         decisive = [piece for piece in finding.evidence if piece.found and piece.judged in finding.sentence]
+        shown = verdict, _text(finding.statement.text), Differences(decisive, colour), _text(finding.sentence, "quiet")
         lines.addWidget(rule(), down, 0, 1, len(HEADS))
-        lines.addWidget(verdict, down + 1, 0, top)
-        lines.addWidget(_text(finding.statement.text), down + 1, 1, top)
-        lines.addWidget(Differences(decisive, colour), down + 1, 2, top)
-        lines.addWidget(_text(finding.sentence, "quiet"), down + 1, 3, top)
-    return lines
+        for across, part in enumerate(shown):
+            lines.addWidget(part, down + 1, across, Qt.AlignmentFlag.AlignTop)
+    return counts, wrapped_label(ABOUT, "quiet", theme.SMALL), lines

@@ -10,7 +10,7 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import PART, Panel, column, text_label, wrapped_label
+from app.window.widgets.parts import PART, Panel, column, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS, pen
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.protocol_file import InstructionPage
@@ -123,16 +123,19 @@ class Questionnaire(QWidget):
         self.done.clicked.connect(self._answer)
         self._card = card = Panel()
         self._grid = grid = QGridLayout(card)
-        self._title = text_label("", bold=True)
+        title = text_label()
         self._feedback = wrapped_label("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
-        grid.addLayout(column(self._title, self._feedback), 0, 0, 1, 4)
-        self._asked: dict[QLabel, str] = {}  # the questions -> key of the language, and what stands at both ends
-        self._ends: dict[QLabel, str] = {}
+        grid.addLayout(column(title, self._feedback), 0, 0, 1, 4)
+        #: What is read, its size (px, in a small window) and whether it is bold; of a sentence its key in the language.
+        self._texts: list[tuple[QLabel | QPushButton, int, bool, str]] = [
+            (title, theme.HEAD, True, "questions_controller"), (self._feedback, theme.NORMAL, False, ""),
+            (self.lacking, theme.NORMAL, False, ""), (self.done, theme.TITLE, True, "questions_done"),
+        ]  # fmt: skip
         for at, (item, low, high) in enumerate(ITEMS, start=1):
-            asked, left, right = wrapped_label(""), text_label("", "quiet"), text_label("", "quiet")
-            self._asked |= {asked: item}
-            self._ends |= {left: low, right: high}
+            asked, left, right = wrapped_label(), text_label("", "quiet"), text_label("", "quiet")
+            self._texts += [(asked, theme.TITLE, False, item)]
+            self._texts += [(end, theme.NORMAL, False, key) for end, key in ((left, low), (right, high))]
             grid.addWidget(asked, at, 0)
             grid.addWidget(left, at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
@@ -141,21 +144,14 @@ class Questionnaire(QWidget):
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
         grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
-        layout = QGridLayout(self)
-        layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
-        layout.addWidget(card, 1, 1)
-        for side in (0, 2):
-            layout.setRowStretch(side, 1)
-            layout.setColumnStretch(side, 1)
-        layout.setColumnStretch(1, 100)
+        self.setLayout(row(1, (column(1, card, 1), 100), 1, margins=(theme.GAP, theme.GAP, theme.GAP, theme.GAP)))
         self.show_language(ENGLISH_WORDS)
 
     def show_language(self, language: Language) -> None:
         self._language = language
-        self._title.setText(language["questions_controller"])
-        self.done.setText(language["questions_done"])
-        for label, key in (self._asked | self._ends).items():
-            label.setText(language[key])
+        for text, _, _, key in self._texts:
+            if key:
+                text.setText(language[key])
         for item, scale in self.scales.items():
             scale.setAccessibleName(language[item])
         self._allow()
@@ -169,16 +165,9 @@ class Questionnaire(QWidget):
         by = min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST)
         across, down = map(theme.text_px, ROOM_PX)
         by = min(by, self.width() / across, self.height() / down)
-        for labels, size, bold in (
-            ([self._title], theme.HEAD, True),
-            (self._asked, theme.TITLE, False),
-            ([*self._ends, self.lacking, self._feedback], theme.NORMAL, False),
-            ([self.done], theme.TITLE, True),
-        ):
-            for label in labels:
-                label.setFont(theme.font(round(by * size), bold))
-        for asked in self._asked:
-            asked.setMinimumWidth(theme.text_px(by * QUESTION_PX))
+        for text, size, bold, _ in self._texts:
+            text.setFont(theme.font(round(by * size), bold))
+        self._grid.setColumnMinimumWidth(0, theme.text_px(by * QUESTION_PX))
         self.done.setMinimumSize(round(by * 160), round(by * 42))
         across, down = round(by * 28), round(by * 20)
         self._grid.setContentsMargins(across, down, across, down)

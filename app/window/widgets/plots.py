@@ -172,7 +172,6 @@ class Trace(TimePlot):
         #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
         self.names: Mapping[str, str] = {}
         self._colours = colours
-        self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
         self.item.getAxis("bottom").setStyle(hideOverlappingLabels=True)  # a number that scrolls out is never cut
@@ -181,24 +180,17 @@ class Trace(TimePlot):
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
-        begin, end = len(self.t), len(self.t) + len(t)
-        while end > self._room.shape[1]:
-            self._room = np.tile(self._room, 2)
-        self._room[0, begin:end], self._room[1:, begin:end] = t, values
-        self._keep(end)
+        self.t, self.values = np.append(self.t, t), np.append(self.values, values, axis=1)
         if not self.hidden:
             self._rescale(values)
             self.draw()
 
     def clear(self) -> None:
         """Begin a new trial: there is nothing to show yet."""
-        self._keep(0)
+        self.t, self.values = self.t[:0], self.values[:, :0]
         self.scale_to(self.least)
         self.show_all()
         self.show_newest()
-
-    def _keep(self, count: int) -> None:
-        self.t, self.values = self._room[0, :count], self._room[1:, :count]
 
     @property
     def newest(self) -> tuple[float, ...]:
