@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import QButtonGroup, QProgressBar, QPushButton
+from PySide6.QtWidgets import QProgressBar
 
 from app.ipc import messages as m
 from app.window.analyse.box_plot import ChartPlot, trial_of
@@ -19,9 +19,9 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
-    NO_FOCUS,
     Flow,
     OneLine,
+    Segments,
     button,
     column,
     holder,
@@ -86,7 +86,8 @@ class AnalysePage(Page):
         self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
         self._excluding = BackgroundTask(self._excluded)
-        self.tabs: dict[str, QPushButton] = {}
+        self.tabs = Segments(PAGES)
+        self.tabs.changed.connect(self.show_page)
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.measures = Chips("Measures")  # where the protocol has some of its own
         self.timeouts, self.logarithmic = (
@@ -120,19 +121,14 @@ class AnalysePage(Page):
         self.folder_button = button("Open folder", lambda: self.folder_asked.emit(self._job.folder), "small")
         keep_room(self.cancel_button)
         self._lay_out()
+        self.tabs.show_value(self.page)
         self.cards = Cards(self)
         self.side.hide()
         self.folder_button.hide()
         self._show_empty(NO_FOLDER)
 
     def _lay_out(self) -> None:
-        group = QButtonGroup(self)
-        for page, name in PAGES.items():
-            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS)
-            tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
-            group.addButton(tab)
-            self.tabs[page] = tab
-        head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
+        head = row(self.tabs, 1, self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         foot = row(self.folder_button, self.message, self.bar, self.cancel_button, self.summary)
@@ -262,7 +258,7 @@ class AnalysePage(Page):
     def show_page(self, page: str) -> None:
         """One of `PAGES`."""
         self.page = page
-        self.tabs[page].setChecked(True)
+        self.tabs.show_value(page)
         self._show()
 
     def _show(self) -> None:
@@ -317,8 +313,7 @@ class AnalysePage(Page):
         late, busy = sum(row.status == "timeout" for row in rows), self.export_task.busy
         counts = [counted(len(people_of(rows)), "participant"), counted(len(rows), "trial")]
         self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if rows else "")
-        for tab in self.tabs.values():
-            tab.setEnabled(results is not None and bool(results.rows))
+        self.tabs.setEnabled(results is not None and bool(results.rows))
         self.logarithmic.setVisible(page is self.charts)
         self.timeouts.setVisible(late > 0 and page is not self.empty and self.page != QUESTIONS)
         for widget in (self.bar, self.cancel_button):
