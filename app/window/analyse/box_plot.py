@@ -49,7 +49,7 @@ class ChartPlot(Plot):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
         for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
-            changed.connect(self._name_ticks)
+            changed.connect(self.follow_text)
         self.item.showGrid(y=True, alpha=0.6)
         self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
@@ -70,34 +70,27 @@ class ChartPlot(Plot):
             self.item.addItem(marks)
         left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
         left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
-        self._name_ticks()
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
-        self._size_ticks()
+        self.follow_text()
         self.show_all()
         self.show_ring(self._ringed)
 
-    def follow_text(self) -> None:
-        """Names along the axis, and room for them, in another text size."""
-        self._size_ticks()
-        self._name_ticks()
-
-    def _name_ticks(self, *_: object) -> None:
-        """The names along the axis, as far as they do not lie on another or reach over the edge."""
-        ends: dict[int, float] = {}  # of each line of the names so far, px
+    def follow_text(self, *_: object) -> None:
+        """The names along the axis, as far as they do not lie on another or reach over the edge, and room for them."""
+        axis, ends = self.item.getAxis("bottom"), dict[int, float]()  # of each line of the names so far, px
         (begin, end), named = self.item.viewRange()[0], []
         edge = self.item.vb.width() + 0.5 * theme.text_px(theme.SMALL)
-        for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
+        ticks = [(x, SHORT.get(text, text)) for x, text in self.chart.ticks]
+        for x, text in ticks:
             middle = (x - begin) / (end - begin) * self.item.vb.width()
             reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
             if all(ends.get(at, -math.inf) < middle - half and middle + half <= edge for at, half in reach.items()):
                 ends |= {at: middle + half + APART_PX for at, half in reach.items()}
                 named.append((x, text))
-        self.item.getAxis("bottom").setTicks([named] if named else None)
-
-    def _size_ticks(self) -> None:
-        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
-        self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+        lines = max((text.count("\n") + 1 for _, text in ticks), default=0)
+        axis.setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+        axis.setTicks([named] if named else None)
 
     def show_all(self) -> None:
         low, high = self.chart.lowest, max(self.chart.highest, 0.0)
