@@ -18,8 +18,6 @@ from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import Shown
 from core import tick_log
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.language import ENGLISH_WORDS, language_text, shipped_languages
@@ -82,18 +80,6 @@ def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: S
     for text in texts:
         said_of_rest = text.replace("1:00", "")
         assert not re.search(rf"\d|brake|controller|tip|{names}", said_of_rest), text
-
-
-def test_a_long_text_becomes_smaller_and_leaves_the_next_one_as_large_as_before(screens: Screens) -> None:
-    view = screens.participant.view
-    view.write(Shown("Go"))
-    short = view.grab().toImage()
-    view.write(Shown("Follow the line " * 8))
-    image = view.grab().toImage()
-    edge = [image.pixelColor(x, y).name() for x in (2, view.width() - 3) for y in range(view.height())]
-    assert image != short and set(edge) == {COLOURS.canvas}
-    view.write(Shown("Go"))
-    assert view.grab().toImage() == short
 
 
 def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:

@@ -32,7 +32,7 @@ VERDICT = {
 }  # fmt: skip
 HEADS = "Verdict", "The paper's statement", "−100 to +100 %", "The difference that decides"
 ABOUT = (
-    "Dot and line: a difference and its interval, in % of the size without control. Green ground: where it must lie."
+    "Dot and line: a difference and its interval, in % of the size without control. Green: where it must lie."
 )
 DIFFERENCE_PX = 170, 18  # wide, and high, of a difference
 VERDICT_PX = 132

@@ -94,7 +94,7 @@ class ParticipantView(Plane):
             self._paint_text(painter)
 
     def _paint_text(self, painter: QPainter) -> None:
-        """The large line is the same at every text size: it always was as large as there is room."""
+        """The large line takes the room that there is, at every text size; the small one is larger where text is."""
         height, text_size = self.height(), theme.text_size()
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
         top = (TEXT_TOP if len(self.outline) else TEXT_ALONE) * height
@@ -124,7 +124,7 @@ class ParticipantView(Plane):
 
 
 def extent_at_half_width(
-    paths: Collection[PathFile], radii_m: tuple[float, float], obstacles: Collection[ObstacleFile] = ()
+    paths: Collection[PathFile], radii_m: tuple[float, float], obstacles: Collection[ObstacleFile]
 ) -> QRectF:
     """The rectangle (m) to be seen so that the widest path takes half of the width; radii_m: of the rings at its ends.
 
