@@ -303,6 +303,17 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
     error_mm = 1e3 * row.value("path_error_m")
     assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {error_mm:.3g} mm"
+    page.logarithmic.click()  # a box says its numbers, on any scale
+    placed = page.plots[0].chart.boxes[2]
+    device = page.results.configurations[placed.look]
+    errors = sorted(
+        1e3 * r.value("path_error_m")
+        for r in page.rows
+        if r.controller == placed.controller and r.configuration == device
+    )
+    said = page.plots[0].read_at(QPointF(placed.x, np.log10(placed.box.median)))
+    assert said.startswith(f"Box of 18: median {np.median(errors):.3g} mm, quartiles ") and len(errors) == 18
+    assert page.plots[0].read_at(QPointF(placed.x, np.log10(1.01 * placed.box.q3))) == ""
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QPointF, Qt, Signal
 from PySide6.QtGui import QBrush, QMouseEvent, QPen
 
 from app.window.widgets import theme
@@ -167,6 +167,15 @@ class ChartPlot(Plot):
     def _add_pairs(self, x: list, y: list, pen: QPen) -> None:
         """Lines, each between two points that follow each other."""
         self.item.addItem(pg.PlotCurveItem(np.ravel(x), np.ravel(y), pen=pen, connect="pairs"))
+
+    def read_at(self, place: QPointF) -> str:
+        """The numbers of the box that is there; what a point says stands before them."""
+        value = 10.0 ** place.y() if self._logarithmic else place.y()
+        for placed in self.chart.boxes:
+            box, unit = placed.box, self.chart.unit
+            if abs(place.x() - placed.x) <= placed.half and box.q1 <= value <= box.q3:
+                return f"Box of {box.n}: median {box.median:.3g} {unit}, quartiles {box.q1:.3g} and {box.q3:.3g} {unit}"
+        return ""
 
     def _tip(self, x: float, y: float, data: Point) -> str:
         return data.text

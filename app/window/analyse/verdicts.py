@@ -31,9 +31,7 @@ VERDICT = {
     CANNOT_TELL: ("?", COLOURS.caution), DEPENDS: ("◐", COLOURS.caution),
 }  # fmt: skip
 HEADS = "Verdict", "The paper's statement", "−100 to +100 %", "The difference that decides"
-ABOUT = (
-    "Dot and line: a difference and its interval, in % of the size without control. Green: where it must lie."
-)
+ABOUT = "Dot and line: a difference and its interval, in % of the size without control. Green: where it must lie."
 DIFFERENCE_PX = 170, 18  # wide, and high, of a difference
 VERDICT_PX = 132
 
