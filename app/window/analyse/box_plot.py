@@ -93,7 +93,7 @@ class ChartPlot(Plot):
         axis.setTicks([named] if named else None)
 
     def show_all(self) -> None:
-        low, high = self.chart.lowest, max(self.chart.highest, 0.0)
+        low, high = self.chart.lowest, self.chart.highest
         high = high if high > low else 1.0
         if self._logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
