@@ -266,8 +266,7 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
     if logarithmic:
         axes.set_yscale("log")
     else:
-        highest = max(chart.highest, 0.0)
-        axes.set_ylim(1.06 * chart.lowest, 1.06 * highest or (0.0 if chart.lowest else 1.0))
+        axes.set_ylim(1.06 * chart.lowest, 1.06 * chart.highest or (0.0 if chart.lowest else 1.0))
         axes.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 2.5, 5, 10]))
     axes.set_xlim(*chart.span)
     if chart.ticks:

@@ -91,12 +91,13 @@ class Chart(NamedTuple):
     others: tuple[Point, ...] = ()  # that do not count
     boxes: tuple[PlacedBox, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
+    reach: float = 0.0  # up to where the scale goes at least
 
     @property
     def highest(self) -> float:
-        """The largest value of its points and boxes; 0 if there is none."""
+        """The largest value of its points and boxes, `reach` where that is more."""
         ends = [end for placed in self.boxes for end in (placed.box.q3, placed.box.high, *placed.box.outliers)]
-        return max((*ends, *(point.y for point in (*self.points, *self.others))), default=0.0)
+        return max((*ends, *(point.y for point in (*self.points, *self.others)), self.reach))
 
     @property
     def lowest(self) -> float:
@@ -368,7 +369,8 @@ def _questionnaire(answers: Sequence[AnswerSet], view: View) -> Chart:
     ticks = tuple((float(i), question.replace("_", "\n")) for i, question in enumerate(questions))
     span = (-0.5, len(questions) - 0.5)
     points = tuple(point for _, point in placed)
-    return Chart(QUESTIONS, "Answers to the questionnaire", "0 to 100", ticks, "", span, points, boxes=boxes)
+    title = "Answers to the questionnaire"
+    return Chart(QUESTIONS, title, "0 to 100", ticks, "", span, points, boxes=boxes, reach=100.0)
 
 
 def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:

@@ -23,6 +23,7 @@ from sessions import closed_session
 from app.ipc import messages as m
 from app.window.analyse.analyse_page import FINDINGS, AnalysePage
 from app.window.analyse.box_plot import ChartPlot, colour_of
+from app.window.analyse.verdicts import Differences, as_printed
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
@@ -144,7 +145,7 @@ def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_as
     (cross,) = plot.crosses.points()
     assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
     assert cross.brush().color().name() == COLOURS.caution.lower() and "1 timed out" in page.summary.text()
-    assert "not in the boxes" in page.warning.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
+    assert "not in the boxes" in page.legend.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
     plot.item.setYRange(1.0, 2.0, padding=0.0)
     assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
     QTest.mouseClick(page.timeouts, Qt.MouseButton.LeftButton)
@@ -167,7 +168,7 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         write_table(table_of(data, who), rows, replacing=True)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
-    assert colour_of("K3") == COLOURS.quiet and not page.colours.isVisible()
+    assert colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
@@ -186,8 +187,8 @@ def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, two_t
     for name in (POOLED, PERSON, ORDER, SPEED):
         page.show_page(name)
         drawn = {point.data().controller: point.pen().color().name() for point in page.plots[0].points.points()}
-        shown = page.colours.text().replace("\u00a0", " ")
-        assert page.colours.isVisible() and len(drawn) == shown.count("●") > 0
+        shown = page.legend.text().replace("\u00a0", " ")
+        assert page.legend.isVisible() and len(drawn) == shown.count("●") > 0
         for controller, colour in drawn.items():
             assert f'color: {colour}">●</span> {page.view(page.results).name(controller)}'.lower() in shown.lower()
 
@@ -232,6 +233,10 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     by_number = {finding.statement.number: finding.verdict for finding in page.verdicts.shown.found}
     assert len(by_number) == 11 and by_number[1] == FAILS  # "SDOF reduces path error": here it is larger than without
+    drawn = page.verdicts.findChildren(Differences)  # what decides a statement is drawn as it is said
+    for finding, picture in zip(page.verdicts.shown.found, drawn, strict=True):
+        said = [piece for piece in finding.evidence if piece.judged in finding.sentence]
+        assert picture.evidence == said and bool(said) == ("needed" in finding.sentence)
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "Two people" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
@@ -241,16 +246,21 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
     assert SIMULATED in page.verdicts.shown.warnings
 
 
+def test_numbers_are_printed_with_the_sign_of_a_number_and_beside_their_unit() -> None:
+    assert as_printed("two-brake -3 % (-9 to 4.5 mm)") == "two-brake −3\u00a0% (−9 to 4.5\u00a0mm)"
+
+
 def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> None:
     page = page_on(qtbot, data)
     page.show_page(QUESTIONS)
     assert "No questionnaire" in page.empty.text() and page.stack.currentWidget() is page.empty
+    assert not page.export_button.isEnabled() and not page.logarithmic.isVisible() and not page.timeouts.isVisible()
     page.begin(tmp_path / "none")
     qtbot.waitUntil(lambda: "no such folder" in page.empty.text(), timeout=60_000)
     (tmp_path / "new").mkdir()
     page.begin(tmp_path / "new")
     qtbot.waitUntil(lambda: "Nothing is recorded" in page.empty.text(), timeout=60_000)
-    assert not page.export_button.isEnabled()
+    assert not page.export_button.isEnabled() and not page.tabs.isEnabled()
 
 
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
@@ -273,6 +283,19 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     assert page.own_keys() == {}, "the player is not there"
 
 
+def test_of_points_that_lie_over_each_other_the_nearest_one_is_opened(qtbot, data: Path) -> None:
+    page, opened = page_on(qtbot, data), []
+    plot = page.plots[0]
+    plot.chosen.connect(opened.append)
+    first, last = (point for point in plot.chart.points if point.row in (page.rows[0], page.rows[-1]))
+    x, y = first.x, first.y
+    pixel = plot.item.vb.viewPixelSize()[0]
+    beside = [first, last._replace(x=x + 2.5 * pixel, y=y)]  # drawn over it
+    plot.show_chart(plot.chart._replace(points=tuple(beside)), False)
+    click(plot, x + 0.5 * pixel, y)
+    assert opened == [first.row]
+
+
 def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_value(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     row = page.rows[60]
@@ -280,6 +303,17 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
     error_mm = 1e3 * row.value("path_error_m")
     assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {error_mm:.3g} mm"
+    page.logarithmic.click()  # a box says its numbers, on any scale
+    placed = page.plots[0].chart.boxes[2]
+    device = page.results.configurations[placed.look]
+    errors = sorted(
+        1e3 * r.value("path_error_m")
+        for r in page.rows
+        if r.controller == placed.controller and r.configuration == device
+    )
+    said = page.plots[0].read_at(QPointF(placed.x, np.log10(placed.box.median)))
+    assert said.startswith(f"Box of 18: median {np.median(errors):.3g} mm, quartiles ") and len(errors) == 18
+    assert page.plots[0].read_at(QPointF(placed.x, np.log10(1.01 * placed.box.q3))) == ""
 
 
 @pytest.fixture
@@ -314,7 +348,7 @@ def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then
     exclude(page, 1)
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
     assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
-    assert "excluded" in page.side.measures.text() and [row.run for row in page.rows] == [1]
+    assert "excluded" in page.side.about.text() and [row.run for row in page.rows] == [1]
     session = page.results.folder / "sub-01" / "ses-01"
     assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
     resumed = Session.resume(page.results.folder, "01")
@@ -375,7 +409,7 @@ def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     settle(page)
     assert page.message.text().startswith("Writing") and page.message.objectName() == "quiet"
     assert page.cancel_button.width() == page.cancel_button.sizeHint().width() and page.bar.width() == 160
-    qtbot.waitUntil(lambda: "results-2" in page.message.text(), timeout=120_000)
+    qtbot.waitUntil(lambda: page.message.text().endswith("results-2"), timeout=120_000)
     folder = data / "results-2"
     assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".pdf", ".csv"}
     exported = read_table(folder / "trials.csv")

@@ -79,6 +79,6 @@ def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path, monk
         assert places(screens.main) == was
     assert moved(screens, before(checks=RED)) == []
     monkeypatch.setattr(page.export_task, "busy", True)
-    page._show_busy()  # an export goes on
+    page._offer()  # an export goes on
     page.show_message("Writing the charts and tables …", "quiet")
     assert page.cancel_button.isVisible() and places(screens.main).items() >= was.items()

@@ -1,6 +1,7 @@
 """The participant's window: plain words, no numbers, no names; true to scale; the pointer as the hand."""
 
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,11 +17,10 @@ from app.ipc import messages as m
 from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
-from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import Shown
+from app.window.widgets import theme
 from core import tick_log
 from experiments.inputs import MOUSE, OPERATOR
-from experiments.language import ENGLISH_WORDS
+from experiments.language import ENGLISH_WORDS, language_text, shipped_languages
 from experiments.plan import print_plan
 from experiments.protocol import load_protocol, shipped_protocols
 from experiments.protocol_file import Consent, Cues, Instruction
@@ -80,18 +80,6 @@ def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: S
     for text in texts:
         said_of_rest = text.replace("1:00", "")
         assert not re.search(rf"\d|brake|controller|tip|{names}", said_of_rest), text
-
-
-def test_a_long_text_becomes_smaller_and_leaves_the_next_one_as_large_as_before(screens: Screens) -> None:
-    view = screens.participant.view
-    view.write(Shown("Go"))
-    short = view.grab().toImage()
-    view.write(Shown("Follow the line " * 8))
-    image = view.grab().toImage()
-    edge = [image.pixelColor(x, y).name() for x in (2, view.width() - 3) for y in range(view.height())]
-    assert image != short and set(edge) == {COLOURS.canvas}
-    view.write(Shown("Go"))
-    assert view.grab().toImage() == short
 
 
 def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:
@@ -188,17 +176,32 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
     assert all(scale.value is None for scale in questions.scales.values())
 
 
-def test_questions_are_larger_where_there_is_room_and_never_cut(screens: Screens) -> None:
-    window = screens.participant
-    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
-    window.show()
-    sizes = []
-    for width, height in ((960, 540), (1280, 720), (1920, 1080)):
-        window.resize(width, height)
-        settle(window)
-        assert faults(window) == []
-        sizes.append(window.questions.done.font().pixelSize())
-    assert sizes == sorted(set(sizes))
+@pytest.mark.parametrize("language", shipped_languages())
+@pytest.mark.parametrize("text_size", [0.9, 1.5])
+def test_no_text_is_cut_or_covered_and_what_is_to_be_read_grows_with_the_screen(screens, language, text_size) -> None:
+    def of(**keys) -> m.Opened:
+        return opened(protocol=paper(language_text=language_text(language, Path()), **keys), folder=str(keys))
+
+    long = (Instruction(text="Follow the line as exactly as you can, at a speed of your own. " * 8), Instruction("2"))
+    cues, window = Cues(too_fast_s=3.0, too_slow_s=6.0), screens.participant
+    theme.set_text_size(text_size)
+    try:
+        for said, read in (
+            ((of(), ready(22, stage=m.BREAK, card=LONG_BREAK)), None),
+            ((of(feedback="error", cues=cues), running(2), ready(3)), None),
+            ((of(instruction=long), ready(0)), window.instructions.text),
+            ((of(), ready(10, stage=m.QUESTIONS)), window.questions.done),
+        ):
+            screens.hear(*said)
+            sizes = []
+            for width, height in ((640, 480), (960, 540), (1280, 720), (1920, 1080)):
+                window.resize(width, height)
+                settle(window)
+                assert faults(window) == [], (width, height)
+                sizes.append(read.font().pixelSize() if read else len(sizes))
+            assert sizes == sorted(sizes) and sizes[-1] > 1.4 * sizes[1]
+    finally:
+        theme.set_text_size(1.0)
 
 
 def test_the_start_ring_has_the_radius_that_counts_and_the_dot_fits_into_it(screens: Screens) -> None:
@@ -315,22 +318,32 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
     for name in shipped_protocols():
         protocol = load_protocol(name)
         screens.hear(opened(protocol=protocol, folder=name, plan=()), ready(coming=None))
-        for width, height in ((1280, 1024), (1024, 768), (1680, 1050), (1280, 720), (1920, 1080), (2560, 1080)):
+        for width, height in (
+            (480, 320),
+            (1280, 1024),
+            (1024, 768),
+            (1680, 1050),
+            (1280, 720),
+            (1920, 1080),
+            (2560, 1080),
+        ):
             screens.participant.resize(width, height)
             QApplication.processEvents()
             shares, reach = [], []
+            margin = 0.012 * height  # px: between a ring, with its line, and the edges of the screen or the text
+            obstacles = [view.pixels(found.outline()) for found in protocol.obstacle if found.half_plane_m is None]
             for path in protocol.paths.values():
                 screens.participant.view.show_path(path)
-                drawn = np.array([view.to_screen(place).toTuple() for place in view.outline])
+                drawn = view.pixels(view.outline)
                 shares.append(np.ptp(drawn[:, 0]) / width)
-                text_top = TEXT_TOP * height
-                for end, radius in zip((drawn[0], drawn[-1]), view.rings_px, strict=True):
-                    assert radius <= end[1] <= text_top - radius, "a ring is cut, or lies under the text"
-                    reach.append(end)
-                    assert -1e-6 < end[0] - radius and end[0] + radius < width + 1e-6
-                assert drawn[:, 1].min() >= 0.0 and drawn[:, 1].max() <= text_top
-            rings = 2.0 * max(view.rings_px)
-            is_full = np.any(np.ptp(reach, axis=0) + rings > (0.97 * width, 0.97 * text_top))
+                rings = [radius + 0.5 * view.sizes.ring_pen for radius in view.rings_px]
+                seen = [
+                    end + at * ring for end, ring in zip((drawn[0], drawn[-1]), rings, strict=True) for at in (-1, 1)
+                ]
+                reach.append(np.vstack([drawn, *seen, *obstacles]))
+            (left, top), (right, bottom) = np.vstack(reach).min(axis=0), np.vstack(reach).max(axis=0)
+            assert min(left, top, width - right, TEXT_TOP * height - bottom) >= margin, (name, width, height)
+            is_full = right - left > 0.95 * width or bottom - top > 0.93 * TEXT_TOP * height
             assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
             assert not is_full or width > 1.7 * height or name not in ("paper", "curves")
 

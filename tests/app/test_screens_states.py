@@ -1,7 +1,9 @@
 """What both windows say, hide and sound in states that are easy to get wrong: start blocked, blind, between trials."""
 
 import io
+import sys
 import wave
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ from app.window.canvas.layers import OFF
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
-from app.window.participant.tone import END_HZ, GO_HZ, RATE_HZ, tone
+from app.window.participant.tone import END_HZ, GO_HZ, NO_SOUND, RATE_HZ, player, tone
 from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
@@ -354,21 +356,38 @@ def test_a_tone_has_its_frequency_and_no_click_at_its_ends(frequency: float) -> 
     assert abs(samples[[0, -1]]).max() < 0.02 * abs(samples).max()
 
 
+@pytest.mark.parametrize("seen", [True, False])
 @pytest.mark.parametrize("on", [True, False])
-def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(screens, monkeypatch, on):
+def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(screens, monkeypatch, on, seen):
     played: list[str] = []
     monkeypatch.setattr(screens.participant.tones, "play", played.append)
     screens.hear(opened(protocol=paper(tones=on)), running())
-    screens.participant.show()
+    screens.participant.setVisible(seen)
     for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.MOVE, tick_log.END, tick_log.END):
         screens.tick(ticks(phase))
     assert played == (["go", "end"] if on else [])
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows plays itself")
+def test_a_player_is_one_that_reaches_a_sound_device(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for program, says, found in (
+        ("paplay", "", None),
+        ("pactl", ">&2", None),
+        ("aplay", ">&2", None),
+        ("aplay", "", "aplay"),
+    ):
+        (tmp_path / program).write_text(f"#!/bin/sh\necho a device {says}\n")
+        (tmp_path / program).chmod(0o755)
+        player.cache_clear()
+        assert player() == (found and str(tmp_path / found)), (program, says)
+    player.cache_clear()
+
+
 def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
     monkeypatch.setattr("app.window.run.session_panel.player", lambda: None)
     screens.hear(opened(protocol=paper(tones=True)), ready(0))
-    assert screens.run.panel.notice.text() == "No sound: install pulseaudio-utils or alsa-utils."
+    assert screens.run.panel.notice.text() == NO_SOUND
     for tones, over in ((False, 0), (True, 1)):  # once, before the first trial
         screens.hear(opened(protocol=paper(tones=tones)), ready(over))
         assert not screens.run.panel.notice.isVisible()

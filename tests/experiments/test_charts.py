@@ -110,6 +110,7 @@ def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_part
     assert min(placed.half for placed in chart.boxes) > 0.03
     answers = [AnswerSet(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
     (chart,) = charts(QUESTIONS, study(), VIEW, answers)
+    assert chart.highest == 100.0, "an answer stands on the whole of its scale"
     assert len(chart.boxes) == 2
 
 

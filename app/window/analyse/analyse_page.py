@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import QButtonGroup, QProgressBar, QPushButton
+from PySide6.QtWidgets import QProgressBar
 
 from app.ipc import messages as m
 from app.window.analyse.box_plot import ChartPlot, trial_of
@@ -19,9 +19,9 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
-    NO_FOCUS,
     Flow,
     OneLine,
+    Segments,
     button,
     column,
     holder,
@@ -32,7 +32,7 @@ from app.window.widgets.parts import (
     toggle,
     wrapped_label,
 )
-from app.window.widgets.theme import colour_of
+from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
@@ -68,7 +68,8 @@ SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most
 MOST_CHARTS = 4  # beside each other; three where the protocol has no measures of its own
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
-NO_FOLDER = "No data folder is open: choose one on Home."
+NO_FOLDER = "No data folder is open. Open one on Home, under Your data."
+NO_ANSWERS = "No questionnaire was answered in these sessions. A protocol can ask one: Home, Edit."
 
 
 class AnalysePage(Page):
@@ -85,7 +86,8 @@ class AnalysePage(Page):
         self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
         self._excluding = BackgroundTask(self._excluded)
-        self.tabs: dict[str, QPushButton] = {}
+        self.tabs = Segments(PAGES)
+        self.tabs.changed.connect(self.show_page)
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.measures = Chips("Measures")  # where the protocol has some of its own
         self.timeouts, self.logarithmic = (
@@ -93,15 +95,13 @@ class AnalysePage(Page):
         )
         for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
-        self.caption, self.warning = (wrapped_label("", name, theme.SMALL) for name in ("quiet", "caution"))
-        self.summary = text_label("", "quiet", theme.SMALL)
-        self.message = OneLine()
+        self.summary, self.message = text_label("", "quiet", theme.SMALL), OneLine()
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.colours = wrapped_label("", size=theme.SMALL)  # which controller is which
-        self.colours.setTextFormat(Qt.TextFormat.RichText)
-        self.charts = holder(column((row(*self.plots), 1), self.colours))
+        self.legend = wrapped_label("", size=theme.SMALL)  # which controller is which, marks, what is left out
+        self.legend.setTextFormat(Qt.TextFormat.RichText)
+        self.charts = holder(column((row(*self.plots), 1), self.legend))
         self.stack = stack(self.charts, self.verdicts, self.empty)
         self.side = TrialView()
         self._concluding = BackgroundTask(self.verdicts.show_conclusions)
@@ -112,7 +112,8 @@ class AnalysePage(Page):
             plot.chosen.connect(self.open_trial)
         report = "A PDF of each session: who, when, plan, measures, timing, faults, figures"
         self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
-        self.export_button = button("Export", self.export, "main", "What is shown as PNG, SVG, PDF and CSV: Ctrl+E")
+        files = "The charts as PNG, SVG and PDF, the trials as CSV: Ctrl+E"
+        self.export_button = button("Export", self.export, "main", files)
         self.export_task, self.bar = VerbProcess(self._exported), QProgressBar(textVisible=False)
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
         self.cancel_button = button("Cancel", lambda: self.export_task.stop(wait=True), "small")
@@ -120,27 +121,20 @@ class AnalysePage(Page):
         self.folder_button = button("Open folder", lambda: self.folder_asked.emit(self._job.folder), "small")
         keep_room(self.cancel_button)
         self._lay_out()
+        self.tabs.show_value(self.page)
         self.cards = Cards(self)
-        self._show_busy()
-        for absent in (self.side, self.folder_button, self.timeouts, self.logarithmic):
-            absent.hide()
+        self.side.hide()
+        self.folder_button.hide()
         self._show_empty(NO_FOLDER)
 
     def _lay_out(self) -> None:
-        group = QButtonGroup(self)
-        for page, name in PAGES.items():
-            tab = QPushButton(name, objectName="key", checkable=True, checked=page == self.page, focusPolicy=NO_FOCUS)
-            tab.clicked.connect(lambda _=False, page=page: self.show_page(page))
-            group.addButton(tab)
-            self.tabs[page] = tab
-        head = row((Flow(*self.tabs.values(), gap=2), 1), self.report_button, self.export_button)
+        head = row(self.tabs, 1, self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        notes = row((self.caption, 1), self.summary, spacing=14)
-        foot = row(self.message, self.folder_button, self.bar, self.cancel_button)
-        left = column((self.stack, 1), notes, self.warning, foot, spacing=8)
+        foot = row(self.folder_button, self.message, self.bar, self.cancel_button, self.summary)
+        left = column((self.stack, 1), foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
-        filters = Flow(*chips, self.timeouts, self.logarithmic, gap=14)
+        filters = Flow(*chips, self.logarithmic, self.timeouts, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
 
     # what the main window hands over
@@ -171,7 +165,8 @@ class AnalysePage(Page):
             recording = path if path.is_file() else None
             self._asked = data_folder_of(path) if recording else path
             if recording:
-                self._open(recording)
+                self._opening.ask(read_playback, recording)
+                self._show_side(True)
         self._read(self._asked or self._of_session())
 
     def end(self) -> None:
@@ -215,7 +210,7 @@ class AnalysePage(Page):
 
     def _show_results(self, results: Results | InputError) -> None:
         if isinstance(results, InputError):
-            self._show_empty(str(results))
+            self._show_empty(f"{results}. Open another on Home, under Your data.")
             return
         self.results = results
         rows = {who: [row for row in results.rows if row.participant == who] for who in people_of(results.rows)}
@@ -263,21 +258,14 @@ class AnalysePage(Page):
     def show_page(self, page: str) -> None:
         """One of `PAGES`."""
         self.page = page
-        self.tabs[page].setChecked(True)
+        self.tabs.show_value(page)
         self._show()
 
     def _show(self) -> None:
+        """What page, filters and switches say."""
         results, rows = self.results, self.rows
-        self.caption.setText("")
-        self.warning.setText("")
-        self._allow_export()
-        self.timeouts.setVisible(results is not None)
-        self.logarithmic.setVisible(results is not None and self.page != FINDINGS)
         if results is None:
             return
-        people, late = len(people_of(rows)), sum(row.status == "timeout" for row in rows)
-        parts = [counted(people, "participant"), counted(len(rows), "trial"), f"{late} timed out"]
-        self.summary.setText(" · ".join(parts if late else parts[:2]))
         if not results.rows:
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
         elif not rows:
@@ -290,7 +278,7 @@ class AnalysePage(Page):
             self._concluding.ask(conclude, *given)
         else:
             self._show_charts(results, rows)
-        self.warning.setVisible(bool(self.warning.text()))
+        self._offer()
         self._make_room()
 
     def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
@@ -298,31 +286,40 @@ class AnalysePage(Page):
         view = self.view(results)
         shown = charts(self.page, rows, view, answers)
         if not shown:
-            self._show_empty("No questionnaire was answered in these sessions.")
+            self._show_empty(NO_ANSWERS)
             return
         self.stack.setCurrentWidget(self.charts)
-        self.caption.setText(" ".join(legend(shown[0], view)))
         named = {
             controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
         }
-        self.colours.setText(
-            " &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())
-        )
-        self.colours.setVisible(bool(named))
-        if self.page != QUESTIONS:
-            self.warning.setText(left_out(rows, *view.timeouts_on(shown[0])))
+        lines = [" &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())]
+        left = left_out(rows, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
+        for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
+            lines.append(in_colour(text, colour) if text else "")
+        self.legend.setText("<br>".join(filter(None, lines)))
         for plot, chart in zip(self.plots, shown, strict=False):
             plot.show_chart(chart, view.logarithmic)
-        self._ring()
         for plot in self.plots:
             plot.setVisible(plot in self.plots[: len(shown)])
 
     def _show_empty(self, text: str) -> None:
         self.empty.setText(text)
         self.stack.setCurrentWidget(self.empty)
-        if self.results is None:
-            self.summary.setText("")
-            self._allow_export()
+        self._offer()
+
+    def _offer(self) -> None:
+        """What can be done with what is shown, and nothing else."""
+        results, rows, page = self.results, self.rows, self.stack.currentWidget()
+        late, busy = sum(row.status == "timeout" for row in rows), self.export_task.busy
+        counts = [counted(len(people_of(rows)), "participant"), counted(len(rows), "trial")]
+        self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if rows else "")
+        self.tabs.setEnabled(results is not None and bool(results.rows))
+        self.logarithmic.setVisible(page is self.charts)
+        self.timeouts.setVisible(late > 0 and page is not self.empty and self.page != QUESTIONS)
+        for widget in (self.bar, self.cancel_button):
+            widget.setVisible(busy)
+        self.export_button.setEnabled(page is not self.empty and not busy)
+        self.report_button.setEnabled(bool(rows) and not busy and results is not None and bool(results.sessions))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._make_room()
@@ -344,33 +341,26 @@ class AnalysePage(Page):
         self.chosen = row
         self.side.show_row(row)
         if row.recording and self.results is not None:
-            self._open(self.results.folder / row.recording)
-        self.side.show()
-        self._ring()
-        self._make_room()
+            self._opening.ask(read_playback, self.results.folder / row.recording)
+        self._show_side(True)
 
-    def _ring(self) -> None:
+    def _show_side(self, shown: bool) -> None:
+        self.side.setVisible(shown)
         for plot in self.plots:
             plot.show_ring(trial_of(self.chosen))
-
-    def _open(self, recording: Path) -> None:
-        self._opening.ask(read_playback, recording)
-        self.side.show()
         self._make_room()
 
     def _show_trial(self, trial: Playback | InputError) -> None:
         self.side.show_trial(trial)
         if isinstance(trial, Playback) and trial.row is not None:
             self.chosen = trial.row
-            self._ring()
+            self._show_side(True)
 
     def close_trial(self) -> None:
         """Give the whole page to the charts again."""
         self.chosen = None
         self.side.end()
-        self.side.hide()
-        self._ring()
-        self._make_room()
+        self._show_side(False)
 
     def step(self, by: int) -> None:
         """The next trial of those that are shown, or the one before."""
@@ -407,7 +397,7 @@ class AnalysePage(Page):
     def export(self, report: bool = False) -> None:
         """What is seen, or the reports of the sessions that are seen, into a new folder of the data folder."""
         results, rows = self.results, self.rows
-        if results is None or not rows or self.export_task.busy or (report and not results.sessions):
+        if results is None or not (self.report_button if report else self.export_button).isEnabled():
             return
         people = set(people_of(rows))
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
@@ -419,7 +409,8 @@ class AnalysePage(Page):
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
         self.export_task.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
-        self._show_busy()
+        self.bar.setValue(0)
+        self._offer()
         self.show_message(f"Writing the {'reports' if report else 'charts and tables'} …", "quiet")
 
     def _exported(self, end: str | InputError) -> None:
@@ -427,27 +418,15 @@ class AnalysePage(Page):
         done = folder.exists()
         if not done:  # killed: what it had begun is removed in its place
             shutil.rmtree(partial_name(self._job.folder), ignore_errors=True)
-        self._show_busy()
+        self._offer()
         failed = CANCELLED if self.export_task.stopped else f"Nothing was written: {end}"
-        self.show_message(str(end) if done else failed, "good" if done else "caution")
+        self.show_message(str(end).strip() if done else failed, "good" if done else "caution")
         self.folder_button.setVisible(done)
 
     def show_message(self, text: str, look: str) -> None:
         theme.set_style(self.message, look)
         self.message.setText(text)
         self.folder_button.hide()  # it is of the message before
-
-    def _show_busy(self) -> None:
-        """Whether an export is being written."""
-        self.bar.setValue(0)
-        for widget in (self.bar, self.cancel_button):
-            widget.setVisible(self.export_task.busy)
-        self._allow_export()
-
-    def _allow_export(self) -> None:
-        can = bool(self.rows) and not self.export_task.busy
-        self.export_button.setEnabled(can)
-        self.report_button.setEnabled(can and self.results is not None and bool(self.results.sessions))
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self.side.end()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QPointF, Qt, Signal
 from PySide6.QtGui import QBrush, QMouseEvent, QPen
 
 from app.window.widgets import theme
@@ -49,8 +49,8 @@ class ChartPlot(Plot):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
         for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
-            changed.connect(self._name_ticks)
-        self.item.showGrid(y=True, alpha=0.15)
+            changed.connect(self.follow_text)
+        self.item.showGrid(y=True, alpha=0.6)
         self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
 
@@ -70,37 +70,30 @@ class ChartPlot(Plot):
             self.item.addItem(marks)
         left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
         left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
-        self._name_ticks()
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
-        self._size_ticks()
+        self.follow_text()
         self.show_all()
         self.show_ring(self._ringed)
 
-    def follow_text(self) -> None:
-        """Names along the axis, and room for them, in another text size."""
-        self._size_ticks()
-        self._name_ticks()
-
-    def _name_ticks(self, *_: object) -> None:
-        """The names along the axis, as far as they do not lie on another or reach over the edge."""
-        ends: dict[int, float] = {}  # of each line of the names so far, px
+    def follow_text(self, *_: object) -> None:
+        """The names along the axis, as far as they do not lie on another or reach over the edge, and room for them."""
+        axis, ends = self.item.getAxis("bottom"), dict[int, float]()  # of each line of the names so far, px
         (begin, end), named = self.item.viewRange()[0], []
         edge = self.item.vb.width() + 0.5 * theme.text_px(theme.SMALL)
-        for x, text in ((x, SHORT.get(text, text)) for x, text in self.chart.ticks):
+        ticks = [(x, SHORT.get(text, text)) for x, text in self.chart.ticks]
+        for x, text in ticks:
             middle = (x - begin) / (end - begin) * self.item.vb.width()
             reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
             if all(ends.get(at, -math.inf) < middle - half and middle + half <= edge for at, half in reach.items()):
                 ends |= {at: middle + half + APART_PX for at, half in reach.items()}
                 named.append((x, text))
-        self.item.getAxis("bottom").setTicks([named] if named else None)
-
-    def _size_ticks(self) -> None:
-        lines = max((SHORT.get(text, text).count("\n") + 1 for _, text in self.chart.ticks), default=0)
-        self.item.getAxis("bottom").setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+        lines = max((text.count("\n") + 1 for _, text in ticks), default=0)
+        axis.setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+        axis.setTicks([named] if named else None)
 
     def show_all(self) -> None:
-        low, high = self.chart.lowest, max(self.chart.highest, 0.0)
+        low, high = self.chart.lowest, self.chart.highest
         high = high if high > low else 1.0
         if self._logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
@@ -175,12 +168,24 @@ class ChartPlot(Plot):
         """Lines, each between two points that follow each other."""
         self.item.addItem(pg.PlotCurveItem(np.ravel(x), np.ravel(y), pen=pen, connect="pairs"))
 
+    def read_at(self, place: QPointF) -> str:
+        """The numbers of the box that is there; what a point says stands before them."""
+        value = 10.0 ** place.y() if self._logarithmic else place.y()
+        for placed in self.chart.boxes:
+            box, unit = placed.box, self.chart.unit
+            if abs(place.x() - placed.x) <= placed.half and box.q1 <= value <= box.q3:
+                return f"Box of {box.n}: median {box.median:.3g} {unit}, quartiles {box.q1:.3g} and {box.q3:.3g} {unit}"
+        return ""
+
     def _tip(self, x: float, y: float, data: Point) -> str:
         return data.text
 
     def _clicked(self, _points: object, found: Sequence, event: MouseClickEvent) -> None:
-        if len(found) and found[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
-            self.chosen.emit(found[0].data().row)
+        """The trial of the point that is nearest to the click, of those that lie over each other."""
+        at = event.scenePos()
+        near = sorted(found, key=lambda mark: (self.item.vb.mapViewToScene(mark.pos()) - at).manhattanLength())
+        if near and near[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
+            self.chosen.emit(near[0].data().row)
 
 
 def trial_of(row: TrialRow | None) -> tuple[str, int] | None:

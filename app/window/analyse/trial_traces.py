@@ -73,7 +73,7 @@ class CurrentTrace(TrialTrace):
     def __init__(self) -> None:
         super().__init__("Currents", "A", COLOURS.quiet, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
-        self.hidden, self.labels = False, dict[str, str]()
+        self.labels: dict[str, str] = {}
         self.follow_text()
         self.bands = [self.add_curve(pg.mkPen(theme.shade(theme.JOINT[joint], BAND), width=1)) for joint in JOINTS]
         self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
@@ -103,6 +103,14 @@ class CurrentTrace(TrialTrace):
                 parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.as_text(theme.JOINT[joint])))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
+
+    def values_at(self, k: int) -> str:
+        currents = zip(JOINTS, self.currents[:, k], strict=True)
+        return ", ".join(
+            f"{self.labels[joint]} {self.figure(current)} {self.unit}"
+            for joint, current in currents
+            if current == current
+        )
 
     def draw(self) -> None:
         for current, band, mean in zip(self.currents, self.bands, self.means, strict=True):

@@ -9,7 +9,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,10 @@ from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
-from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label
-from app.window.widgets.plots import start_of_hold
+from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.plots import NOTHING, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
+from app.window.widgets.words import SHORT, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
@@ -37,17 +38,26 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
-LOW_PX = 480  # a lower side of the page, at a text size of 1, has the curves alone
+LOW_PX = 492  # a lower side of the page, at a text size of 1, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
 COMPARE = "Compare with …"
+Values = Mapping[str, float | None]  # measure -> value
 
 
-def measured(values: dict[str, float | None]) -> str:
-    """The measures of a trial in a line: "1.9 mm · 2.7 N · 24.1 m/s² · 3.20 s"."""
-    known = ((metric, values.get(metric.name)) for metric in MEASURES)
-    return " · ".join(f"{m.scale * v:.{m.decimals}f} {m.shown_unit}" for m, v in known if v is not None)
+def measures_table(recorded: Values, beside: Values | None = None) -> str:
+    """The measures of a trial, and below them those of its hand through another controller, which has a line anyway."""
+    lines = [(COLOURS.quiet, ["", *(SHORT.get(metric.title, metric.title) for metric in MEASURES)])]
+    for colour, name, values in ((COLOURS.text, "recorded", recorded), (BESIDE, "compared", beside)):
+        shown = [values.get(metric.name) for metric in MEASURES] if values is not None else []
+        cells = [
+            f"{metric.scale * value:.{metric.decimals}f} {metric.shown_unit}" if value is not None else NOTHING
+            for metric, value in zip(MEASURES, shown, strict=False)
+        ]
+        lines.append((colour, [name, *cells] if values is not None else ["\u00a0"]))
+    cells_of = ("".join(f"<td>{in_colour(cell, colour)}</td>" for cell in cells) for colour, cells in lines)
+    return f"<table width=100% cellspacing=0 cellpadding=1><tr>{'</tr><tr>'.join(cells_of)}</tr></table>"
 
 
 class TrialView(Panel):
@@ -61,14 +71,15 @@ class TrialView(Panel):
         """whole: a window of its own, with the buttons of the workspace and without those of the page."""
         super().__init__()
         self.trial: Playback | None = None
+        self._values: Values = {}  # the trial's measures
         self.tick = 0  # the tick that is shown
         self._whole, self.played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
-        self.about, self.measures, self.beside_measures = OneLine(""), OneLine(""), OneLine("")
-        self.beside_measures.setStyleSheet(f"color: {BESIDE}")
+        self.about, self.measures = OneLine(""), wrapped_label("", size=theme.SMALL)
+        self.measures.setTextFormat(Qt.TextFormat.RichText)
         self.note = OneLine("", "quiet")
         self.exclude = button(
             "Exclude …", self.exclude_asked.emit, "small", "For a reason; the recording is kept (Alt+X)"
@@ -76,13 +87,14 @@ class TrialView(Panel):
         self.workspace = Workspace(whole)
         self.workspace.hide()  # until there is a trial
         if not whole:
-            self.workspace.view.setMinimumSize(200, 88)
+            self.workspace.view.setMinimumSize(200, 70)
             for layer in (FIELD, REACHABLE, LINKAGE):
                 self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
         self.play_button, self.clock = button("", self.play_or_pause), text_label("")
         self.decision = OneLine("", "quiet")
+        self.traces.currents.head.insertWidget(1, self.decision, 2)
         self.speed, self.beside = Choice(), Choice()
         self.speed.fill({speed: f"{speed:g} ×" for speed in SPEEDS}, 1.0)
         self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
@@ -105,8 +117,8 @@ class TrialView(Panel):
     def _lay_out(self) -> None:
         self._middle = column((self.workspace, 3), (self.traces, 4))
         self.setLayout(column(
-            row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures, self.beside_measures,
-            (self._middle, 1), self.decision, row(self.play_button, self.speed, self.clock, (self.beside, 1)),
+            row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures,
+            (self._middle, 1), row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
         for step in self.steps:
@@ -121,7 +133,6 @@ class TrialView(Panel):
         """Workspace and curves beside each other, one above the other, or the curves alone."""
         roomy = self._whole or self.height() > theme.text_px(LOW_PX)
         self.workspace.setVisible(self.trial is not None and roomy)
-        self.decision.setVisible(roomy)
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
         for part, share in enumerate((5, 4) if wide else (3, 8)):
@@ -140,17 +151,18 @@ class TrialView(Panel):
         row = trial.row
         self.dot.setStyleSheet(f"color: {COLOURS.quiet if row is None else colour_of(row.controller)}")
         self.title.setText(trial.title)
-        self.about.setText(f"{trial.controller} · {trial.about}")
-        status = row.status if row is not None else "in no table"
-        damaged = " · damaged: some ticks are missing" if trial.damaged else ""
-        values = {m.name: row.value(m.name) for m in METRICS} if row is not None else {}
-        self.measures.setText(" · ".join(filter(None, (measured(values), f"{status}{damaged}"))))
+        status = (
+            f"{row.status if row is not None else 'in no table'}{' · damaged: some ticks are missing' * trial.damaged}"
+        )
+        self.about.setText(f"{trial.controller} · {trial.about} · {status}")
+        self._values = {m.name: row.value(m.name) for m in METRICS} if row is not None else {}
         lines = [
-            f"{m.title}: {m.scale * v:.3g} {m.shown_unit}" for m in METRICS if (v := values.get(m.name)) is not None
-        ]
+            f"{m.title}: {m.scale * v:.3g} {m.shown_unit}"
+            for m in METRICS if (v := self._values.get(m.name)) is not None
+        ]  # fmt: skip
         own = row.own if row is not None else {}  # by their names, which end in their units
+        self.measures.setText(measures_table(self._values))
         self.measures.setToolTip("\n".join([*lines, *(f"{name}: {value:.3g}" for name, value in own.items())]))
-        self.beside_measures.setText("")
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._set_up_workspace(trial)
@@ -280,13 +292,14 @@ class TrialView(Panel):
             self.note_that(str(other), bad=True)
             return
         self.traces.show_beside(other)
-        self.beside_measures.setText("")
         tips = np.empty((0, 2))
-        if other is not None:
-            recorded = f" (recorded, as far: {measured(other.recorded)})" if other.recorded else ""
-            about = f"{measured(other.metrics)} · {other.status} · {self.beside.currentText()}{recorded}"
-            self.beside_measures.setText(about)
-            self.note_that(other.text)
+        if other is None:
+            self.measures.setText(measures_table(self._values))
+        else:
+            self.measures.setText(measures_table(other.recorded or self._values, other.metrics))
+            far = " What was recorded is measured as far as both went." if other.recorded else ""
+            ended = f"It ended as {other.status}. " if other.status != "done" else ""
+            self.note_that(f"{ended}{other.text}{far}")
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)
 

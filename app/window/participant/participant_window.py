@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import way_of
-from app.window.canvas.layers import SPACING_M, extent_of_paths, joints_at
+from app.window.canvas.layers import SPACING_M, joints_at
 from app.window.canvas.marks import paint_arms
 from app.window.canvas.path_marks import FROM_AFAR, Sizes, paint_hold
 from app.window.canvas.plane import Plane
@@ -24,6 +24,7 @@ from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown, hand_is_mouse
 from core import tick_log
 from core.device import Device
+from core.obstacles import ObstacleFile
 from core.path import PathFile, outline
 from experiments.inputs import is_person
 from experiments.language import Language
@@ -31,8 +32,9 @@ from experiments.plan import PlannedTrial
 from experiments.protocol_file import Consent
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
-TEXT_TOP, TEXT_ALONE = 0.785, 0.40  # of the height: where the text begins, under the path and without one
-EDGE_SHARE = 0.005  # of the height, above the paths, and between them and the text
+LINE = 1.2  # of the size of its letters: how high a line is
+TEXT_TOP, TEXT_ALONE = 0.81, 0.40  # of the height: where the text begins, under the path and without one
+EDGE_SHARE = 0.02  # of the height, above and under the rings of all paths; of the paths' width, beside them, at least
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
 ARM_SHARE = 0.7  # of the radius of the handle: how wide an arm is
 LEAST_SHARE = 0.45  # of the size of the marks, in a small window
@@ -92,19 +94,23 @@ class ParticipantView(Plane):
             self._paint_text(painter)
 
     def _paint_text(self, painter: QPainter) -> None:
-        height = float(self.height())
+        """The large line takes the room that there is, at every text size; the small one is larger where text is."""
+        height, text_size = self.height(), theme.text_size()
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
-        top = TEXT_TOP if len(self.outline) else TEXT_ALONE
+        top = (TEXT_TOP if len(self.outline) else TEXT_ALONE) * height
         left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
-        for text, share, down, bold, colour in (
-            (self.shown.large, LARGE_SHARE, 0.0, True, COLOURS.text),
-            (self.shown.small, SMALL_SHARE, 1.3 * LARGE_SHARE, False, COLOURS.quiet),
+        for text, share, bold, colour in (
+            (self.shown.large, LARGE_SHARE / text_size, True, COLOURS.text),
+            (self.shown.small, SMALL_SHARE, False, COLOURS.quiet),
         ):
             size = round(share * height)
-            fits = min((width - 16) / max(theme.text_width(text, size, bold), 1.0), 1.0)
-            painter.setFont(theme.font(max(int(fits * size), theme.SMALL), bold))
+            line = QRectF(left, top, width, LINE * size * text_size)
+            while size > 1 and theme.text_width(text, size, bold) > width - 2.0 * EDGE_SHARE * height:
+                size -= 1
+            painter.setFont(theme.font(size, bold))
             painter.setPen(theme.shade(colour))
-            painter.drawText(QRectF(left, (top + down) * height, width, 1.4 * share * height), centre, text)
+            painter.drawText(line, centre, text)
+            top = line.bottom()
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
@@ -117,21 +123,25 @@ class ParticipantView(Plane):
             self._paint_text(painter)  # above the arms
 
 
-def extent_at_half_width(paths: Collection[PathFile], radii_m: tuple[float, float]) -> QRectF:
+def extent_at_half_width(
+    paths: Collection[PathFile], radii_m: tuple[float, float], obstacles: Collection[ObstacleFile]
+) -> QRectF:
     """The rectangle (m) to be seen so that the widest path takes half of the width; radii_m: of the rings at its ends.
 
     Our choice: one scale for a session, so that the same movement of the hand is the same on the screen in every
     trial; a narrower path then takes less than half. Where the paths are too high for that above the text, the height
-    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole; paths that lie side
-    by side must all be seen where they are.
+    decides (the paper's, 16 cm, on a screen wider than 16:9), because a path must be seen whole, and so must an
+    obstacle that has an end; paths that lie side by side must all be seen where they are.
     """
-    around = extent_of_paths(paths, 0.0)
-    widest = max(extent_of_paths([path], 0.0).width() for path in paths)
-    for line in (outline(path, SPACING_M) for path in paths):
-        for (x, y), radius in zip((line[0], line[-1]), radii_m, strict=True):
-            around |= QRectF(x - radius, y - radius, 2.0 * radius, 2.0 * radius)
-    beside = max(0.5 * (widest / PATH_SHARE - around.width()), 0.0)
-    return around.adjusted(-beside, 0.0, beside, 0.0)
+    lines = [np.asarray(outline(path, SPACING_M)) for path in paths]
+    start, end = radii_m
+    rings = [(a - start, a + start, b - end, b + end) for a, b in ((line[0], line[-1]) for line in lines)]
+    bounded = [obstacle.outline() for obstacle in obstacles if obstacle.half_plane_m is None]
+    places = np.vstack([*lines, *np.vstack(rings), *bounded])
+    (left, low), (width, height) = places.min(axis=0), np.ptp(places, axis=0)
+    widest = max(np.ptp(line[:, 0]) for line in lines)
+    beside = max(0.5 * (widest / PATH_SHARE - width), EDGE_SHARE * width)
+    return QRectF(left - beside, low, width + 2.0 * beside, height)
 
 
 class ParticipantWindow(QWidget):
@@ -172,8 +182,7 @@ class ParticipantWindow(QWidget):
         self.view.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if not self.view.mouse:
             self.view.show_pointer(None)
-        paths = protocol.paths.values()
-        self.view.set_extent(extent_at_half_width(paths, self.view.radii_m))
+        self.view.set_extent(extent_at_half_width(protocol.paths.values(), self.view.radii_m, protocol.obstacle))
 
     def ask_consent(self, consent: Consent | None) -> None:
         """Ask whether the participant takes part; None: not any more."""
@@ -277,6 +286,7 @@ class ParticipantWindow(QWidget):
         if self._snapshot.running is None or not len(rows):
             return
         self.view.extend_trail(way_of(rows))
+        self._follow_phase(rows)  # tones are heard where this window is not seen, too
         if not self.isVisible():
             return
         held = taken or not self.view.mouse
@@ -286,7 +296,6 @@ class ParticipantWindow(QWidget):
         self.view.show_handle(tip, taken if self.view.mouse else None, force)
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
-        self._follow_phase(rows)
         early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
         self._write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
 

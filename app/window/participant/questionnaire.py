@@ -10,7 +10,7 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPixmap
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import Panel, column, text_label, wrapped_label
+from app.window.widgets.parts import PART, Panel, column, row, text_label, wrapped_label
 from app.window.widgets.theme import COLOURS, pen
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.protocol_file import InstructionPage
@@ -27,6 +27,10 @@ ITEMS = (
 )
 STEPS = 20
 LARGEST = 1.8  # times the size in a small window
+ROOM_PX = (760, 430)  # what the card takes, at the size in a small window and a text size of 1
+QUESTION_PX = 330  # wide, at least, at the same: the longest of the shipped languages
+TEXT_SHARE, PLACE_SHARE = 0.05, 0.032  # of the height, at a text size of 1: instructions, legible from two metres
+LEAST_SHARE = 0.02  # of long instructions
 
 
 class Scale(QWidget):
@@ -74,7 +78,11 @@ class Scale(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle = 0.5 * self.height()
-        painter.setPen(pen(COLOURS.accent if self.hasFocus() else COLOURS.brake_off, 1.5))
+        if self.hasFocus():
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.shade(COLOURS.accent_ground))
+            painter.drawRoundedRect(QRectF(self.rect()), 5.0, 5.0)
+        painter.setPen(pen(COLOURS.text if self.hasFocus() else COLOURS.brake_off, 1.5))
         painter.drawLine(QPointF(self._x(0), middle), QPointF(self._x(100), middle))
         for i in range(STEPS + 1):
             half = 7.0 if i % (STEPS // 2) == 0 else 4.0
@@ -109,23 +117,25 @@ class Questionnaire(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._by = 0.0  # how much larger than in a small window
         self._language = ENGLISH_WORDS
         self.scales = {item: Scale(item) for item, *_ in ITEMS}
         self.done, self.lacking = Done(), text_label("", "quiet")
         self.done.clicked.connect(self._answer)
         self._card = card = Panel()
         self._grid = grid = QGridLayout(card)
-        self._title = text_label("", bold=True)
+        title = text_label()
         self._feedback = wrapped_label("", "quiet")  # of the trial before, which nothing else shows now
         self._feedback.hide()
-        grid.addLayout(column(self._title, self._feedback), 0, 0, 1, 4)
-        self._asked: dict[QLabel, str] = {}  # the questions -> key of the language, and what stands at both ends
-        self._ends: dict[QLabel, str] = {}
+        grid.addLayout(column(title, self._feedback), 0, 0, 1, 4)
+        #: What is read, its size (px, in a small window) and whether it is bold; of a sentence its key in the language.
+        self._texts: list[tuple[QLabel | QPushButton, int, bool, str]] = [
+            (title, theme.HEAD, True, "questions_controller"), (self._feedback, theme.NORMAL, False, ""),
+            (self.lacking, theme.NORMAL, False, ""), (self.done, theme.TITLE, True, "questions_done"),
+        ]  # fmt: skip
         for at, (item, low, high) in enumerate(ITEMS, start=1):
-            asked, left, right = wrapped_label(""), text_label("", "quiet"), text_label("", "quiet")
-            self._asked |= {asked: item}
-            self._ends |= {left: low, right: high}
+            asked, left, right = wrapped_label(), text_label("", "quiet"), text_label("", "quiet")
+            self._texts += [(asked, theme.TITLE, False, item)]
+            self._texts += [(end, theme.NORMAL, False, key) for end, key in ((left, low), (right, high))]
             grid.addWidget(asked, at, 0)
             grid.addWidget(left, at, 1, Qt.AlignmentFlag.AlignRight)
             grid.addWidget(self.scales[item], at, 2)
@@ -134,22 +144,14 @@ class Questionnaire(QWidget):
         grid.setColumnStretch(2, 1)
         grid.addWidget(self.lacking, len(ITEMS) + 1, 0, 1, 3)
         grid.addWidget(self.done, len(ITEMS) + 1, 2, 1, 2, Qt.AlignmentFlag.AlignRight)
-        layout = QGridLayout(self)
-        layout.setContentsMargins(theme.GAP, theme.GAP, theme.GAP, theme.GAP)
-        layout.addWidget(card, 1, 1)
-        for side in (0, 2):
-            layout.setRowStretch(side, 1)
-            layout.setColumnStretch(side, 1)
-        layout.setColumnStretch(1, 100)
-        self._enlarge(1.0)
+        self.setLayout(row(1, (column(1, card, 1), 100), 1, margins=(theme.GAP, theme.GAP, theme.GAP, theme.GAP)))
         self.show_language(ENGLISH_WORDS)
 
     def show_language(self, language: Language) -> None:
         self._language = language
-        self._title.setText(language["questions_controller"])
-        self.done.setText(language["questions_done"])
-        for label, key in (self._asked | self._ends).items():
-            label.setText(language[key])
+        for text, _, _, key in self._texts:
+            if key:
+                text.setText(language[key])
         for item, scale in self.scales.items():
             scale.setAccessibleName(language[item])
         self._allow()
@@ -157,26 +159,15 @@ class Questionnaire(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Larger where there is room: the participant sits further away."""
         super().resizeEvent(event)
-        self._enlarge(min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST))
+        self.follow_text()
 
     def follow_text(self) -> None:
-        by, self._by = self._by, 0.0
-        self._enlarge(by)
-
-    def _enlarge(self, by: float) -> None:
-        if by == self._by:
-            return
-        self._by = by
-        for labels, size, bold in (
-            ([self._title], theme.HEAD, True),
-            (self._asked, theme.TITLE, False),
-            ([*self._ends, self.lacking, self._feedback], theme.NORMAL, False),
-            ([self.done], theme.TITLE, True),
-        ):
-            for label in labels:
-                label.setFont(theme.font(round(by * size), bold))
-        for asked in self._asked:
-            asked.setMinimumWidth(theme.text_px(by * 300))
+        by = min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST)
+        across, down = map(theme.text_px, ROOM_PX)
+        by = min(by, self.width() / across, self.height() / down)
+        for text, size, bold, _ in self._texts:
+            text.setFont(theme.font(round(by * size), bold))
+        self._grid.setColumnMinimumWidth(0, theme.text_px(by * QUESTION_PX))
         self.done.setMinimumSize(round(by * 160), round(by * 42))
         across, down = round(by * 28), round(by * 20)
         self._grid.setContentsMargins(across, down, across, down)
@@ -229,10 +220,10 @@ class Instructions(QWidget):
         self._pages: tuple[InstructionPage, ...] = ()
         self._language = ENGLISH_WORDS
         self.at = 0
-        self.text, self.picture = wrapped_label("", size=theme.LARGE), QLabel()
-        self.place = text_label("", "quiet", theme.HEAD)
+        self.text, self.picture = wrapped_label(), QLabel()
+        self.place = text_label("", "quiet")
         middle = Qt.AlignmentFlag.AlignHCenter
-        self.setLayout(column(1, self.picture, self.text, 1, self.place, margins=(60, 40, 60, 40)))
+        self.setLayout(column(1, self.picture, self.text, 1, self.place))
         for part in (self.picture, self.text, self.place):
             part.setAlignment(middle)
 
@@ -262,18 +253,28 @@ class Instructions(QWidget):
     def _show(self) -> None:
         if self.over:
             return
-        page, pages = self._pages[self.at], len(self._pages)
-        count = self._language["page"].format(page=self.at + 1, pages=pages) + " · " if pages > 1 else ""
-        self.text.setText(page.text)
+        page, pages, height = self._pages[self.at], len(self._pages), self.height()
+        count = self._language["page"].format(page=self.at + 1, pages=pages) + PART if pages > 1 else ""
         self.place.setText(f"{count}{self._language['page_space']}")
+        self.place.setFont(theme.font(round(PLACE_SHARE * height)))
         pixmap = QPixmap()
         pixmap.loadFromData(page.picture)
-        room = QSize(round(0.8 * self.width()), round(0.55 * self.height()))
+        room = QSize(round(0.8 * self.width()), round(0.55 * height))
         larger = pixmap.width() > room.width() or pixmap.height() > room.height()
         how = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
         self.picture.setPixmap(pixmap.scaled(room, *how) if larger else pixmap)
         self.picture.setVisible(not pixmap.isNull())
+        self.text.setText(page.text)
+        left = 0.75 * height - self.picture.isVisibleTo(self) * self.picture.pixmap().height()
+        for size in range(round(TEXT_SHARE * height), round(LEAST_SHARE * height), -1):
+            self.text.setFont(theme.font(size))
+            if self.text.heightForWidth(room.width()) <= left:
+                break
+
+    follow_text = _show
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
+        across, down = round(0.1 * self.width()), round(0.05 * self.height())
+        self.setContentsMargins(across, down, across, down)
         self._show()

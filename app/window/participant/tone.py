@@ -2,9 +2,11 @@
 
 import io
 import shutil
+import subprocess
 import sys
 import tempfile
 import wave
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +19,25 @@ if sys.platform == "win32":
 
 RATE_HZ, LENGTH_S, FADE_S, LOUDNESS = 44_100, 0.12, 0.01, 0.3
 GO_HZ, END_HZ = 880.0, 587.0
-PLAYERS = ("paplay", "aplay")  # PulseAudio and PipeWire, ALSA
-NO_SOUND = "No sound: install pulseaudio-utils or alsa-utils."
+#: What plays a file, and what prints something if there is a device for it: of PulseAudio and PipeWire, and of ALSA.
+PLAYERS = {"paplay": ("pactl", "info"), "aplay": ("aplay", "-l")}
+PATIENCE_S = 1.0  # with a sound server that does not answer
+NO_SOUND = "No sound: attach a sound device, and install pulseaudio-utils or alsa-utils."
 
 
+@cache
 def player() -> str | None:
-    """The program that plays a file; "" where the system does it; None: tones cannot be heard here."""
-    return "" if sys.platform == "win32" else next(filter(None, map(shutil.which, PLAYERS)), None)
+    """The program that plays a file; "" where the system does it; None: tones cannot be heard here. Looked up once."""
+    return "" if sys.platform == "win32" else next(filter(None, map(_path_of, PLAYERS)), None)
+
+
+def _path_of(name: str) -> str | None:
+    """Where a player is, if there is a sound device for it."""
+    try:
+        devices = subprocess.run(PLAYERS[name], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=PATIENCE_S)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return shutil.which(name) if devices.stdout else None
 
 
 def tone(frequency_Hz: float) -> bytes:

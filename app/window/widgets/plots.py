@@ -46,6 +46,9 @@ def start_of_hold(ticks: np.ndarray) -> int:
     return int(approach[-1] + 1) % len(ticks) if len(approach) else 0
 
 
+pg.setConfigOptions(mouseRateLimit=0)  # else the last place of a fast pointer is skipped, and what is there not read
+
+
 class Graph(pg.PlotWidget):
     """A plot in the colours and the typeface of the screens."""
 
@@ -109,6 +112,7 @@ class TimePlot(Plot):
     """A measure over time, one curve or several, drawn as far as it is seen; 0 is at the bottom."""
 
     padding = 0.04  # of its height
+    hidden = False  # the session is blind: neither curve nor value
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
@@ -140,6 +144,17 @@ class TimePlot(Plot):
         self.item.setYRange(0.0, self.end, padding=self.padding)
         self.item.getAxis("left").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
 
+    def read_at(self, place: QPointF) -> str:
+        if self.hidden:
+            return HIDDEN
+        k = int(np.searchsorted(self.t, place.x()))
+        return f"{self.t[k]:.3f} s: {self.values_at(k)}" if 0 < k < len(self.t) else ""
+
+    def values_at(self, k: int) -> str:
+        """The values of a tick, with their unit."""
+        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
+        return ", ".join(values) or NOTHING
+
     def figure(self, value: float) -> str:
         """A value without its unit."""
         return f"{value:.{self.digits}f}" if value == value else NOTHING
@@ -156,8 +171,7 @@ class Trace(TimePlot):
         super().__init__(title, unit, colours, least, digits)
         #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
         self.names: Mapping[str, str] = {}
-        self._colours, self.hidden = colours, False
-        self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
+        self._colours = colours
         self._following = True
         self.item.hideAxis("bottom")
         self.item.getAxis("bottom").setStyle(hideOverlappingLabels=True)  # a number that scrolls out is never cut
@@ -166,24 +180,17 @@ class Trace(TimePlot):
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
-        begin, end = len(self.t), len(self.t) + len(t)
-        while end > self._room.shape[1]:
-            self._room = np.tile(self._room, 2)
-        self._room[0, begin:end], self._room[1:, begin:end] = t, values
-        self._keep(end)
+        self.t, self.values = np.append(self.t, t), np.append(self.values, values, axis=1)
         if not self.hidden:
             self._rescale(values)
             self.draw()
 
     def clear(self) -> None:
         """Begin a new trial: there is nothing to show yet."""
-        self._keep(0)
+        self.t, self.values = self.t[:0], self.values[:, :0]
         self.scale_to(self.least)
         self.show_all()
         self.show_newest()
-
-    def _keep(self, count: int) -> None:
-        self.t, self.values = self._room[0, :count], self._room[1:, :count]
 
     @property
     def newest(self) -> tuple[float, ...]:
@@ -218,15 +225,6 @@ class Trace(TimePlot):
             for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named)
-
-    def read_at(self, place: QPointF) -> str:
-        if self.hidden:
-            return HIDDEN
-        k = int(np.searchsorted(self.t, place.x()))
-        if not 0 < k < len(self.t):
-            return ""
-        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
-        return f"{self.t[k]:.3f} s: {', '.join(values) or NOTHING}"
 
     def show_all(self) -> None:
         """Follow the newest tick again."""
