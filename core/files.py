@@ -95,6 +95,12 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read ({(reason or 'unknown reason').lower()})") from None
 
 
+def refuse_no_file(path: Path) -> None:
+    """InputError if something else than a file stands there: a device never ends, a pipe may never begin."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file")
+
+
 def shipped_names(folder: Path) -> list[str]:
     """Names of the files that come with the product in a folder."""
     return sorted(file.stem for file in folder.glob("*.toml"))

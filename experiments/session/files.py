@@ -106,9 +106,10 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
 
 
 def refuse_no_folder(folder: Path) -> None:
-    """InputError unless there is such a folder."""
+    """InputError unless there is such a folder. OSError: it may not be read, which no `glob` in it would say."""
     if not folder.is_dir():
         raise InputError(f"{folder}: {'is not a folder' if folder.exists() else 'there is no such folder'}")
+    os.scandir(folder).close()
 
 
 def sessions_in(folder: Path) -> list[Path]:
