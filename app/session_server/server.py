@@ -171,7 +171,7 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
     if isinstance(error, FileExistsError | NotADirectoryError):
         return f"{data_dir}: is a file, or lies in one, and not a folder"
     if isinstance(error, OSError):
-        return f"{data_dir}: cannot be written to ({reason_of(error)})"
+        return f"{error.filename or data_dir}: cannot be written to ({reason_of(error)})"
     return str(error)
 
 

@@ -36,7 +36,7 @@ def read_recording(path: str | Path) -> Recording:
     try:
         return read(path)
     except OSError as error:
-        raise InputError(f"{path}: the recording cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: the recording cannot be read: {(error.strerror or str(error)).lower()}") from None
 
 
 def read_parquet(path: Path) -> Recording:

@@ -23,6 +23,7 @@ from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.recording.reader import read_recording
+from experiments.session.files import LOCK, TRIALS, hold_lock
 from experiments.study.study import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -320,16 +321,32 @@ def test_a_link_to_itself_is_refused_in_one_sentence(tmp_path, capsys, option):
     assert refusal(capsys, *map(str, verb), option, str(circle)).startswith("phd: ")
 
 
+def as_anybody(*arguments: str) -> subprocess.CompletedProcess:
+    """The command without root's privileges."""
+    if os.geteuid() == 0 and shutil.which("setpriv") is None:
+        pytest.skip("root may do everything")
+    command = [*(AS_ANYBODY if os.geteuid() == 0 else ()), sys.executable, "-m", "app.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+
+
 @posix
 @pytest.mark.parametrize("verb", [("analyze",), ("export", "--csv", "out")], ids=lambda verb: verb[0])
 def test_a_folder_that_may_not_be_read_is_not_said_to_be_empty(tmp_path, verb):
-    if os.geteuid() == 0 and shutil.which("setpriv") is None:
-        pytest.skip("root may read everything")
     (tmp_path / "theirs").mkdir(mode=0o300)
-    command = [*AS_ANYBODY, sys.executable] if os.geteuid() == 0 else [sys.executable]
-    command += ["-m", "app.cli", verb[0], str(tmp_path / "theirs"), *verb[1:]]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    done = as_anybody(verb[0], str(tmp_path / "theirs"), *verb[1:])
     assert (done.returncode, done.stderr) == (2, f"phd: {tmp_path}/theirs: permission denied\n")
+
+
+@posix
+def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_names_the_lock(tmp_path):
+    lock = hold_lock(tmp_path)
+    (tmp_path / TRIALS).mkdir()  # as a session has
+    (tmp_path / LOCK).chmod(0o444)  # as it is to others
+    done = as_anybody("recover", str(tmp_path))
+    lock.release()
+    assert done.returncode == 2 and done.stderr.startswith(f"phd: {tmp_path}: another PHD window or study is using")
+    (tmp_path / LOCK).touch(0o444)
+    assert as_anybody("recover", str(tmp_path)).stderr == f"phd: {tmp_path}/.lock: permission denied\n"
 
 
 def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
