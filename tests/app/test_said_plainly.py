@@ -18,6 +18,7 @@ from waiting import wait_until
 
 from app.cli import main
 from app.progress import ProgressBar
+from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.analysis.trials_table import read_table
@@ -339,6 +340,8 @@ def test_a_folder_that_may_not_be_read_is_not_said_to_be_empty(tmp_path, verb):
 
 @posix
 def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_names_the_lock(tmp_path):
+    denied = PermissionError(13, "Permission denied", str(tmp_path / LOCK))
+    assert refusal_of(denied, tmp_path) == f"{tmp_path}: cannot be written to (permission denied)"
     lock = hold_lock(tmp_path)
     (tmp_path / TRIALS).mkdir()  # as a session has
     (tmp_path / LOCK).chmod(0o444)  # as it is to others
@@ -346,6 +349,7 @@ def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_n
     lock.release()
     assert done.returncode == 2 and done.stderr.startswith(f"phd: {tmp_path}: another PHD window or study is using")
     (tmp_path / LOCK).touch(0o444)
+    assert refusal_of(denied, tmp_path) == f"{tmp_path}/.lock: cannot be written to (permission denied)"
     assert as_anybody("recover", str(tmp_path)).stderr == f"phd: {tmp_path}/.lock: permission denied\n"
 
 
