@@ -23,7 +23,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QSettings, QSize, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
@@ -687,3 +687,11 @@ def test_with_the_largest_text_the_window_and_its_frame_fit_on_the_screen(screen
         assert least.width() <= room.width() and least.height() <= room.height()
     finally:
         theme.scale_text(-3)
+
+
+def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:
+    path = "/dev/null/phd.ini"  # no user may write there
+    monkeypatch.setattr(memory, "file", lambda: QSettings(path, QSettings.Format.IniFormat))
+    screens.main.show_settings()
+    said = screens.main.cards.question.text.text().replace("\u200b", "")
+    assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."
