@@ -7,4 +7,5 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 __version__ = "0.1.0"
-DATA = Path.home() / "phd-data"  # of sessions, unless another is chosen; outside the folder of the program
+#: Of sessions, unless another is chosen; outside the folder of the program. Not absolute: this user has no home.
+DATA = Path(os.path.expanduser("~")) / "phd-data"

@@ -15,7 +15,7 @@ from errno import EINVAL, ELOOP, ENAMETOOLONG
 from importlib import import_module
 from typing import Any, NoReturn
 
-from app import __version__
+from app import DATA, __version__
 from core.files import InputError, StrangeInput, cut, did_you_mean
 from core.kernels.cache import tellers
 
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         open_closed_streams()
         for stream in (sys.stdout, sys.stderr):  # Windows gives files and pipes another encoding
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(encoding="utf-8")
+                stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # a file name may be no text
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # half-written files are removed
     tellers[:] = [_say]
     with warnings.catch_warnings():
@@ -43,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str]) -> int:
     try:
+        if not DATA.is_absolute():
+            raise InputError("this user has no home folder: set HOME to the path of a folder")
         args, unknown = make_parser().parse_known_args(with_verb(argv))
         if unknown:
             guess = did_you_mean(unknown[0], [*args.options, "--version"])
@@ -61,7 +63,7 @@ def _run(argv: Sequence[str]) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # no reader is left: end quietly
             return PIPE_CLOSED
         place = f"{error.filename}: " if error.filename else ""
-        reason = error.strerror or str(error)
+        reason = (error.strerror or str(error)).lower()
         is_wrong = isinstance(error, WRONG_PATH) or error.errno in (ELOOP, ENAMETOOLONG)
         return _fail(f"{place}{reason}", WRONG_INPUT if is_wrong else FAILED)
     except FloatingPointError as error:

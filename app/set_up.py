@@ -125,8 +125,11 @@ def set_up(kind: str) -> None:
         _set_up(kind)
     except OSError as error:
         where, why = error.filename or ROOT, (error.strerror or str(error)).lower()
+        state = "is not set up yet"
+        if VENV.exists():
+            state = "was set up for another version, or with a Python that you may not run"
         stop(
-            f"{where}: {why}, and this tree is not set up yet: run it once as a user who may write to {ROOT}, "
+            f"{where}: {why}, and this tree {state}: run it once as a user who may write to {ROOT}, "
             "or copy the tree to a folder of your own.",
             TO_INSTALL,
         )

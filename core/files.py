@@ -4,6 +4,7 @@ A file format is a tree of `Table`s. Every refusal is an `InputError` that names
 """
 
 import difflib
+import io
 import json
 import math
 import os.path
@@ -20,6 +21,9 @@ from core.ranges import strange
 
 #: Characters of a word or quotation that a refusal repeats of its input, and of a whole refusal. Our choice.
 MOST_REPEATED, MOST_SAID = 200, 1000
+#: A text file that is larger is refused: it is hardly one, or has no end (/dev/zero). Our choice: a force at 1 kHz has
+#: some 20 bytes a row, so this holds more than an hour of it.
+MOST_TEXT_BYTES = 100_000_000
 _LONG = re.compile(r"""(?<!\w)'[^']{N,}'|"[^"]{N,}"|\S{N,}""".replace("N", str(MOST_REPEATED + 1)))
 
 
@@ -79,12 +83,22 @@ _FORMS: dict[str, str] = {}  # msgspec's message -> what the text must be (`text
 def read_text(path: Path) -> str:
     """The text of a UTF-8 file with its line ends as "\\n"; an InputError where it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            content = file.read(MOST_TEXT_BYTES + 1)
+        if len(content) > MOST_TEXT_BYTES:
+            raise InputError(f"{path}: is larger than {MOST_TEXT_BYTES / 1e6:g} MB, the most that a text file may have")
+        return io.StringIO(content.decode("utf-8-sig"), newline=None).read()
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "the path is not valid"
         raise InputError(f"{path}: cannot be read ({(reason or 'unknown reason').lower()})") from None
+
+
+def refuse_no_file(path: Path) -> None:
+    """InputError if something else than a file stands there: a device never ends, a pipe may never begin."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file")
 
 
 def shipped_names(folder: Path) -> list[str]:

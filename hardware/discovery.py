@@ -14,7 +14,7 @@ from hardware.emulated_board.plug import emulated_ports
 from hardware.hid import attached, list_hid
 from hardware.sensing.samples import fault_words
 from hardware.serial_device import Connection
-from hardware.serial_port import Port, is_missing, listed_ports, usb_ports
+from hardware.serial_port import NO_PORT, Port, is_missing, listed_ports, usb_ports
 from hardware.wire.messages import Hello, State, joints_of
 
 
@@ -84,7 +84,7 @@ def hid_devices() -> list[HidDevice]:
 def ask_board(port: str) -> BoardFound:
     """Ask what answers at a port; a port in use is busy and not disturbed. InputError: there is no such port."""
     if is_missing(port):
-        raise InputError(f"serial port {port}: no such file or directory")
+        raise InputError(f"serial port {port}: {NO_PORT}")
     try:
         with contextlib.closing(Port(port)) as wire:
             return described(port, Connection(wire).hello())

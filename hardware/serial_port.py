@@ -41,6 +41,7 @@ CLOSE_S = 0.5  # after which a close that hangs is left to itself
 BUFFER = 16_384  # bytes that a TCP connection keeps on their way, so that little is old; fewer are lost. Measured
 _ADDRESS = re.compile(r"socket://[^/?#:@\s]+:(\d{1,5})")
 _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIPE, errno.ECONNRESET)
+NO_PORT = "there is no such port"
 #: pyserial's words where Windows does not open a port, with the number that a system's error has
 _WINDOWS_REFUSED = re.compile(r"could not open port .*: \w+\((\d+),")
 #: what pyserial raises when the other end is gone
@@ -223,6 +224,8 @@ def _reason(error: BaseException, parted: str = "the board was unplugged") -> st
         return "another program is using it"
     if number == errno.EACCES:
         return "permission denied (phd doctor says what to do)"
+    if number == errno.ENOENT:
+        return NO_PORT
     if number == errno.ECONNREFUSED:
         return "nothing listens there"
     # pyserial's words for it: on Linux, on each system, on Windows

@@ -171,7 +171,8 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
     if isinstance(error, FileExistsError | NotADirectoryError):
         return f"{data_dir}: is a file, or lies in one, and not a folder"
     if isinstance(error, OSError):
-        return f"{data_dir}: cannot be written to ({reason_of(error)})"
+        place = error.filename if os.path.isfile(error.filename or "") else data_dir  # a lock of another user's
+        return f"{place}: cannot be written to ({reason_of(error)})"
     return str(error)
 
 

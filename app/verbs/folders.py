@@ -143,10 +143,9 @@ def replay_verb(args: argparse.Namespace) -> int | None:
 
 
 def play(recording: Path) -> int:
-    from experiments.recording.reader import read_recording
+    from experiments.session.playback import read_playback
 
-    if not read_recording(recording).rows:
-        raise InputError(f"{recording}: there are no ticks to play")
+    read_playback(recording)  # InputError: it cannot be played
     display = ScreenCheck("play it on", "--json needs none")
     trial_view = import_window_module("analyse.trial_view")
     display.check()

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QEvent, Qt, QUrl, Signal
+from PySide6.QtCore import QEvent, QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import (
     QFileDialog,
@@ -172,8 +172,8 @@ class MainWindow(QWidget):
         self.follow_text()
 
     def follow_text(self) -> None:
-        """Larger text needs a larger window, as far as the screen has room."""
-        room = QGuiApplication.primaryScreen().availableSize()
+        """Larger text needs a larger window, as far as the screen has room for it and its frame."""
+        room = QGuiApplication.primaryScreen().availableSize() - QSize(*theme.FRAME)
         width, height = map(theme.text_px, SMALLEST)
         self.setMinimumSize(min(width, room.width()), min(height, room.height()))
 

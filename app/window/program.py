@@ -44,7 +44,7 @@ def compile_kernels() -> bool:
     bar.setMinimumDuration(0)
     waiting = QEventLoop()
     compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
-    in_terminal = ProgressBar("setting up for this computer: once")
+    in_terminal = ProgressBar("setting up for this computer, once")
 
     def show(share: float) -> None:
         if not compiling.stopped:  # else it would open again

@@ -54,7 +54,7 @@ class SettingsCard(OverlayCard):
 
     def __init__(self, parent: QWidget, leave: Callable[[], object], changed: Callable[[str], object]) -> None:
         """changed: does what a key of `memory` asks for, once its new value is remembered."""
-        super().__init__("Settings", "", [("Close  Enter", leave)], parent)
+        super().__init__("Settings", memory.why_forgotten(), [("Close  Enter", leave)], parent)
         self._changed = changed
         self.theme = Segments({"dark": "Dark", "light": "Light"})
         self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})

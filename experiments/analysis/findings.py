@@ -332,7 +332,8 @@ def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
                 differences.append(float(np.mean(a) - np.mean(b)))  # type: ignore[arg-type]
         if not differences or not uncontrolled > 0.0:
             nobody = f"no participant tried both sides on {' and '.join(dict.fromkeys(place))}"
-            return Evidence(*about, f"{BY_NAME[measure].short} without control is 0" if differences else nobody)
+            none = "does not vary, as that of a single trial" if claim.spread else "is 0"
+            return Evidence(*about, f"{BY_NAME[measure].short} without control {none}" if differences else nobody)
         return Evidence(*about, "", uncontrolled, mean_interval(np.array(differences) / uncontrolled))
 
     return [_finding(statement, compare, configurations_of(rows)) for statement in STATEMENTS]

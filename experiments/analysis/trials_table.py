@@ -19,7 +19,7 @@ import numpy as np
 
 from core import tick_log
 from core.control.controllers import Preset
-from core.files import InputError
+from core.files import InputError, refuse_no_file
 from core.own_files import NAME
 from core.path import Path as PathAhead
 from core.path import build_path, path_from
@@ -280,6 +280,7 @@ def read_table(path: str | Path) -> list[TrialRow]:
     Numbers in a column that is not known are a measure of a file of one's own; texts in one are passed over.
     """
     path = Path(path)
+    refuse_no_file(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file))

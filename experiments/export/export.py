@@ -7,6 +7,7 @@ behind too (what the brakes did, the seed of the plan); export again once the se
 """
 
 import contextlib
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations
@@ -184,7 +185,7 @@ def _trial_or_reason(path: Path, session: _Session) -> ExportedTrial | str:
 @contextlib.contextmanager
 def _new_folders(outs: dict[str, Path]) -> Iterator[dict[str, Path]]:
     """Folders to be filled, by form; see `new_folders`."""
-    places = {form: Path(out).resolve() for form, out in outs.items()}
+    places = {form: Path(os.path.realpath(out)) for form, out in outs.items()}
     for a, b in permutations(places.values(), 2):
         if a == b or b in a.parents:
             raise InputError(f"{a}: two exports need two folders, neither inside the other")

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from fastcrc.crc32 import iso_hdlc as crc32
 
 from core import tick_log
-from core.files import InputError
+from core.files import InputError, refuse_no_file
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.schema import FORM, SEAL, TEXT_COLUMNS, Recording, Sensors, footer_at, recording_columns
 
@@ -32,10 +32,11 @@ def read_recording(path: str | Path) -> Recording:
     read = {STREAM_SUFFIX: _read_stream, PARQUET_SUFFIX: read_parquet}.get(path.suffix)
     if read is None:
         raise InputError(f"{path}: a recording ends in {STREAM_SUFFIX} or {PARQUET_SUFFIX}")
+    refuse_no_file(path)
     try:
         return read(path)
     except OSError as error:
-        raise InputError(f"{path}: the recording cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: the recording cannot be read: {(error.strerror or str(error)).lower()}") from None
 
 
 def read_parquet(path: Path) -> Recording:

@@ -21,6 +21,7 @@ import contextlib
 import math
 import os
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -106,9 +107,10 @@ def free_participant(data_dir: Path, participants: Sequence[str] = ()) -> str:
 
 
 def refuse_no_folder(folder: Path) -> None:
-    """InputError unless there is such a folder."""
+    """InputError unless there is such a folder. OSError: it may not be read, which no `glob` in it would say."""
     if not folder.is_dir():
         raise InputError(f"{folder}: {'is not a folder' if folder.exists() else 'there is no such folder'}")
+    os.scandir(folder).close()
 
 
 def sessions_in(folder: Path) -> list[Path]:
@@ -145,14 +147,30 @@ class InUse(InputError):
 def hold_lock(folder: Path, wait_s: float = 0.0) -> filelock.BaseFileLock:
     """Take the folder's lock, until it is released, `with` it ends, or the process ends.
 
-    InUse if a live process still holds it after `wait_s`.
+    InUse if a live process still holds it after `wait_s`. PermissionError: nobody does, but it is another user's.
     """
     lock = _HeldLock(folder / LOCK)
     try:
         lock.acquire(timeout=wait_s)
-    except filelock.Timeout:
+    except (filelock.Timeout, PermissionError) as error:
+        if isinstance(error, PermissionError) and not _is_held_by_another_user(folder / LOCK):
+            raise
         raise InUse(f"{folder}: another PHD window or study is using this folder; choose another one") from None
     return lock
+
+
+def _is_held_by_another_user(lock: Path) -> bool:
+    """Whether a live process holds a lock that this user may not take, but read. Windows: not known."""
+    if sys.platform == "win32":
+        return False
+    import fcntl
+
+    try:
+        with lock.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
+    return False
 
 
 def is_in_use(folder: Path) -> bool:

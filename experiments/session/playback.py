@@ -53,7 +53,7 @@ def read_playback(path: Path) -> Playback:
     """A trial from its recording and its session. InputError if the recording has no ticks."""
     recording = read_recording(path)
     if not recording.rows:
-        raise InputError(f"{path}: there are no ticks to play")
+        raise InputError(f"{path}: there are no ticks to play ({recording.faults or 'it ended before the first'})")
     session = path.resolve().parent.parent
     stored = read_stored(session) if (session / STORED).exists() else None
     way = way_of(recording)

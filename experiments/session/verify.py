@@ -253,7 +253,7 @@ class _SessionCheck:
     def _check_written_here(self) -> None:
         """Note what reading passes over, as a column whose name has changed."""
         table = self.session / files.TABLE
-        if table.exists() and not self.live and table.read_bytes() != table_bytes(read_table(table)):
+        if table.is_file() and not self.live and table.read_bytes() != table_bytes(read_table(table)):
             text = "is not as this version writes it: another version or a person wrote it, or a character changed"
             self.notes.append((files.TABLE, text))
 

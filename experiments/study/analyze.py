@@ -252,10 +252,10 @@ def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
     """The trials of several studies, by the names of their folders. InputError if one cannot be compared."""
     studies: dict[str, list[TrialRow]] = {}
     for folder in folders:
+        rows = read_table(folder / TABLE)
         name = folder.resolve().name
         if name in studies:
             raise InputError(f"{folder}: another study of this name is named already, they cannot be told apart")
-        rows = read_table(folder / TABLE)
         if not any(row.status in COUNTED for row in rows):
             raise InputError(f"{folder / TABLE}: holds no trial that counts, there is nothing to compare")
         presets = {

@@ -141,7 +141,8 @@ def _people_of(
     differences = scores[:, a] - scores[:, b]
     differences = differences[np.isfinite(differences)]
     if len(differences) < LEAST_PEOPLE:
-        raise InputError(f"{where}: {len(differences)} people finished trials with both, at least {LEAST_PEOPLE} must")
+        few = f"only {len(differences)} finished trials with both"
+        raise InputError(f"{where}: {few}, at least {LEAST_PEOPLE} people must")
     return (Normal(scores) if pilot else Resampled(scores)), (a, b), float(np.median(differences))
 
 

@@ -1,5 +1,6 @@
 """Absurd numbers are refused before anything runs, strange ones warned of with the unit that was probably meant."""
 
+import os
 import re
 import warnings
 from pathlib import Path
@@ -7,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
+from core import files
 from core.device import COBOT_FOLDER, SHIPPED_FOLDER, load_device, shipped_devices
-from core.files import InputError, StrangeInput
+from core.files import InputError, StrangeInput, read_text
 from experiments.protocol import load_protocol
 from experiments.simulate.cobot_scene import is_cobot_scene, load_cobot, read_cobot_scene
 from experiments.simulate.scene import read_scene
@@ -150,3 +152,22 @@ def test_a_protocol_is_held_to_the_same_ranges(tmp_path: Path, key, value, refus
         load_protocol(write_protocol(value))
     with pytest.raises(InputError, match=f"{key} must be at most"):
         load_protocol(write_protocol(refused))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="has no file without an end")
+@pytest.mark.parametrize("verb", ["simulate", "identify"])
+def test_a_file_without_an_end_is_refused(tmp_path: Path, monkeypatch, capsys, verb):
+    monkeypatch.setattr(files, "MOST_TEXT_BYTES", 1000)
+    assert main([verb, "/dev/zero", "--out", str(tmp_path / "out")]) == 2
+    assert "/dev/zero: is larger than 0.001 MB, the most" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_text_may_be_as_large_as_the_limit_and_no_larger(tmp_path: Path, monkeypatch):
+    (file := tmp_path / "a.txt").write_bytes(b"\xef\xbb\xbfa\r\nb\rc\n")
+    assert read_text(file) == "a\nb\nc\n"
+    monkeypatch.setattr(files, "MOST_TEXT_BYTES", file.stat().st_size)
+    assert read_text(file) == "a\nb\nc\n"
+    monkeypatch.setattr(files, "MOST_TEXT_BYTES", file.stat().st_size - 1)
+    with pytest.raises(InputError, match=r"a\.txt: is larger than"):
+        read_text(file)

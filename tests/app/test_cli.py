@@ -179,8 +179,8 @@ def fail_with(monkeypatch, error: BaseException) -> None:
 
 
 FAILURES = {
-    "disk full": (OSError(28, "No space left on device"), 1, "No space left on device"),
-    "no longer writable": (PermissionError(13, "Permission denied", "x"), 2, "x: Permission denied"),
+    "disk full": (OSError(28, "No space left on device"), 1, "no space left on device"),
+    "no longer writable": (PermissionError(13, "Permission denied", "x"), 2, "x: permission denied"),
     "motion diverges": (FloatingPointError("the simulated motion is no longer finite"), 1, "no longer finite"),
     "interrupt": (KeyboardInterrupt(), 130, "interrupted"),
 }

@@ -124,7 +124,7 @@ def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, 
 @pytest.mark.parametrize("verb", ["devices", "doctor"])
 def test_a_port_that_is_not_there_is_one_sentence(verb, capsys, monkeypatch) -> None:
     monkeypatch.setattr(doctor, "examine", at_ports)
-    assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: no such file or directory\n"
+    assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: there is no such port\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="only POSIX systems have pseudo-terminals")
@@ -134,7 +134,7 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
     os.close(ours)
     try:
         told = refusal(capsys, "devices", "--port", name)
-        assert told == f"phd: serial port {name}: no such file or directory\n"
+        assert told == f"phd: serial port {name}: there is no such port\n"
     finally:
         os.close(theirs)
 

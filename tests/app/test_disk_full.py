@@ -21,7 +21,7 @@ def begin(tmp_path):
 
 
 def assert_stopped_cleanly(folder, error):
-    assert error.count("\n") == 1 and "No space left on device" in error and "--resume" in error
+    assert error.count("\n") == 1 and "no space left on device" in error and "--resume" in error
     session = folder / "sub-01" / "ses-01"
     rows = read_table(session / "trials.csv") if (session / "trials.csv").exists() else []
     assert [row.status for row in rows] == ["done"] * len(rows)

@@ -23,7 +23,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QSettings, QSize, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
@@ -681,3 +681,21 @@ def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
     said = screens.main.cards.question.text.text().replace("\u200b", "")
     assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
     assert QApplication.clipboard().text() == str(tmp_path)
+
+
+def test_with_the_largest_text_the_window_and_its_frame_fit_on_the_screen(screens: Screens) -> None:
+    try:
+        theme.scale_text(3)
+        room = screens.main.screen().availableSize() - QSize(*theme.FRAME)
+        least = screens.main.minimumSize()
+        assert least.width() <= room.width() and least.height() <= room.height()
+    finally:
+        theme.scale_text(-3)
+
+
+def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:
+    path = "/dev/null/phd.ini"  # no user may write there
+    monkeypatch.setattr(memory, "file", lambda: QSettings(path, QSettings.Format.IniFormat))
+    screens.main.show_settings()
+    said = screens.main.cards.question.text.text().replace("\u200b", "")
+    assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."

@@ -79,7 +79,7 @@ DENIED, NOT_FOUND = "PermissionError(13, 'Access is denied.', None, 5)", "FileNo
         (OSError(errno.ENXIO, "No such device or address"), "the board was unplugged"),
         (serial.SerialException(f"ClearCommError failed ({DENIED})"), "the board was unplugged"),
         (serial.SerialException(f"could not open port 'COM3': {DENIED}"), "another program is using it"),
-        (serial.SerialException(f"could not open port 'COM3': {NOT_FOUND}"), "no such file or directory"),
+        (serial.SerialException(f"could not open port 'COM3': {NOT_FOUND}"), "there is no such port"),
     ],
 )
 def test_what_is_wrong_with_a_port_is_said_alike_on_each_system(error: Exception, said: str) -> None:

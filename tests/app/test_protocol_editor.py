@@ -51,7 +51,7 @@ class Editing(PageDriver):
         else:
             do(drawing, LEFT, NONE, QPoint(at))
 
-    def save_as(self, monkeypatch, path: Path) -> None:
+    def save_as(self, monkeypatch, path: Path | str) -> None:
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *asked: self.asked.append(asked) or (str(path), ""))
         QTest.mouseClick(self.editor.save, LEFT)
 
@@ -192,6 +192,8 @@ def test_a_protocol_of_ones_own_is_saved_and_can_be_run(editing: Editing, monkey
 def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("precious")
+    editing.save_as(monkeypatch, "")  # cancelled
+    assert editing.saved == []
     editing.save_as(monkeypatch, tmp_path / "mine")  # the dialog has not asked about mine.toml
     assert file.read_text() == "precious" and editing.saved == []
     assert "exists already" in editing.editor.sentences[""].text()

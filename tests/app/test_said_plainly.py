@@ -18,8 +18,13 @@ from waiting import wait_until
 
 from app.cli import main
 from app.progress import ProgressBar
+from app.session_server.server import refusal_of
+from app.window.widgets.work import BackgroundTask
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
+from experiments.analysis.trials_table import read_table
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
+from experiments.recording.reader import read_recording
+from experiments.session.files import LOCK, TRIALS, hold_lock
 from experiments.study.study import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -272,12 +277,21 @@ AS_ANYBODY = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
 
 
 @posix
-@pytest.mark.parametrize("why", ["is a directory", "permission denied"])
-def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_path, why):
+@pytest.mark.parametrize(
+    "why, state",
+    [
+        ("is a directory", "is not set up yet"),
+        ("permission denied", "is not set up yet"),
+        ("permission denied", "was set up for another version, or with a Python that you may not run"),
+    ],
+)
+def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_path, why, state):
     command = [sys.executable, "-S", str(tmp_path / "tree/app/set_up.py"), "study", "--help"]
     (tmp_path / "tree/app").mkdir(parents=True)
     for name in ("app/set_up.py", "pyproject.toml", "constraints.txt"):
         shutil.copy(ROOT / name, tmp_path / "tree" / name)
+    if state != "is not set up yet":
+        (tmp_path / "tree/.venv").mkdir()
     if why == "is a directory":
         (tmp_path / "tree/.venv.lock").mkdir()
     elif os.geteuid() == 0:
@@ -288,4 +302,79 @@ def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_pa
     done = subprocess.run(command, capture_output=True, text=True, cwd="/")
     (tmp_path / "tree").chmod(0o755)
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
-    assert done.stderr.startswith(f"phd: {tmp_path}/tree/.venv.lock: {why}, and this tree is not set up yet")
+    assert done.stderr.startswith(f"phd: {tmp_path}/tree/.venv.lock: {why}, and this tree {state}: ")
+
+
+# ------------------------------------------------------------------------------------------------ of others, or no text
+
+
+@posix
+def test_a_file_name_that_is_no_text_is_refused_in_one_sentence(tmp_path):
+    done = subprocess.run([sys.executable, "-m", "app.cli", "verify", b"\xff"], capture_output=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (2, b"phd: \\udcff: there is no such folder\n")
+
+
+@posix
+@pytest.mark.parametrize("option", ["--beside", "--csv"])
+def test_a_link_to_itself_is_refused_in_one_sentence(tmp_path, capsys, option):
+    (circle := tmp_path / "circle").symlink_to("circle")
+    verb = ["export", tmp_path] if option == "--csv" else ["analyze", tmp_path, "--out", tmp_path / "out"]
+    assert refusal(capsys, *map(str, verb), option, str(circle)).startswith("phd: ")
+
+
+def as_anybody(*arguments: str) -> subprocess.CompletedProcess:
+    """The command without root's privileges."""
+    if os.geteuid() == 0 and shutil.which("setpriv") is None:
+        pytest.skip("root may do everything")
+    command = [*(AS_ANYBODY if os.geteuid() == 0 else ()), sys.executable, "-m", "app.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+
+
+@posix
+@pytest.mark.parametrize("verb", [("analyze",), ("export", "--csv", "out")], ids=lambda verb: verb[0])
+def test_a_folder_that_may_not_be_read_is_not_said_to_be_empty(tmp_path, verb):
+    (tmp_path / "theirs").mkdir(mode=0o300)
+    done = as_anybody(verb[0], str(tmp_path / "theirs"), *verb[1:])
+    assert (done.returncode, done.stderr) == (2, f"phd: {tmp_path}/theirs: permission denied\n")
+
+
+@posix
+def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_names_the_lock(tmp_path):
+    denied = PermissionError(13, "Permission denied", str(tmp_path / LOCK))
+    assert refusal_of(denied, tmp_path) == f"{tmp_path}: cannot be written to (permission denied)"
+    lock = hold_lock(tmp_path)
+    (tmp_path / TRIALS).mkdir()  # as a session has
+    (tmp_path / LOCK).chmod(0o444)  # as it is to others
+    done = as_anybody("recover", str(tmp_path))
+    lock.release()
+    assert done.returncode == 2 and done.stderr.startswith(f"phd: {tmp_path}: another PHD window or study is using")
+    (tmp_path / LOCK).touch(0o444)
+    assert refusal_of(denied, tmp_path) == f"{tmp_path}/.lock: cannot be written to (permission denied)"
+    assert as_anybody("recover", str(tmp_path)).stderr == f"phd: {tmp_path}/.lock: permission denied\n"
+
+
+def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
+    def read() -> None:
+        raise PermissionError(13, "Permission denied", "theirs/sub-01")
+
+    said: list[object] = []
+    task = BackgroundTask(said.append)
+    task.ask(read)
+    qtbot.waitUntil(lambda: bool(said))
+    assert isinstance(said[0], InputError) and str(said[0]) == "theirs/sub-01: permission denied"
+
+
+@posix
+def test_a_user_without_a_home_is_told_to_name_one(tmp_path):
+    command, environment = [sys.executable, "-m", "app.cli", "--version"], os.environ | {"HOME": "nowhere"}
+    done = subprocess.run(command, capture_output=True, cwd=ROOT, env=environment)
+    said = b"phd: this user has no home folder: set HOME to the path of a folder\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, b"", said)
+
+
+@posix
+@pytest.mark.parametrize("name", ["trials.csv", "run-001.parquet", "run-001.arrows"])
+def test_a_link_to_a_device_is_not_read(tmp_path, name):
+    (file := tmp_path / name).symlink_to("/dev/zero")
+    with pytest.raises(InputError, match="is no regular file"):
+        (read_table if name == "trials.csv" else read_recording)(file)

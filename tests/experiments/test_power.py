@@ -116,7 +116,7 @@ def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_pa
     write_table(tmp_path / "trials.csv", rows)
     assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["answers"]) == 3
     write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)
-    with pytest.raises(InputError, match="4 people finished trials with both, at least 6"):
+    with pytest.raises(InputError, match="only 4 finished trials with both, at least 6"):
         power(protocol, asked, tmp_path, 0, tmp_path / "few")
     assert not (tmp_path / "few").exists(), "nothing half-written"
     other = short(paths=1).controllers

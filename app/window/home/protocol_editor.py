@@ -442,7 +442,7 @@ class ProtocolEditor(Panel):
         if not self.save.isEnabled():
             return
         chosen, _ = QFileDialog.getSaveFileName(self, "Save the protocol", str(proposed), TOML)
-        path = Path(chosen).with_suffix(".toml")
+        path = Path(chosen or proposed).with_suffix(".toml")
         if chosen and self._save_as(path, replacing=str(path) == chosen):
             self.closed.emit()
 

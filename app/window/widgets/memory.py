@@ -41,3 +41,11 @@ def remember(key: str, value: str) -> None:
         kept.setValue(key, value)
     else:
         _while_running[key] = value
+
+
+def why_forgotten() -> str:
+    """Why the next start will not know what is chosen; empty where it will."""
+    kept = file()
+    if kept is None or kept.isWritable():
+        return ""
+    return f"What you choose is forgotten when you close the window: {kept.fileName()} cannot be written to."

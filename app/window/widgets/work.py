@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QWidget
 from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
+from experiments.recording.atomic_files import reason_of
 
 LOOK_MS = 2000  # between two looks of a `Watch`
 
@@ -46,6 +47,8 @@ class BackgroundTask(QObject):
             result = function(*arguments)
         except InputError as error:
             result = error
+        except OSError as error:
+            result = InputError(f"{error.filename}: {reason_of(error)}")
         self._came.emit(number, result)
 
     def _emit(self, number: int, result: object) -> None:
