@@ -5,7 +5,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton
 
 from app.window.widgets import memory, theme
@@ -73,7 +73,7 @@ class DataPanel(Panel):
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
-        self.choose = QPushButton("Choose folder …", autoDefault=True)
+        self.choose = QPushButton("Choose folder …", objectName="small", autoDefault=True)
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
         self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
@@ -93,7 +93,7 @@ class DataPanel(Panel):
         self.area.setFocusPolicy(NO_FOCUS)
         self.setLayout(column(
             row(text_label("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
-            row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
+            row(self.whole, self.export_as, 1), (self.area, 1), self.exporting,
             row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
         ))  # fmt: skip
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
@@ -104,7 +104,7 @@ class DataPanel(Panel):
         if folder != self._folder:
             self._folder, self.overview = folder, None
             self.recent.add(str(folder))
-            self.where.setText(from_home(folder))
+            self.where.setText(f"In {from_home(folder)}")
             self._looking.forget()
             self._looking.look()
 
@@ -134,19 +134,22 @@ class DataPanel(Panel):
         sessions = overview.sessions
         if overview.problem:
             self.count.setText(breakable(overview.problem))
-        elif not sessions:
-            self.count.setText("No sessions yet. The first one will appear here.")
         else:
             kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
             trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
-            self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
+            parts = (kind, counted(len(sessions), "session"), trials) if sessions else ()
+            self.count.setText(" · ".join(filter(None, parts)))
         self.whole.setVisible(overview.done > 0)
         self.export_as.setVisible(overview.done > 0)
         self.export_as.setEnabled(not self.export_task.busy)
         for session in sessions:
-            self._rows.addLayout(self._row(session))
             self._rows.addWidget(rule())
+            self._rows.addLayout(self._row(session))
         self._rows.addStretch(1)
+        if not sessions and not overview.problem:
+            for text, look in (("No sessions yet.", ""), ("The first one will appear here.", "quiet")):
+                self._rows.addWidget(text_label(text, look), 0, Qt.AlignmentFlag.AlignHCenter)
+            self._rows.addStretch(1)
 
     def _row(self, session: SessionOverview) -> QLayout:
         """A session: who and when, how far, what to do with it."""
@@ -177,7 +180,7 @@ class DataPanel(Panel):
             bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
         lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
-        if session.lacking:
+        if session.lacking and not session.declined:
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)
             lines.addWidget(lacking)

@@ -7,15 +7,12 @@ from typing import NamedTuple
 from app.ipc import messages as m
 from app.window.widgets.words import LEAVE
 from core.files import InputError
-from experiments.plan import counted, make_plan, plan_summary
+from experiments.plan import counted, make_plan, plan_summary, print_trials
 from experiments.protocol import Protocol, load_protocol
-from experiments.session.files import free_participant
+from experiments.session.files import free_participant, read_stored
 from experiments.session.overview import SessionOverview, scan_folder
 
 NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
-
-#: What a session waits for before the session server has looked at anything.
-STARTING = m.Check("Start", m.WAITING, "the session server is starting …")
 
 
 def opening_board(port: str) -> m.Check:
@@ -51,6 +48,16 @@ def proposed(data_dir: Path, protocol: Protocol) -> str:
     with contextlib.suppress(InputError):
         return free_participant(data_dir, protocol.participants)
     return ""
+
+
+def planned_trials(protocol: Protocol, participant: str, blind: bool, found: SessionOverview | None) -> str:
+    """The plan of a participant's session, by its own protocol where it is there; in codes if it is blind."""
+    if found is not None:
+        if found.declined:
+            return ""
+        stored = read_stored(found.folder)
+        protocol, blind = stored.protocol, stored.about["blind"]
+    return print_trials(protocol, participant, blind)
 
 
 class Wanted(NamedTuple):
