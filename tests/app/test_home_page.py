@@ -73,7 +73,7 @@ def test_a_newcomer_reads_what_the_session_is_and_starts_it_with_one_click(shown
     assert "No sessions yet" in shown.texts() and page.standing.text() == "new"
     shown.click(page.start)
     assert shown.sent == [m.Open("01")] and shown.setups == []
-    shown.click(page.try_it)
+    shown.click(page.tried.try_it)
     assert shown.pages == [(TRY, None)]
 
 
@@ -172,7 +172,9 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_a_blind_one_in_codes(show
     shown.until(lambda: plan().startswith("four-brake"))
     page.blind.click()
     shown.until(lambda: "K5" in plan())
-    assert not any(preset.name in plan() for preset in load_protocol(PAPER).controllers.values() if preset.name != "None")
+    assert not any(
+        preset.name in plan() for preset in load_protocol(PAPER).controllers.values() if preset.name != "None"
+    )
     closed_session(folder, 1, participant="02", protocol=load_protocol(PAPER, seed=9), blind=True)
     page.blind.click()
     shown.until(lambda: "of 60 done" in page.standing.text() and plan().count("K") == 60)

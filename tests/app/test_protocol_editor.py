@@ -10,7 +10,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QPushButton, QWidget
 from screens import settle
 
-from app.window.home.protocol_editor import ProtocolEditor, form_of, form_text
+from app.window.home.protocol_editor import ProtocolEditor
+from app.window.home.protocol_keys import form_of, form_text
 from app.window.widgets.parts import Choice
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
@@ -117,7 +118,7 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
 
 def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
     editing.editor.open("curves")
-    fields = [field for path in editing.editor._points for field in path]
+    fields = [field for path in editing.editor.paths.points for field in path]
     assert "-93.969" in [field.text() for field in fields]
     for field in fields:
         edges = field.width() - field.contentsRect().width() + 16  # with the padding of the sheet
@@ -221,12 +222,12 @@ def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
 
 
 def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:
-    editing.editor.use_kind(editing.editor.content["controller"][0], "proportional")
+    editing.editor.controllers.use_kind(editing.editor.content["controller"][0], "proportional")
     editing.read("gain_N_s_m is required")
     editing.type("gain of controller 1", "300")
     editing.read("60 trials")
-    editing.editor.remove("controller", 1)
-    editing.editor.add_controller()
+    editing.editor.controllers.remove(1)
+    editing.editor.controllers.add_new()
     editing.read("= 60 trials")
     assert [one["number"] for one in editing.editor.content["controller"]] == [1, 2, 3, 4, 5]
 

@@ -15,9 +15,6 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
-from app.window.canvas.layers import SPACING_M
-from app.window.canvas.path_marks import Sizes
-from app.window.canvas.small_view import SmallView
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
@@ -34,6 +31,7 @@ from app.window.home.start import (
     start_blockers,
     start_text,
 )
+from app.window.home.try_panel import TryPanel
 from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
@@ -43,13 +41,10 @@ from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
     Choice,
-    OneLine,
-    Panel,
     Part,
     Segments,
     breakable,
     button,
-    clear,
     column,
     grid,
     holder,
@@ -63,13 +58,11 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.preflight import Checklist
-from app.window.widgets.words import feel
 from app.window.widgets.work import BackgroundTask
 from core.device import shipped_devices
 from core.files import InputError
-from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
-from experiments.protocol import Protocol, shipped_protocols
+from experiments.protocol import shipped_protocols
 
 LINE_PX = 32  # high, a line of the form at most
 PLAN_PX = 84  # high, the plan at least
@@ -78,7 +71,6 @@ SESSION_PX = 760  # wide at most: choices are no easier to read when they are wi
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
-PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
@@ -133,7 +125,6 @@ class HomePage(Page):
         self.blind.changed.connect(lambda _: self._ask_plan())
         self.plan = printed("No plan")
         self.plan.setMinimumHeight(PLAN_PX)
-        self._picture, self._controllers = SmallView(PICTURE), column(spacing=8)  # of the protocol
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.form.entered.connect(self._start)
@@ -141,9 +132,7 @@ class HomePage(Page):
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
 
     def _lay_out(self) -> None:
-        self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
-        about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
-        try_it = panel("Try it", about, (holder(column(self._picture)), 1), self._controllers, self.try_it, spacing=12)
+        self.tried = TryPanel(lambda: self.page_asked.emit(TRY, None))
         choices = grid(12, 9, stretched=1, margins=(0, 0, BAR_PX, 0))
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),
@@ -165,13 +154,11 @@ class HomePage(Page):
         left, top, right, low = PANEL_MARGINS
         session.layout().setContentsMargins(left, top, right - BAR_PX, low)  # a bar has room beside the form
         session.setMaximumWidth(SESSION_PX)
-        for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
-            large.setFont(theme.font(size, bold=True))
-            large.setMinimumHeight(height)
-
-        for part in (try_it, session, self.data):
+        self.start.setFont(theme.font(theme.TITLE, bold=True))
+        self.start.setMinimumHeight(54)
+        for part in (self.tried, session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._shares = row(try_it, session, self.data, spacing=theme.GAP)
+        self._shares = row(self.tried, session, self.data, spacing=theme.GAP)
         self.columns = holder(self._shares)
         self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.editor, self.asking)
@@ -308,24 +295,9 @@ class HomePage(Page):
             stops = (self.participant, *self.form.stops(), self.blind, self.start)
             for before, after in itertools.pairwise(stops):
                 self.setTabOrder(before, after)
-            self._show_tried(loaded.protocol)
+            self.tried.show_protocol(loaded.protocol)
             self._ask_plan()
         self._refresh()
-
-    def _show_tried(self, protocol: Protocol) -> None:
-        """What Try is about: the device with its handle between start and end, and what guides a hand there."""
-        device, path = protocol.devices[0], next(iter(protocol.paths.values()))
-        way = outline(path, SPACING_M).tolist()
-        self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
-        self._picture.show()
-        clear(self._controllers)
-        for number, preset in protocol.controllers.items():
-            bar = Panel()
-            bar.setFixedWidth(5)
-            bar.setStyleSheet(f"background: {theme.colour_of(number)}; border: none; border-radius: 2px")
-            words = feel(preset, protocol.controllers)
-            name = OneLine("" if words == preset.name else preset.name, "quiet")
-            self._controllers.addLayout(row(bar, text_label(words, bold=True), name))
 
     def _ask_plan(self) -> None:
         if isinstance(self.loaded, Loaded):

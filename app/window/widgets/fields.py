@@ -37,6 +37,9 @@ class NumberField(TextField):
     def value(self) -> Any:
         return number_of(self.text())
 
+    def show_value(self, value: Any) -> None:
+        super().show_value(f"{value:.10g}" if isinstance(value, float) else value)
+
 
 class LongText(QPlainTextEdit):
     """A text of several lines."""
