@@ -114,6 +114,8 @@ class HomePage(Page):
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
         self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
+        for named, name in ((self.protocol, "Protocol"), (self.devices, "Device"), (self.hand, "Hand")):
+            named.setAccessibleName(name)
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -125,6 +127,7 @@ class HomePage(Page):
         self.blind.changed.connect(lambda _: self._ask_plan())
         self.plan = printed("No plan")
         self.plan.setMinimumHeight(PLAN_PX)
+        self.plan.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)  # what the form leaves
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.form.entered.connect(self._start)
@@ -160,7 +163,7 @@ class HomePage(Page):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._shares = row(self.tried, session, self.data, spacing=theme.GAP)
         self.columns = holder(self._shares)
-        self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
+        self.asking = holder(column((self.consent, 1), row(1, button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.editor, self.asking)
         self.setLayout(column(self.stack))
         self.follow_text()
@@ -207,6 +210,7 @@ class HomePage(Page):
 
     def begin(self, what: object = None) -> None:
         self._show_columns()
+        self.participant.setFocus()  # Enter starts
 
     def cancel(self) -> bool:
         asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
@@ -292,7 +296,7 @@ class HomePage(Page):
                 self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             self.form.show_form(loaded.protocol.form)
-            stops = (self.participant, *self.form.stops(), self.blind, self.start)
+            stops = (self.participant, *self.form.stops(), self.blind, self.plan, self.start)
             for before, after in itertools.pairwise(stops):
                 self.setTabOrder(before, after)
             self.tried.show_protocol(loaded.protocol)
@@ -469,9 +473,12 @@ class HomePage(Page):
         """The participant takes part, then the form comes; or does not, and that alone is recorded."""
         participant, now = self.participant.text(), datetime.now(UTC).isoformat(timespec="milliseconds")
         self._show_columns()
+        self.participant.setFocus()
         if agrees:
             self._agreed = participant, now
             self._refresh()
+            for first in self.form.stops()[:1]:
+                first.setFocus()
         else:
             self._named = ""  # another participant comes next
             self._ask(m.Open(participant, consent=(False, now)))

@@ -235,6 +235,8 @@ class ProtocolEditor(Panel):
             here = bool(problem) and name == (key if key in self.sentences else "")
             label.setText(breakable(problem) if here else "")
             label.setVisible(here)
+            if here:
+                QTimer.singleShot(0, partial(self.form_area.ensureWidgetVisible, label, 0, HEADING_PX))
         self.problem = problem
         if problem:
             self.summary.setText("")
