@@ -94,7 +94,7 @@ class SettingsCard(OverlayCard):
 def screen_words(screen: QScreen) -> str:
     """Name and size, by which a screen is recognised."""
     primary = ", the main one" if screen == QGuiApplication.primaryScreen() else ""
-    return f"{screen.name() or "Screen"}: {screen.size().width()} × {screen.size().height()}{primary}"
+    return f"{screen.name() or 'Screen'}: {screen.size().width()} × {screen.size().height()}{primary}"
 
 
 def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:

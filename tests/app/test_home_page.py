@@ -17,7 +17,6 @@ from texts_on_screen import faults
 from app.ipc import messages as m
 from app.window.home.data_panel import Recent
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
-from app.window.home.start import NO_BOARD
 from app.window.widgets import memory
 from app.window.widgets.page import ANALYSE, RUN, TRY
 from app.window.widgets.parts import Segments
@@ -233,7 +232,7 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     shown.click(button_of(page.link, BOARD))
     shown.until(lambda: "/dev/ttyUSB1" in shown.texts())
     assert "answers, three-brake" in shown.texts()
-    shown.until(lambda: NO_BOARD in page.checks.shown)
+    shown.until(lambda: "No board is connected" in page.why.text())
     assert not page.start.isEnabled() and page.start.isVisible()
     assert {check.text for check in page.checks.shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
     shown.type(page.ports.port, "/tmp/port")

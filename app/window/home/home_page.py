@@ -20,11 +20,9 @@ from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
-    NO_BOARD,
     Loaded,
     Wanted,
     load,
-    opening_board,
     planned_trials,
     session_blocker,
     standing_of,
@@ -342,19 +340,17 @@ class HomePage(Page):
         return self.opened.participant if self.opened is not None else ""
 
     @property
-    def _no_board(self) -> bool:
-        """Whether a board was chosen, and none is connected yet."""
-        return self.on_board and not self.chosen.link
+    def _no_board(self) -> str:
+        """That a board was chosen and none is connected yet; "": nothing of the kind."""
+        if not self.on_board or self.chosen.link:
+            return ""
+        return f"Opening {self._opening} …" if self._opening else "No board is connected. Connect to one first."
 
     @property
     def _checks(self) -> tuple[m.Check, ...]:
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
-        checks = self.snapshot.checks
-        if self._same_setup and not self._no_board:
-            return checks
-        others = tuple(check for check in checks if check.name not in ("Device", "Hand"))
-        none = opening_board(self._opening) if self._opening else NO_BOARD
-        return (none, *others) if self._no_board else others
+        other = not self._same_setup or self._no_board
+        return tuple(c for c in self.snapshot.checks if not (other and c.name in ("Device", "Hand")))
 
     @property
     def _asks_a_person(self) -> bool:
@@ -374,7 +370,8 @@ class HomePage(Page):
         consent_due = asks and not agreed
         problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due, agreed)
+        found = self.data.session_of(label)
+        return Wanted(label, found, self.loaded, operators, problems, consent_due, agreed, self._no_board)
 
     def _refresh(self) -> None:
         """Show whether a session can start, and what the button then does."""
@@ -386,7 +383,7 @@ class HomePage(Page):
         self._show_start(wanted, reasons, not blockers)
         self._show_choices(wanted)
         self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
-        why_not = session_blocker(is_open, snapshot, real_device)
+        why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
         self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
 

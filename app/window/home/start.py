@@ -12,13 +12,6 @@ from experiments.protocol import Protocol, load_protocol
 from experiments.session.files import free_participant, read_stored
 from experiments.session.overview import SessionOverview, scan_folder
 
-NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
-
-
-def opening_board(port: str) -> m.Check:
-    """The check of a board whose port was chosen, while the session server before ends."""
-    return m.Check("Device", m.WAITING, f"opening {port} …")
-
 
 class Loaded(NamedTuple):
     """A protocol that can be run, and what Home says of it."""
@@ -70,6 +63,7 @@ class Wanted(NamedTuple):
     form_problems: list[str]  # what is still to be done in the form, a sentence each
     consent_due: bool = False  # the participant is asked first whether they take part ..
     agreed: bool = False  # .. and has said so
+    no_board: str = ""  # why the board that was chosen is not there, a sentence; "": it is, or none was chosen
 
 
 def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
@@ -90,7 +84,7 @@ def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_devi
         found = ["Name the participant, with letters a to z and digits." if label else "Name the participant."]
     else:
         found = new_session_blockers(wanted)
-    return list(filter(None, [*found, session_blocker(is_open, snapshot, real_device)]))
+    return list(filter(None, [*found, session_blocker(is_open, wanted.no_board, snapshot, real_device)]))
 
 
 def new_session_blockers(wanted: Wanted) -> list[str]:
@@ -106,14 +100,14 @@ def new_session_blockers(wanted: Wanted) -> list[str]:
     return wanted.form_problems
 
 
-def session_blocker(is_open: str, snapshot: m.Snapshot, real_device: bool) -> str:
-    """Why no session at all can be opened; "": nothing stands in the way."""
+def session_blocker(is_open: str, no_board: str, snapshot: m.Snapshot, real_device: bool) -> str:
+    """Why no session at all can be opened; "": nothing stands in the way. no_board: as in `Wanted`."""
     if is_open:
         return f"The session of {is_open} is open: close it to open or choose another. {LEAVE}"
     if snapshot.stage == m.PREPARING:
         return "Waiting for the session server and its control loop to start …"
-    if snapshot.stage == m.FAILED and NO_BOARD not in snapshot.checks:
-        return ""  # the start begins with another session server
+    if no_board or snapshot.stage == m.FAILED:  # else the start begins with another session server
+        return no_board
     return snapshot.session_blocker(real_device)
 
 
