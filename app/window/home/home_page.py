@@ -112,8 +112,6 @@ class HomePage(Page):
         self.ports = BoardPorts()
         self.ports.connect_asked.connect(self._connect)
         self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
-        for named, name in ((self.protocol, "Protocol"), (self.devices, "Device"), (self.hand, "Hand")):
-            named.setAccessibleName(name)
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -144,6 +142,7 @@ class HomePage(Page):
         for place, (name, first, others) in enumerate(lines):
             if name:
                 label = text_label(name, "quiet")
+                label.setBuddy(first)
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 choices.addWidget(label, place, 0, Qt.AlignmentFlag.AlignTop)
             choices.addLayout(row(first, *others), place, 1)
@@ -209,6 +208,7 @@ class HomePage(Page):
     def begin(self, what: object = None) -> None:
         self._show_columns()
         self.participant.setFocus()  # Enter starts
+        self.participant.selectAll()
 
     def cancel(self) -> bool:
         asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns

@@ -39,7 +39,9 @@ class TryPanel(Panel):
         self.try_it.setFont(theme.font(theme.HEAD, bold=True))
         self.try_it.setMinimumHeight(72)
         title, picture = text_label("Try it", size=theme.HEAD, bold=True), holder(column(self._picture))
-        self.setLayout(column(title, about, (picture, 1), self._list, self.try_it, spacing=12, margins=PANEL_MARGINS))
+        self.setLayout(
+            column(title, about, (picture, 3), (self._list, 1), self.try_it, spacing=12, margins=PANEL_MARGINS)
+        )
         self.follow_text()
 
     def follow_text(self) -> None:
