@@ -150,9 +150,8 @@ class HomePage(Page):
         self.area = scrolled(holder(choices))
         self.area.setFocusPolicy(NO_FOCUS)
         foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BAR_PX, 0))
-        session = panel("Run a session", (self.area, 1), foot)
-        left, top, right, low = PANEL_MARGINS
-        session.layout().setContentsMargins(left, top, right - BAR_PX, low)  # a bar has room beside the form
+        left, top, right, low = PANEL_MARGINS  # a scroll bar has room beside the form
+        session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BAR_PX, low))
         session.setMaximumWidth(SESSION_PX)
         self.start.setFont(theme.font(theme.TITLE, bold=True))
         self.start.setMinimumHeight(54)

@@ -3,8 +3,8 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.window.widgets.fields import Field, is_number, make_field
-from app.window.widgets.parts import clear, grid, text_label
+from app.window.widgets.fields import Field, NumberField, TextField, is_number
+from app.window.widgets.parts import Segments, clear, grid, text_label
 from experiments.protocol_file import NUMBER
 
 
@@ -30,8 +30,12 @@ class ParticipantForm(QWidget):
         clear(self._grid)
         self._asked, self.fields = asked, {}
         for place, (name, kind) in enumerate(asked.items()):
-            choices = None if isinstance(kind, str) else {choice: choice for choice in kind}
-            field = self.fields[name] = make_field(name, float if kind == NUMBER else str, choices)
+            field: Field
+            if isinstance(kind, str):
+                field = NumberField(name) if kind == NUMBER else TextField(name)
+            else:
+                field = Segments({choice: choice for choice in kind}, name)
+            self.fields[name] = field
             field.changed.connect(lambda _: self.changed.emit())
             if isinstance(field, QLineEdit):
                 field.returnPressed.connect(self.entered)

@@ -6,6 +6,7 @@ sentence stands where the mistake is.
 
 import re
 import tomllib
+from collections.abc import Mapping
 from copy import deepcopy
 from datetime import datetime
 from functools import partial
@@ -17,10 +18,10 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
 
 from app.window.canvas.path_drawing import PathDrawing
-from app.window.home.protocol_keys import LABELS, LINES, default_of, field_of, from_text, section_of, to_text
+from app.window.home.protocol_keys import default_of, form_lines, from_text, section_of, to_text
 from app.window.home.protocol_lists import ControllerRows, DeviceTicks, PathRows
 from app.window.widgets import theme
-from app.window.widgets.fields import LongText, Tick
+from app.window.widgets.fields import Field, LongText, Tick
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     Panel,
@@ -61,9 +62,10 @@ class ProtocolEditor(Panel):
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
-        sections = ("", "devices", "controller", "path", *LABELS)
+        self._lines = form_lines()
+        self.fields = {key: field for lines in self._lines.values() for line in lines for key, field in line.items()}
+        sections = ("", "devices", "controller", "path", *self.fields)
         self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
-        self.fields = {key: field_of(key) for key in LABELS}
         for key, field in self.fields.items():
             field.changed.connect(lambda value, key=key: self._put(key, from_text(key, value, self._get(key))))
         self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
@@ -77,7 +79,7 @@ class ProtocolEditor(Panel):
         self.paths.changed.connect(self._show_paths)
         self.paths.refused.connect(self._refuse)
         self.drawing.drawn.connect(self.paths.draw)
-        self.drawing.moved.connect(self.paths.move)
+        self.drawing.moved.connect(self.paths.move_points)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -85,7 +87,7 @@ class ProtocolEditor(Panel):
         inside.setLayout(self._grid)
         self._grid.setColumnStretch(3, 1)
         small = "small"
-        self._add_line(*LINES[""][0])
+        self._add_line(self._lines[""][0])
         draw = [button(f"Draw {kind}", partial(self.drawing.begin, kind), small) for kind in POINTS]
         self._add_list("Devices", "devices", self.devices, button("Add a file …", self._add_device, small))
         self._add_list("Controllers", "controller", self.controllers, button("Add", self.controllers.add_new, small))
@@ -93,8 +95,8 @@ class ProtocolEditor(Panel):
         self._add_list("Paths, in mm", "path", self.paths, *draw, add_drawing)
         for title in ("Trials", "People"):
             self._add_heading(title)
-            for line in LINES[title]:
-                self._add_line(*line)
+            for line in self._lines[title]:
+                self._add_line(line)
         self.form_area = scrolled(inside)
         how = wrapped_label("Drag a ring to move a point. Every device reaches the dotted area.", "quiet")
         right = column((self.drawing, 3), how, self.summary, (self.plan, 1), spacing=12)
@@ -115,18 +117,17 @@ class ProtocolEditor(Panel):
         self._grid.addLayout(row(text_label(title, bold=True), 1, *buttons), place, 0, 1, 4)
         self._grid.setRowMinimumHeight(place, HEADING_PX)
 
-    def _add_line(self, *keys: str) -> None:
+    def _add_line(self, line: Mapping[str, Field]) -> None:
         """One or two fields, and the sentences that are about them below."""
         place = self._grid.rowCount()
-        for at, key in zip((0, 2), keys, strict=False):
-            if isinstance(self.fields[key], Tick):
-                self._grid.addWidget(self.fields[key], place, at, 1, 2)
+        for at, field in zip((0, 2), line.values(), strict=False):
+            if isinstance(field, Tick):
+                self._grid.addWidget(field, place, at, 1, 2)
             else:
-                long = isinstance(self.fields[key], LongText)
-                level = Qt.AlignmentFlag.AlignTop if long else Qt.AlignmentFlag.AlignVCenter
-                self._grid.addWidget(text_label(LABELS[key], "quiet"), place, at, level)
-                self._grid.addWidget(self.fields[key], place, at + 1, 1, 1 if len(keys) == 2 else 3)
-        for below, section in enumerate(dict.fromkeys(map(section_of, keys)), start=1):
+                level = Qt.AlignmentFlag.AlignTop if isinstance(field, LongText) else Qt.AlignmentFlag.AlignVCenter
+                self._grid.addWidget(text_label(field.accessibleName(), "quiet"), place, at, level)
+                self._grid.addWidget(field, place, at + 1, 1, 1 if len(line) == 2 else 3)
+        for below, section in enumerate(dict.fromkeys(map(section_of, line)), start=1):
             self._grid.addWidget(self.sentences[section], place + below, 0, 1, 4)
 
     # ----------------------------------------------------------------------------------------- the content

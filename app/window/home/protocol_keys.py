@@ -1,67 +1,51 @@
-"""The keys of a protocol that its editor shows in fields: their lines, their labels, and how a value is typed."""
+"""The keys of a protocol that its editor shows in fields, line by line, and how a value is typed."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
 
-from app.window.widgets.fields import Field, LongText, NumberField, TextField, make_field
+from app.window.widgets.fields import Field, LongText, NumberField, TextField, Tick
+from app.window.widgets.parts import Segments
 from core.control.rule_sets import RULE_SETS
 from experiments.language import shipped_languages
 from experiments.protocol_file import FEEDBACK, Settings
 
-#: heading of the form -> its lines, of one key of the file or two, with what stands at each field
-LINES: Mapping[str, Sequence[Mapping[str, str]]] = {
-    "": [{"name": "Name"}],
-    "Trials": [
-        {"blocks": "Blocks", "repetitions": "Repetitions"},
-        {"practice_trials": "Practice trials", "seed": "Seed"},
-        {"breaks.after_trials": "Break after trials", "breaks.least_s": "Shortest break (s)"},
-        {"trial.time_out_s": "Longest move (s)", "trial.approach_time_out_s": "Longest approach (s)"},
-        {"rules": "Rules", "blind": "Blind: codes for controllers"},
-    ],
-    "People": [
-        {"participants": "Participants"},
-        {"language": "Language", "feedback": "Feedback"},
-        {"show_linkage": "The linkage is shown", "tones": "Tones at “go” and at the end"},
-        {"questionnaire.on": "A questionnaire after each block"},
-        {"consent.text": "Consent"},
-        {"form": "Form"},
-        {"instruction": "Instructions"},
-    ],
-}
-LABELS = {key: label for lines in LINES.values() for line in lines for key, label in line.items()}
-CHOICES: dict[str, tuple[str, ...]] = {
-    "rules": tuple(RULE_SETS), "feedback": FEEDBACK, "language": tuple(shipped_languages())
-}  # fmt: skip
-HINTS = {
-    "participants": "01, 02, 03; none named: anybody",
-    "trial.approach_time_out_s": "of a simulated operator; a person has 10 minutes",
-    "consent.text": "What the participant agrees to before the form; empty: consent is not asked.",
-    "form": "handedness: right, left; age: number",
-    "instruction": "What the participant reads first; a line of --- begins another page.",
-}
-TEXTS, LONG_TEXTS = ("name", "participants", "form"), ("consent.text", "instruction")  # keys that are typed as text
 DEFAULTS = Settings(name="")
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
-LONGEST = 10_000  # letters of a field: a form, or the labels of many participants
-LONG_PX = 90  # high, a text of several lines
+MOST = 10_000  # letters of a field: a form, or the labels of many participants
 
 
-def field_of(key: str) -> Field:
-    """The field of a key."""
-    if key in LONG_TEXTS:
-        long = LongText(LABELS[key])
-        long.setFixedHeight(LONG_PX)
-        long.setPlaceholderText(HINTS[key])
-        return long
-    choices = {choice: choice for choice in CHOICES.get(key, ())}
-    field = make_field(LABELS[key], str if key in TEXTS else type(default_of(key)), choices)
-    if isinstance(field, TextField):
-        field.setMaxLength(LONGEST)
-        field.setPlaceholderText(HINTS.get(key, ""))
-    if isinstance(field, NumberField):
-        field.setToolTip(HINTS.get(key, ""))
-    return field
+def form_lines() -> dict[str, list[dict[str, Field]]]:
+    """Heading of the form -> its lines -> one key of the file or two, each with its field."""
+    consent = LongText("Consent", "What the participant agrees to before the form; empty: consent is not asked.")
+    instruction = "What the participant reads first; a line of --- begins another page."
+    approach = NumberField("Longest approach (s)", "of a simulated operator; a person has 10 minutes")
+    return {
+        "": [{"name": TextField("Name", most=MOST)}],
+        "Trials": [
+            {"blocks": NumberField("Blocks"), "repetitions": NumberField("Repetitions")},
+            {"practice_trials": NumberField("Practice trials"), "seed": NumberField("Seed")},
+            {
+                "breaks.after_trials": NumberField("Break after trials"),
+                "breaks.least_s": NumberField("Shortest break (s)"),
+            },
+            {"trial.time_out_s": NumberField("Longest move (s)"), "trial.approach_time_out_s": approach},
+            {"rules": one_of("Rules", RULE_SETS), "blind": Tick("Blind: codes for controllers")},
+        ],
+        "People": [
+            {"participants": TextField("Participants", "01, 02, 03; none named: anybody", MOST)},
+            {"language": one_of("Language", shipped_languages()), "feedback": one_of("Feedback", FEEDBACK)},
+            {"show_linkage": Tick("The linkage is shown"), "tones": Tick("Tones at “go” and at the end")},
+            {"questionnaire.on": Tick("A questionnaire after each block")},
+            {"consent.text": consent},
+            {"form": TextField("Form", "handedness: right, left; age: number", MOST)},
+            {"instruction": LongText("Instructions", instruction)},
+        ],
+    }
+
+
+def one_of(label: str, choices: Iterable[str]) -> Segments:
+    return Segments({choice: choice for choice in choices}, label)
 
 
 def section_of(key: str) -> str:

@@ -111,11 +111,10 @@ class ControllerRows(EntryRows):
     def fill_rows(self) -> None:
         kinds = [ALGORITHMS[entry["kind"]] for entry in self.entries if entry.get("kind") in ALGORITHMS]
         shown = {parameter.name: parameter for kind in kinds for parameter in kind.parameters}
-        for column, parameter in enumerate(shown.values(), start=2):
-            name = text_label("\n".join(filter(None, (parameter.word, parameter.unit))), "quiet", theme.SMALL)
-            self._grid.addWidget(name, 0, column, Qt.AlignmentFlag.AlignBottom)
-        for column, name in enumerate(("Name", "Algorithm")):
-            self._grid.addWidget(text_label(name, "quiet", theme.SMALL), 0, column, Qt.AlignmentFlag.AlignBottom)
+        units = ["\n".join(filter(None, (parameter.word, parameter.unit))) for parameter in shown.values()]
+        for column, heading in enumerate(("Name", "Algorithm", *units)):
+            label = text_label(heading, "quiet", theme.SMALL)
+            self._grid.addWidget(label, 0, column, Qt.AlignmentFlag.AlignBottom)
         for place, entry in enumerate(self.entries):
             name = TextField(f"Controller {place + 1}")
             name.setMinimumWidth(100)
@@ -199,7 +198,7 @@ class PathRows(EntryRows):
         placed = {"width_m": 0.1, "centre_m": [0.0, 0.36]} if path.suffix.lower() == ".svg" else {}
         self.add({"kind": DRAWING, "file": str(path)} | placed)
 
-    def move(self, place: int, points: Sequence[Pair]) -> None:
+    def move_points(self, place: int, points: Sequence[Pair]) -> None:
         """A point was dragged; where that makes no path, it stays as it was."""
         with contextlib.suppress(InputError):
             self._reshape(place, points)

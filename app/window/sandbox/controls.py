@@ -11,8 +11,19 @@ from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWi
 from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
-from app.window.widgets.fields import Field, make_field
-from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Part, button, panel, row, text_label, wrapped_label
+from app.window.widgets.fields import Field
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    PART,
+    OneLine,
+    Part,
+    Segments,
+    button,
+    panel,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.words import GAIN, feel
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
@@ -93,7 +104,7 @@ class Controls(QScrollArea):
             "sensing": {name: name.capitalize() for name in SENSINGS},
         }
         for field, among in choices.items():
-            name, segments = text_label(field.capitalize()), make_field(field.capitalize(), str, among)
+            name, segments = text_label(field.capitalize()), Segments(among, field.capitalize())
             segments.changed.connect(partial(self._turn, field))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             parts.append(row(name, segments))

@@ -297,10 +297,10 @@ def keep_room(widget: QWidget) -> None:
     widget.setSizePolicy(policy)
 
 
-def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
+def panel(title: str, *parts: Part, spacing: int = 8, margins: Margins = PANEL_MARGINS) -> QFrame:
     """A panel with a title and, in a column below it, these parts."""
     frame, head = Panel(), text_label(title, size=theme.HEAD, bold=True)
-    frame.setLayout(column(head, *parts, spacing=spacing, margins=PANEL_MARGINS))
+    frame.setLayout(column(head, *parts, spacing=spacing, margins=margins))
     return frame
 
 
@@ -328,9 +328,9 @@ class Segments(QWidget):
 
     changed = Signal(object)  # the value that was chosen
 
-    def __init__(self, choices: Mapping[Any, str]) -> None:
+    def __init__(self, choices: Mapping[Any, str], label: str = "") -> None:
         """choices: value -> text; none is chosen at first."""
-        super().__init__()
+        super().__init__(accessibleName=label)
         self.setObjectName("clear")
         self._values, self._group = tuple(choices), QButtonGroup(self)
         for place, text in enumerate(choices.values()):
