@@ -190,6 +190,8 @@ class MainWindow(QWidget):
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
             "keys": self.show_keys,
+            "help": self.help.showMenu,
+            "settings": self.show_settings,
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             **{name.lower(): partial(self.show_page, name) for name in PAGES if name.lower() in KEYS},

@@ -364,6 +364,8 @@ class Segments(QWidget):
         """Choose a value; one that is not among them changes nothing."""
         if value in self._values:
             self._group.button(self._values.index(value)).setChecked(True)
+            for one in self._group.buttons():  # Tab stops at the one that is chosen, arrows go on from there
+                one.setFocusPolicy(Qt.FocusPolicy.StrongFocus if one.isChecked() else Qt.FocusPolicy.ClickFocus)
 
 
 class Flow(QLayout):
