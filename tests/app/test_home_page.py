@@ -307,6 +307,8 @@ def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_l
     page = shown.page
     closed_session(shown.setup.data_dir, 2, participant="07")
     page.show_setup(shown.setup._replace(seed=2))
+    shown.until(lambda: page.start.text() == "Start session   01 · 60 trials"), "that is another protocol"
+    page.show_setup(shown.setup)
     shown.until(lambda: page.start.text() == "Resume session   07 · 58 trials left")
     shown.type(page.participant, "08")
     assert page.start.text() == "Start session   08 · 60 trials"

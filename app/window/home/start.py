@@ -8,7 +8,7 @@ from app.ipc import messages as m
 from app.window.widgets.words import LEAVE
 from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary, print_trials
-from experiments.protocol import Protocol, load_protocol
+from experiments.protocol import Protocol, load_protocol, protocol_to_json
 from experiments.session.files import free_participant, read_stored
 from experiments.session.overview import SessionOverview, scan_folder
 
@@ -33,12 +33,15 @@ def load(setup: m.Setup) -> Loaded:
 
 
 def proposed(data_dir: Path, protocol: Protocol) -> str:
-    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
+    """The participant of the newest session if it is by this protocol and trials of it are left, else the first
+    without a session; "": none is left.
+    """
     overview = scan_folder(data_dir)
-    for newest in overview.sessions[:1]:
-        if not (newest.complete or newest.problem or overview.operators):
-            return newest.participant
     with contextlib.suppress(InputError):
+        for newest in overview.sessions[:1]:
+            if not (newest.complete or newest.problem or overview.operators):
+                if protocol_to_json(read_stored(newest.folder).protocol) == protocol_to_json(protocol):
+                    return newest.participant
         return free_participant(data_dir, protocol.participants)
     return ""
 
