@@ -151,13 +151,12 @@ class HomePage(Page):
         self.area.setFocusPolicy(NO_FOCUS)
         foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BAR_PX, 0))
         left, top, right, low = PANEL_MARGINS  # a scroll bar has room beside the form
-        session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BAR_PX, low))
-        session.setMaximumWidth(SESSION_PX)
+        self.session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BAR_PX, low))
         self.start.setFont(theme.font(theme.TITLE, bold=True))
         self.start.setMinimumHeight(54)
-        for part in (self.tried, session, self.data):
+        for part in (self.tried, self.session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._shares = row(self.tried, session, self.data, spacing=theme.GAP)
+        self._shares = row(self.tried, self.session, self.data, spacing=theme.GAP)
         self.columns = holder(self._shares)
         self.asking = holder(column((self.consent, 1), row(1, button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.editor, self.asking)
@@ -166,6 +165,7 @@ class HomePage(Page):
 
     def follow_text(self) -> None:
         """The form is the first to need more room for a larger text."""
+        self.session.setMaximumWidth(theme.text_px(SESSION_PX))
         for place, share in enumerate((5, 15, 10) if theme.text_px(100) > 115 else (8, 12, 9)):
             self._shares.setStretch(place, share)
 

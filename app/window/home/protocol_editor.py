@@ -19,9 +19,9 @@ from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
 
 from app.window.canvas.path_drawing import PathDrawing
 from app.window.home.protocol_keys import default_of, form_lines, from_text, section_of, to_text
-from app.window.home.protocol_lists import ControllerRows, DeviceTicks, PathRows
+from app.window.home.protocol_lists import LINE_PX, ControllerRows, DeviceTicks, PathRows
 from app.window.widgets import theme
-from app.window.widgets.fields import Field, LongText, Tick
+from app.window.widgets.fields import Field, Tick
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     Panel,
@@ -124,8 +124,9 @@ class ProtocolEditor(Panel):
             if isinstance(field, Tick):
                 self._grid.addWidget(field, place, at, 1, 2)
             else:
-                level = Qt.AlignmentFlag.AlignTop if isinstance(field, LongText) else Qt.AlignmentFlag.AlignVCenter
-                self._grid.addWidget(text_label(field.accessibleName(), "quiet"), place, at, level)
+                label = text_label(field.accessibleName(), "quiet")
+                label.setFixedHeight(theme.text_px(LINE_PX))
+                self._grid.addWidget(label, place, at, Qt.AlignmentFlag.AlignTop)
                 self._grid.addWidget(field, place, at + 1, 1, 1 if len(line) == 2 else 3)
         for below, section in enumerate(dict.fromkeys(map(section_of, line)), start=1):
             self._grid.addWidget(self.sentences[section], place + below, 0, 1, 4)
