@@ -8,8 +8,9 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton
 
+from app.ipc import messages as m
 from app.window.widgets import memory, theme
-from app.window.widgets.page import ANALYSE
+from app.window.widgets.page import ANALYSE, RUN, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
@@ -59,13 +60,12 @@ class DataPanel(Panel):
 
     folder_chosen = Signal(Path)
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
-    close_asked = Signal()  # the session that is open
     looked = Signal()  # something in the folder has changed
-    page_asked = Signal(str, object)  # as of a page
-    folder_asked = Signal(object)  # as of a page
 
-    def __init__(self) -> None:
+    def __init__(self, page: Page) -> None:
+        """page: the one that it stands on, which brings other pages to the front."""
         super().__init__()
+        self._page = page
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder = Path()  # until the session server says which
@@ -76,14 +76,14 @@ class DataPanel(Panel):
         self.choose = QPushButton("Choose folder …", objectName="small", autoDefault=True)
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
-        self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.whole = button("Results of all", lambda: self._page.page_asked.emit(ANALYSE, self._folder))
         self.export_as = QPushButton("Export …", autoDefault=True)
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = wrapped_label("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self.export_task.stop, "small")
-        self.show_export = button("Show", lambda: self.folder_asked.emit(self._out), "small")
+        self.show_export = button("Show", lambda: self._page.folder_asked.emit(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
         self._lay_out()
@@ -155,12 +155,12 @@ class DataPanel(Panel):
         """A session: who and when, how far, what to do with it."""
         is_open = session.participant == self._open
         if is_open:
-            main = button("Close", self.close_asked.emit, hint=LEAVE)
+            main = button("Close", lambda: self._page.page_asked.emit(RUN, m.Leave()), hint=LEAVE)  # Run asks first
             main.setEnabled(self._can_leave)
         elif session.declined:
-            main = button("Folder", lambda: self.folder_asked.emit(session.folder))
+            main = button("Folder", lambda: self._page.folder_asked.emit(session.folder))
         elif session.complete:
-            main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
+            main = button("Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder))
         else:
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
             main.setEnabled(not self._why and not session.problem and not self._opening)
@@ -192,9 +192,9 @@ class DataPanel(Panel):
         more.setMenu(menu := QMenu(more))
         can_open = not (is_open or self._why or session.problem or session.declined or self._opening)
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
-        self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
+        self._entry(menu, "Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
-        self._entry(menu, "Show the folder", lambda: self.folder_asked.emit(session.folder))
+        self._entry(menu, "Show the folder", lambda: self._page.folder_asked.emit(session.folder))
         return more
 
     @staticmethod
@@ -203,7 +203,7 @@ class DataPanel(Panel):
 
     def _replay(self, session: SessionOverview) -> None:
         recordings = recordings_in(session.folder)
-        self.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
+        self._page.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
 
     # the folder
 

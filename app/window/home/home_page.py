@@ -34,7 +34,7 @@ from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
-from app.window.widgets.page import DEVICE, RUN, TRY, Page
+from app.window.widgets.page import RUN, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
@@ -84,16 +84,13 @@ class HomePage(Page):
         self._named = ""  # who comes next, as typed or as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
-        self.data = DataPanel()
+        self.data = DataPanel(self)
         self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
         self.data.folder_chosen.connect(self._take_folder)
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
         self.consent.answered.connect(self.answer_consent)
-        self.data.close_asked.connect(lambda: self.page_asked.emit(RUN, m.Leave()))  # which asks first
-        self.data.page_asked.connect(self.page_asked)
-        self.data.folder_asked.connect(self.folder_asked)
         self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
         self.editor.closed.connect(self._show_columns)
@@ -109,9 +106,8 @@ class HomePage(Page):
         self.edit = button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
         self.link.changed.connect(self._link_chosen)
-        self.ports = BoardPorts()
+        self.ports = BoardPorts(self)
         self.ports.connect_asked.connect(self._connect)
-        self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -131,7 +127,7 @@ class HomePage(Page):
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
 
     def _lay_out(self) -> None:
-        self.tried = TryPanel(lambda: self.page_asked.emit(TRY, None))
+        self.tried = TryPanel(self)
         choices = grid(12, 9, stretched=1, margins=(0, 0, BAR_PX, 0))
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),

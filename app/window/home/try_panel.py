@@ -1,11 +1,10 @@
 """The first column of Home: what Try is about."""
 
-from collections.abc import Callable
-
 from app.window.canvas.layers import SPACING_M
 from app.window.canvas.path_marks import Sizes
 from app.window.canvas.small_view import SmallView
 from app.window.widgets import theme
+from app.window.widgets.page import TRY, Page
 from app.window.widgets.parts import (
     PANEL_MARGINS,
     PART,
@@ -30,12 +29,12 @@ LARGE = 115  # %, text so large that the picture needs the room
 class TryPanel(Panel):
     """The protocol's first device with its handle between start and end, and what guides a hand there."""
 
-    def __init__(self, begin: Callable[[], object]) -> None:
+    def __init__(self, page: Page) -> None:
         super().__init__()
         about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
         self._picture, self._guides = SmallView(PICTURE), column(spacing=8)
         self._list = holder(self._guides)
-        self.try_it = button("Try it", begin, "main")
+        self.try_it = button("Try it", lambda: page.page_asked.emit(TRY, None), "main")
         self.try_it.setFont(theme.font(theme.HEAD, bold=True))
         self.try_it.setMinimumHeight(72)
         title, picture = text_label("Try it", size=theme.HEAD, bold=True), holder(column(self._picture))
