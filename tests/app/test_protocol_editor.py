@@ -12,6 +12,7 @@ from screens import settle
 
 from app.window.home.protocol_editor import ProtocolEditor
 from app.window.home.protocol_keys import form_of, form_text
+from app.window.widgets.fields import NumberField
 from app.window.widgets.parts import Choice
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
@@ -123,6 +124,19 @@ def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
     for field in fields:
         edges = field.width() - field.contentsRect().width() + 16  # with the padding of the sheet
         assert field.fontMetrics().horizontalAdvance(field.text()) + edges <= field.width(), field.text()
+
+
+def test_rows_of_controllers_and_paths_align(editing: Editing) -> None:
+    editing.editor.open("curves")
+    editing.holder.resize(1256, 620)
+    settle(editing.holder)
+    places = {one: one.mapTo(editing.editor, QPoint()) for one in editing.editor.findChildren(QWidget)}
+    for shown in (Choice, NumberField):
+        seen = [one for one in editing.editor.controllers.findChildren(shown) if "gain" not in one.accessibleName()]
+        assert len(seen) > 1 and len({places[one].x() for one in seen}) == 1, shown
+    signs = [one for one in editing.editor.paths.findChildren(QPushButton) if one.toolTip() != "Remove this path"]
+    first = editing.field("x of point 1 of path 1")
+    assert [places[one].y() for one in signs] == [places[first].y()] * 2, "in the polyline's own line"
 
 
 def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:

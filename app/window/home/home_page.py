@@ -80,7 +80,7 @@ class HomePage(Page):
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
         self._opening = ""  # whose session, or the port of which board, was asked for and is not there yet
-        self._agreed: tuple[str, str] | None = None  # who agreed to take part, and when (ISO, UTC)
+        self._agreed: dict[str, str] = {}  # who agreed to take part -> when (ISO, UTC)
         self._named = ""  # who comes next, as typed or as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
@@ -361,7 +361,7 @@ class HomePage(Page):
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
         asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
-        agreed = asks and self._agreed is not None and self._agreed[0] == label
+        agreed = asks and label in self._agreed
         consent_due = asks and not agreed
         problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
@@ -428,12 +428,12 @@ class HomePage(Page):
             elif wanted.consent_due:
                 self._ask_consent()
             else:
-                consent = (True, self._agreed[1]) if self._agreed and wanted.agreed else None
+                consent = (True, self._agreed[wanted.participant]) if wanted.agreed else None
                 self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""
-        self._agreed = None
+        self._agreed.clear()
         self._opening = command.participant
         if self._same_setup:
             self.send(command)
@@ -467,7 +467,7 @@ class HomePage(Page):
         self._show_columns()
         self.participant.setFocus()
         if agrees:
-            self._agreed = participant, now
+            self._agreed[participant] = now
             self._refresh()
             for first in self.form.stops()[:1]:
                 first.setFocus()
