@@ -65,7 +65,7 @@ from experiments.protocol import shipped_protocols
 LINE_PX = 32  # high, a line of the form at most
 PLAN_PX = 84  # high, the plan at least
 BAR_PX = 8  # wide, a scroll bar
-SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
+SESSION_PX = 660  # wide at most: choices are no easier to read when they are wider
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
