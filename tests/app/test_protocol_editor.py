@@ -216,11 +216,16 @@ def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_p
 
 
 def test_a_file_that_cannot_be_run_is_opened_with_what_is_wrong(editing: Editing, tmp_path: Path) -> None:
-    for text in ("name = ", 'name = "x"\n[[path]]\nkind = "spiral"\n', ""):
+    none = "devices must hold 1 value, not 0"
+    for text, says in (
+        ("name = ", "Invalid value"), ("", none), ('name = "x"\n[[path]]\nkind = "spiral"\n', none),
+        ("breaks = 5", "breaks must be a table"), ("controller = 3", "controller must be a list"),
+        ('form = {age = 7}\n[[controller]]\nkind = []\n[[path]]\nkind = 5\n', none),
+    ):  # fmt: skip
         editing.open("paper")
         (tmp_path / "mine.toml").write_text(text)
         editing.editor.open(str(tmp_path / "mine.toml"))
-        editing.read("devices must hold 1 value, not 0")
+        editing.read(says)
         assert not editing.editor.save.isEnabled() and editing.editor.plan.toPlainText() == ""
 
 

@@ -18,7 +18,7 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
 
 from app.window.canvas.path_drawing import PathDrawing
-from app.window.home.protocol_keys import default_of, form_lines, from_text, section_of, to_text
+from app.window.home.protocol_keys import default_of, form_lines, from_text, refuse_other_shapes, section_of, to_text
 from app.window.home.protocol_lists import LINE_PX, ControllerRows, DeviceTicks, PathRows
 from app.window.widgets import theme
 from app.window.widgets.fields import Field, Tick
@@ -141,13 +141,19 @@ class ProtocolEditor(Panel):
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
         self._file, self._folder = None if shipped else path, path.parent
         self.title.setText(f"{name.capitalize()} protocol, a copy" if shipped else path.name)
+        self.content, broken = {}, ""
         try:
-            self.content = tomllib.loads(read_text(path))
-        except (InputError, ValueError):
-            self.content = {}  # the reader names each key that is missing
+            content = tomllib.loads(read_text(path))
+            refuse_other_shapes(content)
+            self.content = content
+        except (InputError, ValueError) as error:  # a form cannot show it
+            broken = str(error)
         for key, field in self.fields.items():
             field.show_value(to_text(key, self._get(key)))
         self._show_lists()
+        self.form_area.setEnabled(not broken)
+        if broken:
+            self._refuse(f"{broken}. Mend it in a text editor.")
         self.name, self._as_read = name, deepcopy(self.content)
 
     @property

@@ -1,16 +1,19 @@
 """The keys of a protocol that its editor shows in fields, line by line, and how a value is typed."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from app.window.widgets.fields import Field, LongText, NumberField, TextField, Tick
 from app.window.widgets.parts import Segments
 from core.control.rule_sets import RULE_SETS
+from core.files import InputError
 from experiments.language import shipped_languages
 from experiments.protocol_file import FEEDBACK, Settings
 
 DEFAULTS = Settings(name="")
+TABLES = ("breaks", "trial", "questionnaire", "consent", "form")
+LISTS = {"devices": str, "controller": dict, "path": dict, "instruction": dict}  # of such entries
 PAGE_BREAK = "\n---\n"  # between the pages of instructions
 MOST = 10_000  # letters of a field: a form, or the labels of many participants
 
@@ -46,6 +49,17 @@ def form_lines() -> dict[str, list[dict[str, Field]]]:
 
 def one_of(label: str, choices: Iterable[str]) -> Segments:
     return Segments({choice: choice for choice in choices}, label)
+
+
+def refuse_other_shapes(content: Mapping[str, Any]) -> None:
+    """InputError where a file has something else in place of a table or a list that the form shows."""
+    for key in TABLES:
+        if not isinstance(content.get(key, {}), dict):
+            raise InputError(f"{key} must be a table")
+    for key, kind in LISTS.items():
+        entries = content.get(key, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, kind) for entry in entries):
+            raise InputError(f"{key} must be a list of {'names' if kind is str else 'tables'}")
 
 
 def section_of(key: str) -> str:
@@ -95,4 +109,5 @@ def form_of(text: str) -> dict[str, Any] | None:
 
 def form_text(form: dict[str, Any]) -> str:
     """The same as text."""
-    return "; ".join(f"{name}: {kind if isinstance(kind, str) else ', '.join(kind)}" for name, kind in form.items())
+    words = {name: ", ".join(map(str, kind)) if isinstance(kind, list) else kind for name, kind in form.items()}
+    return "; ".join(f"{name}: {kind}" for name, kind in words.items())

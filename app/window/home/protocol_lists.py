@@ -109,7 +109,7 @@ class ControllerRows(EntryRows):
     kind = "controller"
 
     def fill_rows(self) -> None:
-        kinds = [ALGORITHMS[entry["kind"]] for entry in self.entries if entry.get("kind") in ALGORITHMS]
+        kinds = [ALGORITHMS[kind] for entry in self.entries if (kind := str(entry.get("kind"))) in ALGORITHMS]
         shown = {parameter.name: parameter for kind in kinds for parameter in kind.parameters}
         units = ["\n".join(filter(None, (parameter.word, parameter.unit))) for parameter in shown.values()]
         for column, heading in enumerate(("Name", "Algorithm", *units)):
