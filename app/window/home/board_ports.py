@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidg
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.page import DEVICE, Page
-from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, wrapped_label
+from app.window.widgets.parts import OneLine, button, clear, column, row, show_wait, wrapped_label
 from app.window.widgets.work import Watch
 from hardware.discovery import BoardFound, scan_ports
 
@@ -35,7 +35,7 @@ class BoardPorts(QWidget):
         self.again = button("Look again", self._look_anew)
         self._rows = column()
         self.connect_typed = button("Connect", self._connect_typed)
-        self.setLayout(column(self._rows, Flow(self.port, self.connect_typed, self.again, gap=8)))
+        self.setLayout(column(self._rows, row((self.port, 1), self.connect_typed, self.again)))
         self._fill()
 
     def show_link(self, port: str, checks: tuple[m.Check, ...] = (), opening: str = "") -> None:
@@ -46,6 +46,8 @@ class BoardPorts(QWidget):
         device = next((check for check in checks if check.name == "Device"), m.Check("Device", m.WAITING, OPENING))
         if (port, device, opening) != (self._mine, self._state, self._opening):
             self._mine, self._state, self._opening = port, device, opening
+            if self.port.text() == port:
+                self.port.clear()
             self._fill()
 
     def _look_anew(self) -> None:
