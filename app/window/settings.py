@@ -57,9 +57,9 @@ class SettingsCard(OverlayCard):
         """changed: does what a key of `memory` asks for, once its new value is remembered."""
         super().__init__("Settings", "", [("Close  Enter", leave)], parent)
         self._changed = changed
-        self.theme = Segments({"dark": "Dark", "light": "Light"})
-        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
-        self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
+        self.theme = Segments({"dark": "Dark", "light": "Light"}, "Theme")
+        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES}, "Text")
+        self.sound = Segments({memory.ON: "On", memory.OFF: "Off"}, "Sound")
         self.participant_screen = Choice()
         screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)

@@ -22,7 +22,6 @@ from app.window.widgets.parts import (
     column,
     holder,
     row,
-    rule,
     scrolled,
     show_wait,
     text_label,
@@ -143,7 +142,7 @@ class DataPanel(Panel):
         self.export_as.setVisible(overview.done > 0)
         self.export_as.setEnabled(not self.export_task.busy)
         for session in sessions:
-            self._rows.addWidget(rule())
+            self._rows.addWidget(Panel("line"))
             self._rows.addLayout(self._row(session))
         self._rows.addStretch(1)
         if not sessions and not overview.problem:

@@ -104,7 +104,7 @@ class HomePage(Page):
         self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
         self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
         self.edit = button("Edit", self._edit)
-        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
+        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD}, "Device")
         self.link.changed.connect(self._link_chosen)
         self.ports = BoardPorts(self)
         self.ports.connect_asked.connect(self._connect)

@@ -20,10 +20,8 @@ class ConsentPage(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.text = wrapped_label("", size=theme.HEAD)
-        self.decline, self.agree = (
-            button("", lambda: self.answered.emit(False)),
-            button("", lambda: self.answered.emit(True)),
-        )
+        self.decline = button("", lambda: self.answered.emit(False))
+        self.agree = button("", lambda: self.answered.emit(True))
         for answer in (self.decline, self.agree):
             answer.setFont(theme.font(theme.TITLE, bold=True))
             answer.setMinimumHeight(48)

@@ -67,11 +67,6 @@ class Panel(QFrame):
         self.setObjectName(name)
 
 
-def rule() -> QFrame:
-    """A thin line across a panel."""
-    return Panel("line")
-
-
 class OneLine(QLabel):
     """A text in one line, shortened where there is no room: to the first of its parts, else with dots in its middle.
     Its tooltip has all of it.
