@@ -64,7 +64,7 @@ from experiments.protocol import shipped_protocols
 
 LINE_PX = 32  # high, a line of the form at most
 PLAN_PX = 84  # high, the plan at least
-BAR_PX = 8  # wide, a scroll bar
+BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
 SESSION_PX = 660  # wide at most: choices are no easier to read when they are wider
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
@@ -128,7 +128,7 @@ class HomePage(Page):
 
     def _lay_out(self) -> None:
         self.tried = TryPanel(self)
-        choices = grid(12, 9, stretched=1, margins=(0, 0, BAR_PX, 0))
+        choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),
             ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
@@ -145,9 +145,16 @@ class HomePage(Page):
         choices.setRowStretch(choices.rowCount() - 1, 1)
         self.area = scrolled(holder(choices))
         self.area.setFocusPolicy(NO_FOCUS)
-        foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BAR_PX, 0))
-        left, top, right, low = PANEL_MARGINS  # a scroll bar has room beside the form
-        self.session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BAR_PX, low))
+
+        def leave_room(_: int, low: int) -> None:
+            """The form is as wide with a scroll bar as without one."""
+            choices.setContentsMargins(0, 0, BESIDE_PX - (BAR_PX if low else 0), 0)
+
+        self.area.verticalScrollBar().rangeChanged.connect(leave_room)
+        leave_room(0, 0)
+        foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BESIDE_PX, 0))
+        left, top, right, low = PANEL_MARGINS
+        self.session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
         self.start.setFont(theme.font(theme.TITLE, bold=True))
         self.start.setMinimumHeight(54)
         for part in (self.tried, self.session, self.data):
