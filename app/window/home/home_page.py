@@ -28,6 +28,7 @@ from app.window.home.start import (
     standing_of,
     start_blockers,
     start_text,
+    summary_of,
 )
 from app.window.home.try_panel import TryPanel
 from app.window.participant.consent_page import ConsentPage
@@ -88,7 +89,9 @@ class HomePage(Page):
         self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
-        self.data.folder_chosen.connect(self._take_folder)
+        self.data.folder_chosen.connect(
+            lambda folder: self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
+        )
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
         self.consent.answered.connect(self.answer_consent)
         self.data.looked.connect(self._looked)
@@ -332,9 +335,6 @@ class HomePage(Page):
             self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
             self._refresh()
 
-    def _take_folder(self, folder: Path) -> None:
-        self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
-
     # --------------------------------------------------------------------------------------- start
 
     @property
@@ -381,26 +381,15 @@ class HomePage(Page):
         snapshot = self.snapshot._replace(checks=self._checks)
         blockers = start_blockers(wanted, is_open, snapshot, real_device)
         reasons = start_blockers(wanted, is_open, snapshot._replace(checks=()), real_device)  # the list has the others
-        self._show_summary(wanted)
+        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
+        if text := summary_of(wanted):  # else it stays while the next one is read
+            self.summary.setText(breakable(text))
         self._show_start(wanted, reasons, not blockers)
         self._show_choices(wanted)
         self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
         why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
         self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
-
-    def _show_summary(self, wanted: Wanted) -> None:
-        """What the chosen protocol is, or that a session goes on by another one, its own."""
-        own = wanted.found.protocol if wanted.found is not None else ""
-        if self.opened is not None and self._session_open:
-            own = self.opened.protocol.name
-        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
-        if isinstance(self.loaded, InputError):
-            self.summary.setText(breakable(str(self.loaded)))
-        elif self.loaded is not None:
-            other = own not in ("", self.loaded.protocol.name)
-            goes_on = f"Participant {wanted.participant} goes on by their own protocol, {own}."
-            self.summary.setText(goes_on if other else self.loaded.summary.replace(" min", "\u00a0min"))
 
     def _show_start(self, wanted: Wanted, reasons: list[str], can_start: bool) -> None:
         self.standing.setText(standing_of(wanted))

@@ -114,6 +114,16 @@ def session_blocker(is_open: str, no_board: str, snapshot: m.Snapshot, real_devi
     return snapshot.session_blocker(real_device)
 
 
+def summary_of(wanted: Wanted) -> str:
+    """What the chosen protocol is, or that a session goes on by another one, its own; "": it is being read."""
+    loaded, found = wanted.loaded, wanted.found
+    if not isinstance(loaded, Loaded):
+        return str(loaded or "")
+    if found is not None and found.protocol not in ("", loaded.protocol.name):
+        return f"Participant {wanted.participant} goes on by their own protocol, {found.protocol}."
+    return loaded.summary.replace(" min", "\u00a0min")
+
+
 def standing_of(wanted: Wanted) -> str:
     """How far the participant's session is."""
     if not wanted.participant:
