@@ -126,6 +126,30 @@ def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
         assert field.fontMetrics().horizontalAdvance(field.text()) + edges <= field.width(), field.text()
 
 
+def test_the_editor_can_be_used_by_keys_alone(editing: Editing) -> None:
+    editor, press = editing.editor, lambda key: QTest.keyClick(editing.holder.focusWidget(), key)
+    editing.editor.open("curves")
+    editing.holder.activateWindow()
+    QTest.qWaitForWindowActive(editing.holder)
+    editing.read("24 trials")
+    editor.fields["name"].setFocus()
+    passed = []
+    while not passed or passed[-1] not in ("Blocks", ""):
+        press(Qt.Key.Key_Tab)
+        passed.append((one := editing.holder.focusWidget()).accessibleName() or one.text())
+        if passed[-1] == "Algorithm of controller 2":
+            press(Qt.Key.Key_Down)
+            settle(editing.holder)
+            assert editing.holder.focusWidget().accessibleName() == passed[-1], "its row was made anew"
+        if passed[-1] == "Another point at the end, 1":
+            for _ in range(2):
+                press(Qt.Key.Key_Space)
+                settle(editing.holder)
+    lists = ("four-brake", "Controller 1", "Algorithm of controller 2", "x of point 1 of path 1", "Blocks")
+    assert [name for name in passed if name in lists] == list(lists), "each in its place"
+    assert editor.content["controller"][1]["kind"] == "proportional" and len(editor.content["path"][0]["points_m"]) == 5
+
+
 def test_rows_of_controllers_and_paths_align(editing: Editing) -> None:
     editing.editor.open("curves")
     editing.holder.resize(1256, 620)

@@ -4,7 +4,6 @@ A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks 
 session starts, a board is connected or a data folder is chosen.
 """
 
-import itertools
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -44,6 +43,7 @@ from app.window.widgets.parts import (
     Segments,
     breakable,
     button,
+    chain_tabs,
     column,
     grid,
     holder,
@@ -53,6 +53,7 @@ from app.window.widgets.parts import (
     scrolled,
     show_wait,
     stack,
+    tab_stops,
     text_label,
     wrapped_label,
 )
@@ -299,9 +300,7 @@ class HomePage(Page):
                 self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             self.form.show_form(loaded.protocol.form)
-            stops = (self.participant, *self.form.stops(), self.blind, self.plan, self.start)
-            for before, after in itertools.pairwise(stops):
-                self.setTabOrder(before, after)
+            chain_tabs(self.participant, *tab_stops(self.form), self.blind, self.plan, self.start)
             self.tried.show_protocol(loaded.protocol)
             self._ask_plan()
         self._refresh()
@@ -465,7 +464,7 @@ class HomePage(Page):
         if agrees:
             self._agreed[participant] = now
             self._refresh()
-            for first in self.form.stops()[:1]:
+            for first in tab_stops(self.form)[:1]:
                 first.setFocus()
         else:
             self._named = ""  # another participant comes next

@@ -1,6 +1,6 @@
 """What a protocol asks of each participant, as fields to be filled in before a session."""
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.window.widgets.fields import Field, NumberField, TextField, is_number
@@ -42,10 +42,6 @@ class ParticipantForm(QWidget):
             self._grid.addWidget(text_label(name.replace("_", " ").capitalize(), "quiet"), place, 0)
             self._grid.addWidget(field, place, 1)
         self.setVisible(bool(asked))
-
-    def stops(self) -> list[QWidget]:
-        """Where Tab stops, in this order."""
-        return [part for part in self.findChildren(QWidget) if part.focusPolicy() & Qt.FocusPolicy.TabFocus]
 
     def answers(self) -> dict[str, str | float]:
         """What was filled in and fits; the rest is left out."""

@@ -27,11 +27,13 @@ from app.window.widgets.parts import (
     Panel,
     breakable,
     button,
+    chain_tabs,
     column,
     grid,
     printed,
     row,
     scrolled,
+    tab_stops,
     text_label,
     wrapped_label,
 )
@@ -62,7 +64,7 @@ class ProtocolEditor(Panel):
         self._file: Path | None = None  # which saving proposes; None: one named as the protocol
         self._folder = SHIPPED_FOLDER  # from which paths of devices and pictures are
         self.problem = ""  # the reader's sentence; "": the content can be run
-        self._lines = form_lines()
+        self._lines, self._lists = form_lines(), list[tuple[QWidget, QWidget]]()  # the last button above each list
         self.fields = {key: field for lines in self._lines.values() for line in lines for key, field in line.items()}
         sections = ("", "devices", "controller", "path", *self.fields)
         self.sentences = {section_of(name): wrapped_label("", "bad") for name in sections}
@@ -109,6 +111,7 @@ class ProtocolEditor(Panel):
     def _add_list(self, title: str, section: str, entries: QWidget, *buttons: QPushButton) -> None:
         """A list below its name and what adds to it; the sentence that is about it below."""
         self._add_heading(title, *buttons)
+        self._lists.append((buttons[-1], entries))
         for widget in (entries, self.sentences[section]):
             self._grid.addWidget(widget, self._grid.rowCount(), 0, 1, 4)
 
@@ -193,7 +196,9 @@ class ProtocolEditor(Panel):
         self._timer.start()
 
     def _fit_form(self) -> None:
-        """No row of a list is wider than the form."""
+        """No row of a list is wider than the form, and Tab comes to each in its place."""
+        for above, entries in self._lists:
+            chain_tabs(above, *tab_stops(entries))
         self._grid.activate()
         self.form_area.setMinimumWidth(self.form_area.widget().minimumSizeHint().width() + 12)
 

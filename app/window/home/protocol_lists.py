@@ -69,9 +69,13 @@ class EntryRows(QWidget):
         self.setLayout(self._grid)
 
     def show_entries(self, entries: list[dict[str, Any]]) -> None:
+        had = self.window().focusWidget()
+        name = had.accessibleName() if had is not None and self.isAncestorOf(had) else ""
         self.entries = entries
         clear(self._grid)
         self.fill_rows()
+        for again in [part for part in self.findChildren(QWidget) if name and part.accessibleName() == name][-1:]:
+            again.setFocus()  # the keyboard stays where it was
 
     def fill_rows(self) -> None:
         """Fill the columns but for the last, and set its buttons by `close_row`."""
@@ -80,6 +84,8 @@ class EntryRows(QWidget):
     def close_row(self, place: int, at: tuple[int, int], *buttons: QPushButton) -> None:
         """The buttons of a row, the last of them removes it; at: row and column of the grid."""
         remove = sign("×", partial(self.remove, place), f"Remove this {self.kind}")
+        for pressed in (*buttons, remove):
+            pressed.setAccessibleName(f"{pressed.toolTip()}, {place + 1}")
         self._grid.addLayout(row(1, *buttons, remove, spacing=4), *at, Qt.AlignmentFlag.AlignTop)
 
     def add(self, entry: dict[str, Any]) -> None:
@@ -129,6 +135,7 @@ class ControllerRows(EntryRows):
 
     def _fill_kind(self, place: int, entry: dict[str, Any], columns: Sequence[str]) -> None:
         kind = Choice()
+        kind.setAccessibleName(f"Algorithm of controller {place + 1}")
         kind.addItems(list(ALGORITHMS))
         kind.setCurrentText(str(entry.get("kind")))
         kind.textActivated.connect(partial(self.use_kind, entry))

@@ -1,5 +1,6 @@
 """What the pages are made of: texts that are never cut, buttons, panels, rows and columns."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -316,6 +317,18 @@ def clear(layout: QLayout) -> None:
             widget.deleteLater()
         elif (inner := item.layout()) is not None:
             clear(inner)
+
+
+def tab_stops(inside: QWidget) -> list[QWidget]:
+    """Where Tab stops in a widget, in the order in which its parts were made."""
+    parts = (part for part in inside.findChildren(QWidget) if part.isVisibleTo(inside))
+    return [part for part in parts if part.focusPolicy() & Qt.FocusPolicy.TabFocus]
+
+
+def chain_tabs(*stops: QWidget) -> None:
+    """Let Tab go from each of these to the next: what is made later would come last."""
+    for before, after in itertools.pairwise(stops):
+        QWidget.setTabOrder(before, after)
 
 
 class Segments(QWidget):
