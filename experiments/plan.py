@@ -182,23 +182,28 @@ def steps_between(protocol: Protocol, before: PlannedTrial, after: PlannedTrial,
 
 
 def print_plan(protocol: Protocol, participant: str) -> str:
-    """The protocol's facts, the estimated duration, then every trial in order with practice and the steps between."""
-    plan = make_plan(protocol, participant)
-    parts, before = [_head(protocol, participant, plan)], plan[0]
+    """The protocol's facts, the estimated duration, then every trial."""
+    return f"{_head(protocol, participant, make_plan(protocol, participant))}\n\n{print_trials(protocol, participant)}"
+
+
+def print_trials(protocol: Protocol, participant: str, coded: bool | None = None) -> str:
+    """Every trial in order, a line each, with practice and the steps between. coded: as in `_cells`."""
+    plan = make_plan(protocol, participant, coded)
+    parts, before = list[str](), plan[0]
     for configuration, group in groupby(plan, key=lambda trial: trial.configuration):
         trials = list(group)
         if before.configuration != configuration:
             parts += steps_between(protocol, before, trials[0], len(trials), 0)
-        parts.append("\n".join([configuration, *_lines(protocol, participant, trials)]))
+        parts.append("\n".join([configuration, *_lines(protocol, participant, trials, coded)]))
         before = trials[-1]
     return "\n\n".join(parts) + "\n"
 
 
-def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial]) -> list[str]:
+def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], coded: bool | None) -> list[str]:
     """The trials of one configuration, its practice first."""
     width = max(len(protocol.controller_name(trial.controller)) for trial in trials)
     practice = [
-        practice_trial(protocol, participant, trials[0].configuration, number)
+        practice_trial(protocol, participant, trials[0].configuration, number, coded)
         for number in range(1, protocol.practice_trials + 1)
     ]
     lines, block = [], None

@@ -26,7 +26,7 @@ from app import __version__
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.window.participant.participant_window import ParticipantWindow
-from app.window.settings import HelpCard, KeysCard, SettingsCard, about_help, controllers_help, files_help
+from app.window.settings import HelpCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
@@ -186,6 +186,8 @@ class MainWindow(QWidget):
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
             "keys": self.show_keys,
+            "help": self.help.showMenu,
+            "settings": self.show_settings,
             "larger": lambda: theme.scale_text(1),
             "smaller": lambda: theme.scale_text(-1),
             **{name.lower(): partial(self.show_page, name) for name in PAGES if name.lower() in KEYS},
@@ -260,7 +262,7 @@ class MainWindow(QWidget):
         }
         own = self.pages[self.shown].own_keys()
         groups |= {f"On {self.shown}": own} if own else {}
-        self.cards.put(KeysCard(groups, self._stack, self.cards.leave))
+        self._show_help("Keys", "", groups)
 
     def event(self, event: QEvent) -> bool:
         """On a page where the space bar starts nothing it presses the button that has the keyboard."""
@@ -291,22 +293,22 @@ class MainWindow(QWidget):
             self.cards.leave()
             self.restart_asked.emit(setup._replace(data_dir=data_folder_of(Path(chosen)), participant=""), None)
 
-    def _show_help(self, title: str, text: str, lines: dict[str, str]) -> None:
-        self.cards.put(HelpCard(title, text, lines, self._stack, self.cards.leave))
+    def _show_help(self, title: str, text: str, groups: dict[str, dict[str, str]]) -> None:
+        self.cards.put(HelpCard(title, text, groups, self._stack, self.cards.leave))
 
     def show_controllers(self) -> None:
         if self.opened is not None:
             named = f"Of the {self.opened.protocol.name} protocol. Try lets you feel each."
             hidden = self.opened.participant and self.snapshot.blind
             lines = {} if hidden else controllers_help(self.opened.protocol)
-            self._show_help("What the controllers do", "This session is blind." if hidden else named, lines)
+            self._show_help("What the controllers do", "This session is blind." if hidden else named, {"": lines})
 
     def show_files(self) -> None:
-        self._show_help("Where files are", "", files_help(str(self.client.setup.data_dir)))
+        self._show_help("Where files are", "", {"": files_help(str(self.client.setup.data_dir))})
 
     def show_about(self) -> None:
         text = "A passive haptic display guides a hand with brakes. PHD simulates one and runs the experiment."
-        self._show_help("About PHD", text, about_help())
+        self._show_help("About PHD", text, {"": about_help()})
 
     # ------------------------------------------------------------------------------------------- brakes
 

@@ -29,7 +29,7 @@ from app.window.widgets.words import from_home
 from experiments.protocol import Protocol
 
 NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
-WIDE_PX = 640
+WIDE_PX = 640  # wide, a card at a text size of 1
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
     "Int. Conf. on Robotics and Automation (ICRA), 2004, vol. 1, pp. 311-318 (as far as known)."
@@ -44,7 +44,8 @@ FELT = {
     "reflect": "The brakes show a force from elsewhere, such as that of a wall, as far as brakes can.",
 }
 GAP = "With a gap, nothing acts while the handle is that near to the path."
-KEYS_PX, KEYS_FOOT_PX = 960, 180  # wide, at a text size of 1; high, what else a card of keys needs
+KEYS_PX = 960  # wide, groups side by side
+BESIDE_PX, FOOT_PX = 44, 200  # what else a card needs: wide, high
 
 
 class SettingsCard(OverlayCard):
@@ -56,9 +57,9 @@ class SettingsCard(OverlayCard):
         """changed: does what a key of `memory` asks for, once its new value is remembered."""
         super().__init__("Settings", memory.why_forgotten(), [("Close  Enter", leave)], parent)
         self._changed = changed
-        self.theme = Segments({"dark": "Dark", "light": "Light"})
-        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES})
-        self.sound = Segments({memory.ON: "On", memory.OFF: "Off"})
+        self.theme = Segments({"dark": "Dark", "light": "Light"}, "Theme")
+        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES}, "Text")
+        self.sound = Segments({memory.ON: "On", memory.OFF: "Off"}, "Sound")
         self.participant_screen = Choice()
         screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)
@@ -67,16 +68,16 @@ class SettingsCard(OverlayCard):
         self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
         self.text_size.show_value(theme.text_size())
         self.sound.show_value(memory.remembered(memory.SOUND))
-        folder = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
+        kept_in = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
+        folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
-            "Theme": (self.theme, "From the next start on: a window keeps the colours that it was opened with."),
-            "Text": (self.text_size, "Ctrl + and Ctrl - change it, too."),
+            "Theme": (self.theme, "From the next start on."),
+            "Text": (self.text_size, "Also by Ctrl + and Ctrl -."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "Where the next start keeps its sessions, unless --data-dir names another."),
+            "Data folder": (folder, "Of the next start, unless --data-dir names another."),
         })  # fmt: skip
         self.inside.addLayout(lines)
-        self.inside.addLayout(row(1, button("Choose another folder …", lambda: changed(memory.DATA_FOLDER), "small")))
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
         for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
             field.changed.connect(lambda value, key=key: self._choose(key, value))
@@ -92,50 +93,46 @@ class SettingsCard(OverlayCard):
 
 def screen_words(screen: QScreen) -> str:
     """Name and size, by which a screen is recognised."""
-    primary = ", the first" if screen == QGuiApplication.primaryScreen() else ""
-    return f"{screen.name()}: {screen.size().width()} × {screen.size().height()}{primary}"
+    primary = ", the main one" if screen == QGuiApplication.primaryScreen() else ""
+    return f"{screen.name() or 'Screen'}: {screen.size().width()} × {screen.size().height()}{primary}"
 
 
 def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
     """Name -> what stands beside it, and a quiet line below that."""
-    beside = grid(14, 4, stretched=1)
-    for name, (part, hint) in lines.items():
-        down = beside.rowCount()
-        level = Qt.AlignmentFlag.AlignTop if part.hasHeightForWidth() else Qt.AlignmentFlag.AlignVCenter
+    beside = grid(14, 8, stretched=1)
+    for down, (name, (part, hint)) in enumerate(lines.items()):
         told = text_label(name, bold=True)
         if told.sizeHint().width() > theme.text_px(NAME_PX):
             told = wrapped_label(name, bold=True)
             told.setFixedWidth(theme.text_px(NAME_PX))
-        beside.addWidget(told, down, 0, level)
-        beside.addWidget(part, down, 1)
-        if hint:
-            beside.addWidget(wrapped_label(hint, "quiet", theme.SMALL), down + 1, 1)
+        told.setMinimumHeight(0 if isinstance(part, QLabel) else part.sizeHint().height())  # level with a field
+        beside.addWidget(told, down, 0, Qt.AlignmentFlag.AlignTop)
+        hints = [wrapped_label(hint, "quiet", theme.SMALL)] if hint else []
+        beside.addLayout(column(part, *hints, spacing=4), down, 1)
     return beside
 
 
 class HelpCard(OverlayCard):
-    """Names and what is to be known of each."""
+    """Groups of names and what is to be known of each, side by side: title of a group -> name -> text."""
 
-    wide_px = WIDE_PX
-
-    def __init__(self, title: str, text: str, lines: Mapping[str, str], parent: QWidget, leave: Callable[[], object]):
+    def __init__(
+        self,
+        title: str,
+        text: str,
+        groups: Mapping[str, Mapping[str, str]],
+        parent: QWidget,
+        leave: Callable[[], object],
+    ) -> None:
         super().__init__(title, text, [("Close  Enter", leave)], parent)
-        self.inside.addLayout(grid_of({name: (selectable(text), "") for name, text in lines.items()}))
-
-
-class KeysCard(OverlayCard):
-    """Title of a group of keys -> key -> what it does; a column for each group."""
-
-    wide_px = KEYS_PX
-
-    def __init__(self, groups: Mapping[str, Mapping[str, str]], parent: QWidget, leave: Callable[[], object]) -> None:
-        super().__init__("Keys", "", [("Close  Enter", leave)], parent)
+        self.wide_px = WIDE_PX if len(groups) == 1 else KEYS_PX
         columns = row(spacing=24)
-        for title, keys in groups.items():
-            lines = grid_of({key: (wrapped_label(does, "quiet"), "") for key, does in keys.items()})
-            columns.addLayout(column(text_label(title, size=theme.TITLE), lines, 1), 1)
+        for heading, lines in groups.items():
+            parts = [text_label(heading, size=theme.TITLE)] if heading else []
+            told = grid_of({name: (selectable(text), "") for name, text in lines.items()})
+            columns.addLayout(column(*parts, told, 1, spacing=8), 1)
         area = scrolled(holder(columns))
-        area.setMinimumHeight(min(columns.sizeHint().height(), parent.height() - KEYS_FOOT_PX))
+        needed = columns.heightForWidth(theme.text_px(self.wide_px) - BESIDE_PX)
+        area.setFixedHeight(min(needed, parent.height() - FOOT_PX))
         self.inside.addWidget(area)
 
 

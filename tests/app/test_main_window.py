@@ -126,6 +126,12 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
     screens.hear(opened(), ready(1))
     screens.press(KEY.Key_F3)
     assert main.shown == DEVICE and main.tabs[DEVICE].isChecked()
+    screens.press(KEY.Key_Comma, modifier=CTRL)
+    for _ in range(2):
+        QTest.keyClick(main.focusWidget(), KEY.Key_Tab)
+    assert main.focusWidget().text() == "100 %", "Tab stops at what is chosen"
+    QTest.keyClick(main.focusWidget(), KEY.Key_Right)
+    assert kept == {memory.TEXT_SIZE: "1.15"} and main.focusWidget().text() == "115 %"
     QTest.mouseClick(main.settings, Qt.MouseButton.LeftButton)
     card = main.cards.question
     for field, value in (

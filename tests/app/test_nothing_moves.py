@@ -12,7 +12,7 @@ from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
 from app.window.canvas.plane import Plane
-from app.window.widgets.page import ANALYSE, TRY
+from app.window.widgets.page import ANALYSE, HOME, TRY
 from app.window.widgets.plots import Graph
 
 NOTICE = "Run 9: the participant was distracted by a long sentence that goes on over several lines of the panel."
@@ -54,6 +54,17 @@ def test_on_run_between_trials_and_in_one(screens: Screens, size: tuple[int, int
     screens.tick(movement(PLAN[9].segment, "AEB", 0.5))
     checks = (*GREEN[:2], LATE, *GREEN[3:])
     for said in (pulse(), MISSED, running(9, checks=checks), running(9, checks=RED), running(9, notice=NOTICE)):
+        assert moved(screens, said) == [], said
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (1920, 1080)])
+def test_on_home(qtbot, screens: Screens, size: tuple[int, int]) -> None:
+    screens.main.resize(*size)
+    screens.main.show_page(HOME)
+    screens.hear(opened(""), before())
+    home = screens.main.pages[HOME]
+    qtbot.waitUntil(lambda: home.plan.toPlainText() != "" and home.data.overview is not None, timeout=60_000)
+    for said in (before(checks=RED), before(), before(notice=NOTICE, notice_bad=True), before(**OFF), before()):
         assert moved(screens, said) == [], said
 
 

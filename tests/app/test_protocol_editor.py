@@ -10,7 +10,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QPushButton, QWidget
 from screens import settle
 
-from app.window.home.protocol_editor import ProtocolEditor, form_of, form_text
+from app.window.home.protocol_editor import ProtocolEditor
+from app.window.home.protocol_keys import form_of, form_text
+from app.window.widgets.fields import NumberField
 from app.window.widgets.parts import Choice
 from core.path import Arc, Polyline, Segment
 from experiments.protocol import load_protocol
@@ -117,11 +119,48 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
 
 def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
     editing.editor.open("curves")
-    fields = [field for path in editing.editor._points for field in path]
+    fields = [field for path in editing.editor.paths.points for field in path]
     assert "-93.969" in [field.text() for field in fields]
     for field in fields:
         edges = field.width() - field.contentsRect().width() + 16  # with the padding of the sheet
         assert field.fontMetrics().horizontalAdvance(field.text()) + edges <= field.width(), field.text()
+
+
+def test_the_editor_can_be_used_by_keys_alone(editing: Editing) -> None:
+    editor, press = editing.editor, lambda key: QTest.keyClick(editing.holder.focusWidget(), key)
+    editing.editor.open("curves")
+    editing.holder.activateWindow()
+    QTest.qWaitForWindowActive(editing.holder)
+    editing.read("24 trials")
+    editor.fields["name"].setFocus()
+    passed = []
+    while not passed or passed[-1] not in ("Blocks", ""):
+        press(Qt.Key.Key_Tab)
+        passed.append((one := editing.holder.focusWidget()).accessibleName() or one.text())
+        if passed[-1] == "Algorithm of controller 2":
+            press(Qt.Key.Key_Down)
+            settle(editing.holder)
+            assert editing.holder.focusWidget().accessibleName() == passed[-1], "its row was made anew"
+        if passed[-1] == "Another point at the end, 1":
+            for _ in range(2):
+                press(Qt.Key.Key_Space)
+                settle(editing.holder)
+    lists = ("four-brake", "Controller 1", "Algorithm of controller 2", "x of point 1 of path 1", "Blocks")
+    assert [name for name in passed if name in lists] == list(lists), "each in its place"
+    assert editor.content["controller"][1]["kind"] == "proportional" and len(editor.content["path"][0]["points_m"]) == 5
+
+
+def test_rows_of_controllers_and_paths_align(editing: Editing) -> None:
+    editing.editor.open("curves")
+    editing.holder.resize(1256, 620)
+    settle(editing.holder)
+    places = {one: one.mapTo(editing.editor, QPoint()) for one in editing.editor.findChildren(QWidget)}
+    for shown in (Choice, NumberField):
+        seen = [one for one in editing.editor.controllers.findChildren(shown) if "gain" not in one.accessibleName()]
+        assert len(seen) > 1 and len({places[one].x() for one in seen}) == 1, shown
+    signs = [one for one in editing.editor.paths.findChildren(QPushButton) if one.toolTip() != "Remove this path"]
+    first = editing.field("x of point 1 of path 1")
+    assert [places[one].y() for one in signs] == [places[first].y()] * 2, "in the polyline's own line"
 
 
 def test_paths_are_drawn_and_moved_with_the_mouse_on_a_grid_of_5_mm(editing: Editing, monkeypatch, tmp_path) -> None:
@@ -203,11 +242,16 @@ def test_no_file_is_replaced_without_asking(editing: Editing, monkeypatch, tmp_p
 
 
 def test_a_file_that_cannot_be_run_is_opened_with_what_is_wrong(editing: Editing, tmp_path: Path) -> None:
-    for text in ("name = ", 'name = "x"\n[[path]]\nkind = "spiral"\n', ""):
+    none = "devices must hold 1 value, not 0"
+    for text, says in (
+        ("name = ", "Invalid value"), ("", none), ('name = "x"\n[[path]]\nkind = "spiral"\n', none),
+        ("breaks = 5", "breaks must be a table"), ("controller = 3", "controller must be a list"),
+        ('form = {age = 7}\n[[controller]]\nkind = []\n[[path]]\nkind = 5\n', none),
+    ):  # fmt: skip
         editing.open("paper")
         (tmp_path / "mine.toml").write_text(text)
         editing.editor.open(str(tmp_path / "mine.toml"))
-        editing.read("devices must hold 1 value, not 0")
+        editing.read(says)
         assert not editing.editor.save.isEnabled() and editing.editor.plan.toPlainText() == ""
 
 
@@ -223,12 +267,12 @@ def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
 
 
 def test_another_kind_of_controller_has_other_parameters(editing: Editing) -> None:
-    editing.editor.use_kind(editing.editor.content["controller"][0], "proportional")
+    editing.editor.controllers.use_kind(editing.editor.content["controller"][0], "proportional")
     editing.read("gain_N_s_m is required")
     editing.type("gain of controller 1", "300")
     editing.read("60 trials")
-    editing.editor.remove("controller", 1)
-    editing.editor.add_controller()
+    editing.editor.controllers.remove(1)
+    editing.editor.controllers.add_new()
     editing.read("= 60 trials")
     assert [one["number"] for one in editing.editor.content["controller"]] == [1, 2, 3, 4, 5]
 

@@ -8,7 +8,7 @@ from status_messages import status
 
 from app.ipc import messages as m
 from app.session_server.preflight import check_real, check_sensor
-from app.window.home.start import NO_BOARD, Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
+from app.window.home.start import Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
 from app.window.widgets.preflight import advice
 from core.files import InputError
 from experiments.session.overview import SessionOverview
@@ -57,8 +57,8 @@ def test_while_a_session_is_open_that_is_the_only_reason() -> None:
 
 def test_a_dead_session_server_is_replaced_by_the_start_unless_a_board_is_still_to_be_connected() -> None:
     dead = m.Snapshot(m.FAILED, checks=GREEN)
-    assert session_blocker("", dead, False) == "" and session_blocker("", dead._replace(checks=(NO_BOARD,)), False)
-    assert session_blocker("", m.Snapshot(m.PREPARING), False).startswith("Waiting for the session server")
+    assert session_blocker("", "", dead, False) == "" and session_blocker("", "No board.", dead, False) == "No board."
+    assert session_blocker("", "", m.Snapshot(m.PREPARING), False).startswith("Waiting for the session server")
 
 
 def test_the_button_says_what_it_does() -> None:

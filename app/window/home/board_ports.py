@@ -7,7 +7,8 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidg
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import Flow, OneLine, button, clear, column, row, show_wait, wrapped_label
+from app.window.widgets.page import DEVICE, Page
+from app.window.widgets.parts import OneLine, button, clear, column, row, show_wait, wrapped_label
 from app.window.widgets.work import Watch
 from hardware.discovery import BoardFound, scan_ports
 
@@ -18,10 +19,11 @@ class BoardPorts(QWidget):
     """The ports, looked at again and again while they are shown."""
 
     connect_asked = Signal(str)  # to this port
-    device_page_asked = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, page: Page) -> None:
+        """page: the one that they stand on, which leads to the device's."""
         super().__init__()
+        self._page = page
         self.setObjectName("clear")
         self._found: tuple[BoardFound, ...] = ()
         self._mine = ""  # the port that was chosen ..
@@ -33,7 +35,7 @@ class BoardPorts(QWidget):
         self.again = button("Look again", self._look_anew)
         self._rows = column()
         self.connect_typed = button("Connect", self._connect_typed)
-        self.setLayout(column(self._rows, Flow(self.port, self.connect_typed, self.again, gap=8)))
+        self.setLayout(column(self._rows, row((self.port, 1), self.connect_typed, self.again)))
         self._fill()
 
     def show_link(self, port: str, checks: tuple[m.Check, ...] = (), opening: str = "") -> None:
@@ -44,6 +46,8 @@ class BoardPorts(QWidget):
         device = next((check for check in checks if check.name == "Device"), m.Check("Device", m.WAITING, OPENING))
         if (port, device, opening) != (self._mine, self._state, self._opening):
             self._mine, self._state, self._opening = port, device, opening
+            if self.port.text() == port:
+                self.port.clear()
             self._fill()
 
     def _look_anew(self) -> None:
@@ -59,7 +63,7 @@ class BoardPorts(QWidget):
     def _fill(self) -> None:
         clear(self._rows)
         if self._mine:
-            own = button("Device page  F3", self.device_page_asked.emit)
+            own = button("Device page  F3", lambda: self._page.page_asked.emit(DEVICE, None))
             connected = self._state.state not in (m.BAD, m.WAITING)
             words = wrapped_label("connected" if connected else self._state.text, "good" if connected else "caution")
             self._rows.addLayout(row_of(self._mine, words, own))

@@ -5,11 +5,12 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton
 
+from app.ipc import messages as m
 from app.window.widgets import memory, theme
-from app.window.widgets.page import ANALYSE
+from app.window.widgets.page import ANALYSE, RUN, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
@@ -21,7 +22,6 @@ from app.window.widgets.parts import (
     column,
     holder,
     row,
-    rule,
     scrolled,
     show_wait,
     text_label,
@@ -59,13 +59,12 @@ class DataPanel(Panel):
 
     folder_chosen = Signal(Path)
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
-    close_asked = Signal()  # the session that is open
     looked = Signal()  # something in the folder has changed
-    page_asked = Signal(str, object)  # as of a page
-    folder_asked = Signal(object)  # as of a page
 
-    def __init__(self) -> None:
+    def __init__(self, page: Page) -> None:
+        """page: the one that it stands on, which brings other pages to the front."""
         super().__init__()
+        self._page = page
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder = Path()  # until the session server says which
@@ -73,17 +72,17 @@ class DataPanel(Panel):
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
-        self.choose = QPushButton("Choose folder …", autoDefault=True)
+        self.choose = QPushButton("Choose folder …", objectName="small", autoDefault=True)
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
-        self.whole = button("Results of all", lambda: self.page_asked.emit(ANALYSE, self._folder))
+        self.whole = button("Results of all", lambda: self._page.page_asked.emit(ANALYSE, self._folder))
         self.export_as = QPushButton("Export …", autoDefault=True)
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
             self._entry(forms, f"{name}, into a new folder", partial(self._ask_export, form))
         self.exporting, self.bar = wrapped_label("", "quiet"), QProgressBar(textVisible=False, maximum=1000)
         self.cancel = button("Cancel", self.export_task.stop, "small")
-        self.show_export = button("Show", lambda: self.folder_asked.emit(self._out), "small")
+        self.show_export = button("Show", lambda: self._page.folder_asked.emit(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
         self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
         self._lay_out()
@@ -93,7 +92,7 @@ class DataPanel(Panel):
         self.area.setFocusPolicy(NO_FOCUS)
         self.setLayout(column(
             row(text_label("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
-            row(self.whole, self.export_as, 1), rule(), (self.area, 1), self.exporting,
+            row(self.whole, self.export_as, 1), (self.area, 1), self.exporting,
             row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
         ))  # fmt: skip
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
@@ -104,7 +103,7 @@ class DataPanel(Panel):
         if folder != self._folder:
             self._folder, self.overview = folder, None
             self.recent.add(str(folder))
-            self.where.setText(from_home(folder))
+            self.where.setText(f"In {from_home(folder)}")
             self._looking.forget()
             self._looking.look()
 
@@ -134,30 +133,33 @@ class DataPanel(Panel):
         sessions = overview.sessions
         if overview.problem:
             self.count.setText(breakable(overview.problem))
-        elif not sessions:
-            self.count.setText("No sessions yet. The first one will appear here.")
         else:
             kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
             trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
-            self.count.setText(" · ".join(filter(None, (kind, counted(len(sessions), "session"), trials))))
+            parts = (kind, counted(len(sessions), "session"), trials) if sessions else ()
+            self.count.setText(" · ".join(filter(None, parts)))
         self.whole.setVisible(overview.done > 0)
         self.export_as.setVisible(overview.done > 0)
         self.export_as.setEnabled(not self.export_task.busy)
         for session in sessions:
+            self._rows.addWidget(Panel("line"))
             self._rows.addLayout(self._row(session))
-            self._rows.addWidget(rule())
         self._rows.addStretch(1)
+        if not sessions and not overview.problem:
+            for text, look in (("No sessions yet.", ""), ("The first one will appear here.", "quiet")):
+                self._rows.addWidget(text_label(text, look), 0, Qt.AlignmentFlag.AlignHCenter)
+            self._rows.addStretch(1)
 
     def _row(self, session: SessionOverview) -> QLayout:
         """A session: who and when, how far, what to do with it."""
         is_open = session.participant == self._open
         if is_open:
-            main = button("Close", self.close_asked.emit, hint=LEAVE)
+            main = button("Close", lambda: self._page.page_asked.emit(RUN, m.Leave()), hint=LEAVE)  # Run asks first
             main.setEnabled(self._can_leave)
         elif session.declined:
-            main = button("Folder", lambda: self.folder_asked.emit(session.folder))
+            main = button("Folder", lambda: self._page.folder_asked.emit(session.folder))
         elif session.complete:
-            main = button("Results", lambda: self.page_asked.emit(ANALYSE, session.folder))
+            main = button("Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder))
         else:
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
             main.setEnabled(not self._why and not session.problem and not self._opening)
@@ -177,7 +179,7 @@ class DataPanel(Panel):
             bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
         lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
-        if session.lacking:
+        if session.lacking and not session.declined:
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)
             lines.addWidget(lacking)
@@ -189,9 +191,9 @@ class DataPanel(Panel):
         more.setMenu(menu := QMenu(more))
         can_open = not (is_open or self._why or session.problem or session.declined or self._opening)
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
-        self._entry(menu, "Results", lambda: self.page_asked.emit(ANALYSE, session.folder), session.done > 0)
+        self._entry(menu, "Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)
-        self._entry(menu, "Show the folder", lambda: self.folder_asked.emit(session.folder))
+        self._entry(menu, "Show the folder", lambda: self._page.folder_asked.emit(session.folder))
         return more
 
     @staticmethod
@@ -200,7 +202,7 @@ class DataPanel(Panel):
 
     def _replay(self, session: SessionOverview) -> None:
         recordings = recordings_in(session.folder)
-        self.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
+        self._page.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
 
     # the folder
 

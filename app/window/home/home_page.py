@@ -4,7 +4,6 @@ A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks 
 session starts, a board is connected or a data folder is chosen.
 """
 
-import itertools
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,37 +14,36 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
-from app.window.canvas.layers import SPACING_M
-from app.window.canvas.path_marks import Sizes
-from app.window.canvas.small_view import SmallView
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
-    NO_BOARD,
-    STARTING,
     Loaded,
     Wanted,
     load,
-    opening_board,
+    planned_trials,
     session_blocker,
     standing_of,
     start_blockers,
     start_text,
+    summary_of,
 )
+from app.window.home.try_panel import TryPanel
 from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
-from app.window.widgets.page import DEVICE, RUN, TRY, Page
+from app.window.widgets.page import RUN, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
+    PANEL_MARGINS,
     Choice,
     Part,
     Segments,
     breakable,
     button,
+    chain_tabs,
     column,
     grid,
     holder,
@@ -55,6 +53,7 @@ from app.window.widgets.parts import (
     scrolled,
     show_wait,
     stack,
+    tab_stops,
     text_label,
     wrapped_label,
 )
@@ -62,42 +61,40 @@ from app.window.widgets.preflight import Checklist
 from app.window.widgets.work import BackgroundTask
 from core.device import shipped_devices
 from core.files import InputError
-from core.path import outline
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
-from experiments.plan import print_plan
-from experiments.protocol import Protocol, shipped_protocols
+from experiments.protocol import shipped_protocols
 
 LINE_PX = 32  # high, a line of the form at most
+PLAN_PX = 84  # high, the plan at least
+BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
+SESSION_PX = 660  # wide at most: choices are no easier to read when they are wider
+CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
-PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
 class HomePage(Page):
-    """Three columns; in their place the plan of a protocol, its editor, or what a participant is asked first."""
+    """Three columns; in their place the editor of a protocol, or what a participant is asked first."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.setup = self.chosen = m.Setup(Path())  # of the session server, and for the next one
         self.loaded: Loaded | InputError | None = None  # the chosen protocol; None: being read
-        self._typed = False  # the participant was typed, and is not proposed anew
         self._opening = ""  # whose session, or the port of which board, was asked for and is not there yet
-        self._agreed: tuple[str, str] | None = None  # who agreed to take part, and when (ISO, UTC)
-        self._asked = ""  # who reads what they agree to, on their own screen
-        self._named = ""  # who comes next, as the command line says; "": as `proposed`
+        self._agreed: dict[str, str] = {}  # who agreed to take part -> when (ISO, UTC)
+        self._named = ""  # who comes next, as typed or as the command line says; "": as `proposed`
         self._loading, self._planning = BackgroundTask(self._show_loaded), BackgroundTask(self._show_plan)
         self._recent = Recent("protocols")
-        self.data = DataPanel()
+        self.data = DataPanel(self)
         self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
-        self.data.folder_chosen.connect(self._take_folder)
+        self.data.folder_chosen.connect(
+            lambda folder: self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
+        )
         self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
         self.consent.answered.connect(self.answer_consent)
-        self.data.close_asked.connect(lambda: self.page_asked.emit(RUN, m.Leave()))  # which asks first
-        self.data.page_asked.connect(self.page_asked)
-        self.data.folder_asked.connect(self.folder_asked)
         self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
         self.editor.closed.connect(self._show_columns)
@@ -110,12 +107,11 @@ class HomePage(Page):
         self.hand.fill(HANDS, MOUSE)
         self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
         self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
-        self.show_plan, self.edit = button("Plan", self._ask_plan), button("Edit", self._edit)
-        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD})
+        self.edit = button("Edit", self._edit)
+        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD}, "Device")
         self.link.changed.connect(self._link_chosen)
-        self.ports = BoardPorts()
+        self.ports = BoardPorts(self)
         self.ports.connect_asked.connect(self._connect)
-        self.ports.device_page_asked.connect(lambda: self.page_asked.emit(DEVICE, None))
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
@@ -124,52 +120,60 @@ class HomePage(Page):
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
         self.blind = Tick("Hide controller names")
-        self._picture = SmallView(PICTURE)  # of the protocol's first device
+        self.blind.changed.connect(lambda _: self._ask_plan())
+        self.plan = printed("No plan")
+        self.plan.setMinimumHeight(PLAN_PX)
+        self.plan.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)  # what the form leaves
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.form.entered.connect(self._start)
         self.checks = Checklist()
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
-        self.plan_text = printed()
 
     def _lay_out(self) -> None:
-        self.try_it = button("Try it", lambda: self.page_asked.emit(TRY, None), "main")
-        about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
-        try_it = panel("Try it", about, (holder(column(self._picture)), 1), self.try_it)
-        choices = grid(12, 9, stretched=1, margins=(0, 0, 6, 0))
+        self.tried = TryPanel(self)
+        choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
-            ("Protocol", self.protocol, (self.show_plan, self.edit)), ("", self.summary, ()),
+            ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),
             ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
-            ("Hand", self.hand, (self.hand_words,)), ("Participant", self.participant, (self.standing, 1)),
-            ("", self.form, ()), ("Blind", self.blind, ()), ("Ready?", self.checks, ()),
+            ("Hand", self.hand, ((self.hand_words, 1),)), ("Participant", self.participant, (self.standing, 1)),
+            ("", self.form, ()), ("Blind", self.blind, ()), ("Plan", self.plan, ()),
         )  # fmt: skip
         for place, (name, first, others) in enumerate(lines):
             if name:
                 label = text_label(name, "quiet")
+                label.setBuddy(first)
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 choices.addWidget(label, place, 0, Qt.AlignmentFlag.AlignTop)
             choices.addLayout(row(first, *others), place, 1)
-        choices.setRowStretch(choices.rowCount(), 1)
+        choices.setRowStretch(choices.rowCount() - 1, 1)
         self.area = scrolled(holder(choices))
         self.area.setFocusPolicy(NO_FOCUS)
-        session = panel("Run a session", (self.area, 1), self.why, self.start)
-        for large, height, size in ((self.start, 54, theme.TITLE), (self.try_it, 72, theme.HEAD)):
-            large.setFont(theme.font(size, bold=True))
-            large.setMinimumHeight(height)
 
-        self.plan = panel("Plan", (self.plan_text, 1), row(1, button("Back  Esc", self._show_columns)))
-        for part in (try_it, session, self.data):
+        def leave_room(_: int, low: int) -> None:
+            """The form is as wide with a scroll bar as without one."""
+            choices.setContentsMargins(0, 0, BESIDE_PX - (BAR_PX if low else 0), 0)
+
+        self.area.verticalScrollBar().rangeChanged.connect(leave_room)
+        leave_room(0, 0)
+        foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BESIDE_PX, 0))
+        left, top, right, low = PANEL_MARGINS
+        self.session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
+        self.start.setFont(theme.font(theme.TITLE, bold=True))
+        self.start.setMinimumHeight(54)
+        for part in (self.tried, self.session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._shares = row(try_it, session, self.data, spacing=theme.GAP)
+        self._shares = row(self.tried, self.session, self.data, spacing=theme.GAP)
         self.columns = holder(self._shares)
-        self.asking = holder(column((self.consent, 1), row(button("Back  Esc", self._show_columns), 1)))
-        self.stack = stack(self.columns, self.plan, self.editor, self.asking)
+        self.asking = holder(column((self.consent, 1), row(1, button("Back  Esc", self._show_columns), 1)))
+        self.stack = stack(self.columns, self.editor, self.asking)
         self.setLayout(column(self.stack))
         self.follow_text()
 
     def follow_text(self) -> None:
         """The form is the first to need more room for a larger text."""
-        for place, share in enumerate((5, 15, 10) if theme.text_px(100) > 115 else (7, 12, 9)):
+        self.session.setMaximumWidth(theme.text_px(SESSION_PX))
+        for place, share in enumerate((5, 15, 10) if theme.text_px(100) > 115 else (8, 12, 9)):
             self._shares.setStretch(place, share)
 
     # --------------------------------------------------------------------------------------- what the window hands on
@@ -178,7 +182,7 @@ class HomePage(Page):
         self.setup, self.opened, self.snapshot = setup, None, m.Snapshot(m.PREPARING)
         self.data.show_folder(setup.data_dir)
         if setup != self.chosen:
-            self._typed, self._named = False, setup.participant
+            self._named = setup.participant
             self.link.show_value(BOARD if setup.link else SIMULATED)
             self._take(setup)
         if self._opening == setup.link:
@@ -192,7 +196,7 @@ class HomePage(Page):
             self._opening = ""
             self.participant.setText(opened.participant)
         if ended:  # another participant comes next
-            self._typed, self._named = False, ""
+            self._named = ""
             self._load()
         self.show_snapshot(self.snapshot)
 
@@ -203,12 +207,14 @@ class HomePage(Page):
         if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
             self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
             self._choose()
-        if self._asked and not self.participant_answers:
-            self._ask_consent(self._asked)  # their screen is gone
+        if self._consent_asked and not self.participant_answers:
+            self._ask_consent()  # their screen is gone
         self._refresh()
 
     def begin(self, what: object = None) -> None:
         self._show_columns()
+        self.participant.setFocus()  # Enter starts
+        self.participant.selectAll()
 
     def cancel(self) -> bool:
         asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
@@ -226,7 +232,6 @@ class HomePage(Page):
         super().closeEvent(event)
 
     def _show_columns(self) -> None:
-        self._asked = ""
         self.cards.leave()
         self.consent_asked.emit(None)
         self.stack.setCurrentWidget(self.columns)
@@ -270,12 +275,14 @@ class HomePage(Page):
     def _looked(self) -> None:
         """Something in the data folder has changed: perhaps the participant who was proposed has declined."""
         found = self.data.session_of(self.participant.text())
-        if found is not None and found.declined and not self._typed:
+        if found is not None and found.declined and not self._named:
             self._load()
+        self._ask_plan()
         self._refresh()
 
     def _participant_typed(self) -> None:
-        self._typed = True
+        self._named = self.participant.text()
+        self._ask_plan()
         self._refresh()
 
     def _load(self) -> None:
@@ -285,25 +292,28 @@ class HomePage(Page):
 
     def _show_loaded(self, loaded: Loaded | InputError) -> None:
         self.loaded = loaded
-        self.show_plan.setEnabled(isinstance(loaded, Loaded))
+        self.plan.clear()
         if isinstance(loaded, Loaded):
-            if not self._typed and loaded.participant != self.participant.text():
-                self.participant.setText(loaded.participant)
+            participant = self._named or loaded.participant
+            if participant != self.participant.text():
+                self.participant.setText(participant)
                 self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             self.form.show_form(loaded.protocol.form)
-            stops = (self.participant, *self.form.stops(), self.blind, self.start)
-            for before, after in itertools.pairwise(stops):
-                self.setTabOrder(before, after)
-            self._show_device(loaded.protocol)
+            chain_tabs(self.participant, *tab_stops(self.form), self.blind, self.plan, self.start)
+            self.tried.show_protocol(loaded.protocol)
+            self._ask_plan()
         self._refresh()
 
-    def _show_device(self, protocol: Protocol) -> None:
-        """The device with its handle between start and end: what Try is about."""
-        device, path = protocol.devices[0], next(iter(protocol.paths.values()))
-        way = outline(path, SPACING_M).tolist()
-        self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
-        self._picture.show()
+    def _ask_plan(self) -> None:
+        if isinstance(self.loaded, Loaded):
+            label = self.participant.text()
+            found = self.data.session_of(label)
+            self._planning.ask(planned_trials, self.loaded.protocol, label, self.blind.isChecked(), found)
+
+    def _show_plan(self, trials: str | InputError) -> None:
+        """The trials of the participant; none where their name or their session is refused, as is said elsewhere."""
+        self.plan.setPlainText("" if isinstance(trials, InputError) else trials)
 
     # --------------------------------------------------------------------------------------- the board
 
@@ -324,9 +334,6 @@ class HomePage(Page):
             self.setup_asked.emit(self.chosen._replace(link=port, hand=MOUSE), None)
             self._refresh()
 
-    def _take_folder(self, folder: Path) -> None:
-        self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
-
     # --------------------------------------------------------------------------------------- start
 
     @property
@@ -334,19 +341,17 @@ class HomePage(Page):
         return self.opened.participant if self.opened is not None else ""
 
     @property
-    def _no_board(self) -> bool:
-        """Whether a board was chosen, and none is connected yet."""
-        return self.on_board and not self.chosen.link
+    def _no_board(self) -> str:
+        """That a board was chosen and none is connected yet; "": nothing of the kind."""
+        if not self.on_board or self.chosen.link:
+            return ""
+        return f"Opening {self._opening} …" if self._opening else "No board is connected. Connect to one first."
 
     @property
     def _checks(self) -> tuple[m.Check, ...]:
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
-        checks = self.snapshot.checks or ((STARTING,) if self.snapshot.stage == m.PREPARING else ())
-        if self._same_setup and not self._no_board:
-            return checks
-        others = tuple(check for check in checks if check.name not in ("Device", "Hand"))
-        none = opening_board(self._opening) if self._opening else NO_BOARD
-        return (none, *others) if self._no_board else others
+        other = not self._same_setup or self._no_board
+        return tuple(c for c in self.snapshot.checks if not (other and c.name in ("Device", "Hand")))
 
     @property
     def _asks_a_person(self) -> bool:
@@ -362,46 +367,37 @@ class HomePage(Page):
         """The session that the button would start."""
         label, overview = self.participant.text(), self.data.overview
         asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
-        agreed = asks and self._agreed is not None and self._agreed[0] == label
+        agreed = asks and label in self._agreed
         consent_due = asks and not agreed
         problems = self.form.problems() if self._asks_a_person and not consent_due else []
         operators = overview.operators if overview is not None else 0
-        return Wanted(label, self.data.session_of(label), self.loaded, operators, problems, consent_due, agreed)
+        found = self.data.session_of(label)
+        return Wanted(label, found, self.loaded, operators, problems, consent_due, agreed, self._no_board)
 
     def _refresh(self) -> None:
         """Show whether a session can start, and what the button then does."""
         wanted, is_open, real_device = self._wanted(), self._session_open, bool(self.setup.link)
         snapshot = self.snapshot._replace(checks=self._checks)
         blockers = start_blockers(wanted, is_open, snapshot, real_device)
-        self._show_summary(wanted)
-        self._show_start(wanted, blockers)
+        reasons = start_blockers(wanted, is_open, snapshot._replace(checks=()), real_device)  # the list has the others
+        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
+        if text := summary_of(wanted):  # else it stays while the next one is read
+            self.summary.setText(breakable(text))
+        self._show_start(wanted, reasons, not blockers)
         self._show_choices(wanted)
-        self.checks.show_checks(snapshot.checks)
-        why_not = session_blocker(is_open, snapshot, real_device)
+        self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
+        why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
         self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
 
-    def _show_summary(self, wanted: Wanted) -> None:
-        """What the chosen protocol is, or that a session goes on by another one, its own."""
-        own = wanted.found.protocol if wanted.found is not None else ""
-        if self.opened is not None and self._session_open:
-            own = self.opened.protocol.name
-        theme.set_style(self.summary, "bad" if isinstance(self.loaded, InputError) else "")
-        if isinstance(self.loaded, InputError):
-            self.summary.setText(breakable(str(self.loaded)))
-        elif self.loaded is not None:
-            other = own not in ("", self.loaded.protocol.name)
-            goes_on = f"Participant {wanted.participant} goes on by their own protocol, {own}."
-            self.summary.setText(goes_on if other else self.loaded.summary.replace(" min", "\u00a0min"))
-
-    def _show_start(self, wanted: Wanted, blockers: list[str]) -> None:
+    def _show_start(self, wanted: Wanted, reasons: list[str], can_start: bool) -> None:
         self.standing.setText(standing_of(wanted))
         self.start.setText(start_text(wanted, self._session_open))
-        self.start.setEnabled(bool(self._session_open) or not blockers)
+        self.start.setEnabled(bool(self._session_open) or can_start)
         if self._opening and self._opening == wanted.participant:
             show_wait(self.start, f"Opening the session of {wanted.participant} …")
         failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
-        sentences = [self.snapshot.notice, *blockers] if failed and self.snapshot.notice else blockers
+        sentences = [self.snapshot.notice, *reasons] if failed and self.snapshot.notice else reasons
         self.why.setText(breakable("\n".join(sentences)))
         self.why.setVisible(bool(sentences))
 
@@ -425,14 +421,14 @@ class HomePage(Page):
             if wanted.found is not None:
                 self._ask(m.Open(wanted.participant, resume=True))
             elif wanted.consent_due:
-                self._ask_consent(wanted.participant)
+                self._ask_consent()
             else:
-                consent = (True, self._agreed[1]) if self._agreed and wanted.agreed else None
+                consent = (True, self._agreed[wanted.participant]) if wanted.agreed else None
                 self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""
-        self._agreed = None
+        self._agreed.clear()
         self._opening = command.participant
         if self._same_setup:
             self.send(command)
@@ -442,14 +438,19 @@ class HomePage(Page):
 
     # --------------------------------------------------------------------------------------- consent
 
-    def _ask_consent(self, participant: str) -> None:
+    @property
+    def _consent_asked(self) -> bool:
+        """Whether the participant reads what they agree to, on their own screen."""
+        return self.cards.question is not None and self.cards.question.kind == CONSENT
+
+    def _ask_consent(self) -> None:
         """Let the participant read what they agree to: on their own screen where there is one, else here."""
         assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
         if self.participant_answers:
-            self._asked = participant
             self.consent_asked.emit(self.loaded.protocol.consent)
             text = "The participant reads it and answers on the other screen."
-            self.cards.put(OverlayCard(f"Consent of {participant}", text, [("Cancel  Esc", self._show_columns)], self))
+            title, cancel = f"Consent of {self.participant.text()}", ("Cancel  Esc", self._show_columns)
+            self.cards.put(OverlayCard(title, text, [cancel], self), CONSENT)
         else:
             self._show_columns()
             self.consent.show_consent(self.loaded.protocol.consent)
@@ -459,23 +460,18 @@ class HomePage(Page):
         """The participant takes part, then the form comes; or does not, and that alone is recorded."""
         participant, now = self.participant.text(), datetime.now(UTC).isoformat(timespec="milliseconds")
         self._show_columns()
+        self.participant.setFocus()
         if agrees:
-            self._agreed = participant, now
+            self._agreed[participant] = now
             self._refresh()
+            for first in tab_stops(self.form)[:1]:
+                first.setFocus()
         else:
-            self._typed = False  # another participant comes next
+            self._named = ""  # another participant comes next
             self._ask(m.Open(participant, consent=(False, now)))
             self._opening = ""
 
-    # --------------------------------------------------------------------------------------- plan and editor
-
-    def _ask_plan(self) -> None:
-        if isinstance(loaded := self.loaded, Loaded):
-            self._planning.ask(print_plan, loaded.protocol, self.participant.text() or "01")
-
-    def _show_plan(self, text: str | InputError) -> None:
-        self.plan_text.setPlainText(str(text))
-        self.stack.setCurrentWidget(self.plan)
+    # --------------------------------------------------------------------------------------- the editor
 
     def _edit(self) -> None:
         """The chosen protocol; what was changed in another one and is not saved is not lost without a question."""
@@ -493,3 +489,4 @@ class HomePage(Page):
     def _show_editor(self) -> None:
         self.cards.leave()
         self.stack.setCurrentWidget(self.editor)
+        self.editor.fields["name"].setFocus()

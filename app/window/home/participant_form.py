@@ -1,10 +1,10 @@
 """What a protocol asks of each participant, as fields to be filled in before a session."""
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.window.widgets.fields import Field, is_number, make_field
-from app.window.widgets.parts import clear, grid, text_label
+from app.window.widgets.fields import Field, NumberField, TextField, is_number
+from app.window.widgets.parts import Segments, clear, grid, text_label
 from experiments.protocol_file import NUMBER
 
 
@@ -30,18 +30,18 @@ class ParticipantForm(QWidget):
         clear(self._grid)
         self._asked, self.fields = asked, {}
         for place, (name, kind) in enumerate(asked.items()):
-            choices = None if isinstance(kind, str) else {choice: choice for choice in kind}
-            field = self.fields[name] = make_field(name, float if kind == NUMBER else str, choices)
+            field: Field
+            if isinstance(kind, str):
+                field = NumberField(name) if kind == NUMBER else TextField(name)
+            else:
+                field = Segments({choice: choice for choice in kind}, name)
+            self.fields[name] = field
             field.changed.connect(lambda _: self.changed.emit())
             if isinstance(field, QLineEdit):
                 field.returnPressed.connect(self.entered)
             self._grid.addWidget(text_label(name.replace("_", " ").capitalize(), "quiet"), place, 0)
             self._grid.addWidget(field, place, 1)
         self.setVisible(bool(asked))
-
-    def stops(self) -> list[QWidget]:
-        """Where Tab stops, in this order."""
-        return [part for part in self.findChildren(QWidget) if part.focusPolicy() & Qt.FocusPolicy.TabFocus]
 
     def answers(self) -> dict[str, str | float]:
         """What was filled in and fits; the rest is left out."""

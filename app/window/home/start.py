@@ -7,20 +7,10 @@ from typing import NamedTuple
 from app.ipc import messages as m
 from app.window.widgets.words import LEAVE
 from core.files import InputError
-from experiments.plan import counted, make_plan, plan_summary
-from experiments.protocol import Protocol, load_protocol
-from experiments.session.files import free_participant
+from experiments.plan import counted, make_plan, plan_summary, print_trials
+from experiments.protocol import Protocol, load_protocol, protocol_to_json
+from experiments.session.files import free_participant, read_stored
 from experiments.session.overview import SessionOverview, scan_folder
-
-NO_BOARD = m.Check("Device", m.WAITING, "no board is connected", "Connect to one first.")
-
-#: What a session waits for before the session server has looked at anything.
-STARTING = m.Check("Start", m.WAITING, "the session server is starting …")
-
-
-def opening_board(port: str) -> m.Check:
-    """The check of a board whose port was chosen, while the session server before ends."""
-    return m.Check("Device", m.WAITING, f"opening {port} …")
 
 
 class Loaded(NamedTuple):
@@ -43,14 +33,27 @@ def load(setup: m.Setup) -> Loaded:
 
 
 def proposed(data_dir: Path, protocol: Protocol) -> str:
-    """The participant of the newest session if trials of it are left, else the first without one; "": none is left."""
+    """The participant of the newest session if it is by this protocol and trials of it are left, else the first
+    without a session; "": none is left.
+    """
     overview = scan_folder(data_dir)
-    for newest in overview.sessions[:1]:
-        if not (newest.complete or newest.problem or overview.operators):
-            return newest.participant
     with contextlib.suppress(InputError):
+        for newest in overview.sessions[:1]:
+            if not (newest.complete or newest.problem or overview.operators):
+                if protocol_to_json(read_stored(newest.folder).protocol) == protocol_to_json(protocol):
+                    return newest.participant
         return free_participant(data_dir, protocol.participants)
     return ""
+
+
+def planned_trials(protocol: Protocol, participant: str, blind: bool, found: SessionOverview | None) -> str:
+    """The plan of a participant's session, by its own protocol where it is there; in codes if it is blind."""
+    if found is not None:
+        if found.declined:
+            return ""
+        stored = read_stored(found.folder)
+        protocol, blind = stored.protocol, stored.about["blind"]
+    return print_trials(protocol, participant, blind)
 
 
 class Wanted(NamedTuple):
@@ -63,6 +66,7 @@ class Wanted(NamedTuple):
     form_problems: list[str]  # what is still to be done in the form, a sentence each
     consent_due: bool = False  # the participant is asked first whether they take part ..
     agreed: bool = False  # .. and has said so
+    no_board: str = ""  # why the board that was chosen is not there, a sentence; "": it is, or none was chosen
 
 
 def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_device: bool) -> list[str]:
@@ -83,7 +87,7 @@ def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_devi
         found = ["Name the participant, with letters a to z and digits." if label else "Name the participant."]
     else:
         found = new_session_blockers(wanted)
-    return list(filter(None, [*found, session_blocker(is_open, snapshot, real_device)]))
+    return list(filter(None, [*found, session_blocker(is_open, wanted.no_board, snapshot, real_device)]))
 
 
 def new_session_blockers(wanted: Wanted) -> list[str]:
@@ -99,15 +103,25 @@ def new_session_blockers(wanted: Wanted) -> list[str]:
     return wanted.form_problems
 
 
-def session_blocker(is_open: str, snapshot: m.Snapshot, real_device: bool) -> str:
-    """Why no session at all can be opened; "": nothing stands in the way."""
+def session_blocker(is_open: str, no_board: str, snapshot: m.Snapshot, real_device: bool) -> str:
+    """Why no session at all can be opened; "": nothing stands in the way. no_board: as in `Wanted`."""
     if is_open:
         return f"The session of {is_open} is open: close it to open or choose another. {LEAVE}"
     if snapshot.stage == m.PREPARING:
         return "Waiting for the session server and its control loop to start …"
-    if snapshot.stage == m.FAILED and NO_BOARD not in snapshot.checks:
-        return ""  # the start begins with another session server
+    if no_board or snapshot.stage == m.FAILED:  # else the start begins with another session server
+        return no_board
     return snapshot.session_blocker(real_device)
+
+
+def summary_of(wanted: Wanted) -> str:
+    """What the chosen protocol is, or that a session goes on by another one, its own; "": it is being read."""
+    loaded, found = wanted.loaded, wanted.found
+    if not isinstance(loaded, Loaded):
+        return str(loaded or "")
+    if found is not None and found.protocol not in ("", loaded.protocol.name):
+        return f"Participant {wanted.participant} goes on by their own protocol, {found.protocol}."
+    return loaded.summary.replace(" min", "\u00a0min")
 
 
 def standing_of(wanted: Wanted) -> str:

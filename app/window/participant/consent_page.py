@@ -5,10 +5,11 @@ from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from app.window.widgets import theme
-from app.window.widgets.parts import button, column, holder, row, scrolled, wrapped_label
+from app.window.widgets.parts import Panel, button, column, row, scrolled, wrapped_label
 from experiments.protocol_file import Consent
 
-WIDE_PX = 900  # at most
+WIDE_PX = 980  # at most
+AROUND_PX = 240  # high, what is above and below the text
 
 
 class ConsentPage(QWidget):
@@ -19,18 +20,17 @@ class ConsentPage(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.text = wrapped_label("", size=theme.HEAD)
-        self.decline, self.agree = (
-            button("", lambda: self.answered.emit(False)),
-            button("", lambda: self.answered.emit(True)),
-        )
+        self.decline = button("", lambda: self.answered.emit(False))
+        self.agree = button("", lambda: self.answered.emit(True))
         for answer in (self.decline, self.agree):
             answer.setFont(theme.font(theme.TITLE, bold=True))
             answer.setMinimumHeight(48)
         self.area = scrolled(self.text)
         answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
-        middle = holder(column(1, (self.area, 1000), answers, 1, spacing=24))
-        middle.setMaximumWidth(WIDE_PX)
-        self.setLayout(row(1, (middle, 100), 1, margins=(40, 32, 40, 32)))
+        sheet = Panel()
+        sheet.setLayout(column(self.area, answers, spacing=32, margins=(40, 32, 40, 32)))
+        sheet.setMaximumWidth(WIDE_PX)
+        self.setLayout(row(1, (column(1, sheet, 1), 100), 1, margins=(40, 32, 40, 32)))
 
     def show_consent(self, consent: Consent) -> None:
         self.text.setText(consent.text.strip())
@@ -43,8 +43,9 @@ class ConsentPage(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """The answers stand right under the text where it has room."""
-        self.area.setMaximumHeight(max(self.text.heightForWidth(self.area.viewport().width()), 1))
+        """The answers stand right under the text; one that is too long for the page is scrolled."""
+        needed = self.text.heightForWidth(self.area.viewport().width())
+        self.area.setFixedHeight(max(min(needed, self.height() - AROUND_PX), 1))
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -11,8 +11,20 @@ from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWi
 from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
-from app.window.widgets.fields import Field, make_field
-from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Part, button, panel, row, text_label, wrapped_label
+from app.window.widgets.fields import Field
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    PART,
+    OneLine,
+    Part,
+    Segments,
+    button,
+    panel,
+    row,
+    text_label,
+    wrapped_label,
+)
+from app.window.widgets.words import GAIN, feel
 from core.control.controllers import Preset
 from core.control.rule_sets import RULE_SETS
 from experiments.assumptions import SENSINGS
@@ -20,26 +32,11 @@ from experiments.plan import grouped
 from experiments.protocol import Protocol
 
 RIGHT_PX, NAME_PX = 390, 112
-GAIN = "gain_N_s_m"
 SENSING = (
     "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
     "velocity as the slope over the last 15 ms, all of it 1 ms late."
 )
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
-
-
-def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
-    """What a controller feels like among those of its protocol."""
-    gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
-    gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
-    if preset.kind == "none":
-        return "Free"
-    if preset.kind == "sdof":
-        return f"Rails with {gap:g} mm slack" if gap else "On rails"
-    if preset.kind == "proportional":
-        name = "Strong guide" if gain >= max(gains) else "Weak guide" if gain <= min(gains) else "Guide"
-        return f"{name} with {gap:g} mm slack" if gap else name
-    return preset.name
 
 
 def preset_of(s: m.SandboxSettings, controllers: Mapping[int, Preset]) -> Preset:
@@ -107,7 +104,7 @@ class Controls(QScrollArea):
             "sensing": {name: name.capitalize() for name in SENSINGS},
         }
         for field, among in choices.items():
-            name, segments = text_label(field.capitalize()), make_field(field.capitalize(), str, among)
+            name, segments = text_label(field.capitalize()), Segments(among, field.capitalize())
             segments.changed.connect(partial(self._turn, field))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             parts.append(row(name, segments))

@@ -7,11 +7,12 @@ from PySide6.QtGui import QPainter, QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem, QTableWidget, QTableWidgetItem
 
 from app.ipc import messages as m
-from app.window.sandbox.controls import brakes_of, feel, preset_of
+from app.window.sandbox.controls import brakes_of, preset_of
 from app.window.sandbox.dials import dials_of
 from app.window.widgets import theme
 from app.window.widgets.parts import NO_FOCUS
 from app.window.widgets.theme import COLOURS, font, shade
+from app.window.widgets.words import feel
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 

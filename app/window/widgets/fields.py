@@ -1,17 +1,18 @@
 """Fields: what can be typed, ticked or chosen. Each has `value`, `show_value`, and `changed` for what its user does."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QStyle, QStyleOptionButton
 
+from app.window.widgets import theme
 from app.window.widgets.parts import Segments
 from app.window.widgets.theme import COLOURS, pen
 
 LONGEST = 200  # letters of a text
+LONG_PX = 90  # high, a text of several lines at a text size of 1
 
 
 class TextField(QLineEdit):
@@ -19,8 +20,9 @@ class TextField(QLineEdit):
 
     changed = Signal(object)
 
-    def __init__(self, label: str) -> None:
-        super().__init__(accessibleName=label, maxLength=LONGEST)
+    def __init__(self, label: str, hint: str = "", most: int = LONGEST) -> None:
+        """hint: what can stand here; most: letters."""
+        super().__init__(accessibleName=label, maxLength=most, placeholderText=hint, toolTip=hint)
         self.textEdited.connect(lambda _: self.changed.emit(self.value()))
 
     def value(self) -> Any:
@@ -37,14 +39,18 @@ class NumberField(TextField):
     def value(self) -> Any:
         return number_of(self.text())
 
+    def show_value(self, value: Any) -> None:
+        super().show_value(f"{value:.10g}" if isinstance(value, float) else value)
+
 
 class LongText(QPlainTextEdit):
     """A text of several lines."""
 
     changed = Signal(object)
 
-    def __init__(self, label: str) -> None:
-        super().__init__(accessibleName=label, tabChangesFocus=True)
+    def __init__(self, label: str, hint: str = "") -> None:
+        super().__init__(accessibleName=label, placeholderText=hint, tabChangesFocus=True)
+        self.setFixedHeight(theme.text_px(LONG_PX))
         self.textChanged.connect(lambda: self.changed.emit(self.value()))
 
     def value(self) -> str | None:
@@ -85,17 +91,6 @@ class Tick(QCheckBox):
 
 
 Field = TextField | LongText | Tick | Segments
-
-
-def make_field(label: str, kind: type, choices: Mapping[Any, str] | None = None) -> Field:
-    """The field for a value of this kind (bool, str or a number), or for one of the choices: value -> text."""
-    if choices:
-        segments = Segments(choices)
-        segments.setAccessibleName(label)
-        return segments
-    if kind is bool:
-        return Tick(label)
-    return TextField(label) if kind is str else NumberField(label)
 
 
 def number_of(text: str) -> Any:

@@ -41,6 +41,8 @@ WINDOW = {
     "larger": Key(("Ctrl++", "Ctrl+="), "larger text"),
     "smaller": Key(("Ctrl+-",), "smaller text"),
     "keys": Key(("F1", "?"), "show the keys"),
+    "help": Key(("Shift+F1",), "the help menu"),
+    "settings": Key(("Ctrl+,",), "settings"),
 }
 KEYS = SESSION | WINDOW
 

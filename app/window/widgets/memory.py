@@ -5,13 +5,8 @@ from PySide6.QtCore import QCoreApplication, QSettings
 from app import DATA
 
 #: keys, and what holds before the user has chosen
-DARK_OR_LIGHT, TEXT_SIZE, SCREEN, SOUND, DATA_FOLDER = (
-    "theme",
-    "text_size",
-    "participant_screen",
-    "sound",
-    "data_folder",
-)
+DARK_OR_LIGHT, TEXT_SIZE, SOUND = "theme", "text_size", "sound"
+SCREEN, DATA_FOLDER = "participant_screen", "data_folder"
 OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
 ON, OFF = "on", "off"  # of the sound
 _DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}

@@ -1,5 +1,6 @@
 """What the pages are made of: texts that are never cut, buttons, panels, rows and columns."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -65,11 +66,6 @@ class Panel(QFrame):
     def __init__(self, name: str = "panel", parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName(name)
-
-
-def rule() -> QFrame:
-    """A thin line across a panel."""
-    return Panel("line")
 
 
 class OneLine(QLabel):
@@ -297,10 +293,10 @@ def keep_room(widget: QWidget) -> None:
     widget.setSizePolicy(policy)
 
 
-def panel(title: str, *parts: Part, spacing: int = 8) -> QFrame:
+def panel(title: str, *parts: Part, spacing: int = 8, margins: Margins = PANEL_MARGINS) -> QFrame:
     """A panel with a title and, in a column below it, these parts."""
     frame, head = Panel(), text_label(title, size=theme.HEAD, bold=True)
-    frame.setLayout(column(head, *parts, spacing=spacing, margins=PANEL_MARGINS))
+    frame.setLayout(column(head, *parts, spacing=spacing, margins=margins))
     return frame
 
 
@@ -323,14 +319,26 @@ def clear(layout: QLayout) -> None:
             clear(inner)
 
 
+def tab_stops(inside: QWidget) -> list[QWidget]:
+    """Where Tab stops in a widget, in the order in which its parts were made."""
+    parts = (part for part in inside.findChildren(QWidget) if part.isVisibleTo(inside))
+    return [part for part in parts if part.focusPolicy() & Qt.FocusPolicy.TabFocus]
+
+
+def chain_tabs(*stops: QWidget) -> None:
+    """Let Tab go from each of these to the next: what is made later would come last."""
+    for before, after in itertools.pairwise(stops):
+        QWidget.setTabOrder(before, after)
+
+
 class Segments(QWidget):
     """One of a few, side by side; in several lines where a text would not fit."""
 
     changed = Signal(object)  # the value that was chosen
 
-    def __init__(self, choices: Mapping[Any, str]) -> None:
+    def __init__(self, choices: Mapping[Any, str], label: str = "") -> None:
         """choices: value -> text; none is chosen at first."""
-        super().__init__()
+        super().__init__(accessibleName=label)
         self.setObjectName("clear")
         self._values, self._group = tuple(choices), QButtonGroup(self)
         for place, text in enumerate(choices.values()):
@@ -364,6 +372,8 @@ class Segments(QWidget):
         """Choose a value; one that is not among them changes nothing."""
         if value in self._values:
             self._group.button(self._values.index(value)).setChecked(True)
+            for one in self._group.buttons():  # Tab stops at the one that is chosen, arrows go on from there
+                one.setFocusPolicy(Qt.FocusPolicy.StrongFocus if one.isChecked() else Qt.FocusPolicy.ClickFocus)
 
 
 class Flow(QLayout):

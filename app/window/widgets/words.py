@@ -1,5 +1,6 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -9,11 +10,14 @@ from PySide6.QtCore import QLocale
 from app.ipc import messages as m
 from app.window.widgets.theme import COLOURS
 from core import tick_log
+from core.control.controllers import Preset
 from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
 from experiments.session.files import STORED
+
+GAIN = "gain_N_s_m"
 
 
 class Shown(NamedTuple):
@@ -202,3 +206,17 @@ def data_folder_of(folder: Path) -> Path:
 def hand_is_mouse(opened: m.Opened | None) -> bool:
     """Whether the pointer is the hand (until it is known what is, yes: the pointer does nothing then)."""
     return opened is None or INPUTS[opened.hand].by_pointer
+
+
+def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
+    """What a controller feels like among those of its protocol."""
+    gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
+    gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
+    if preset.kind == "none":
+        return "Free"
+    if preset.kind == "sdof":
+        return f"Rails with {gap:g} mm slack" if gap else "On rails"
+    if preset.kind == "proportional":
+        name = "Strong guide" if gain >= max(gains) else "Weak guide" if gain <= min(gains) else "Guide"
+        return f"{name} with {gap:g} mm slack" if gap else name
+    return preset.name
