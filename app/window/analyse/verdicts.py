@@ -17,7 +17,6 @@ from app.window.widgets.parts import (
     column,
     grid,
     holder,
-    rule,
     scrolled,
     text_label,
     wrapped_label,
@@ -101,7 +100,7 @@ class Verdicts(Panel):
             if conclusions.found:
                 parts += [_title("What these data say of the paper's statements"), *_findings(conclusions.found)]
             if conclusions.sentences:
-                parts += [rule(), _title("What else to know"), *map(_text, conclusions.sentences)]
+                parts += [Panel("line"), _title("What else to know"), *map(_text, conclusions.sentences)]
         self._area.setWidget(holder(column(*parts, 1, spacing=8, margins=(12, 8, 12, 12))))
 
 
@@ -132,7 +131,7 @@ def _findings(found: Sequence[Finding]) -> tuple[Part, ...]:
         verdict.setFixedWidth(theme.text_px(VERDICT_PX))
         decisive = [piece for piece in finding.evidence if piece.found and piece.judged in finding.sentence]
         shown = verdict, _text(finding.statement.text), Differences(decisive, colour), _text(finding.sentence, "quiet")
-        lines.addWidget(rule(), down, 0, 1, len(HEADS))
+        lines.addWidget(Panel("line"), down, 0, 1, len(HEADS))
         for across, part in enumerate(shown):
             lines.addWidget(part, down + 1, across, Qt.AlignmentFlag.AlignTop)
     return counts, wrapped_label(ABOUT, "quiet", theme.SMALL), lines
