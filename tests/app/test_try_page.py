@@ -268,9 +268,9 @@ def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_laye
             foot = canvas.rect().adjusted(0, canvas.height() - round(FOOT_PX), -canvas.width() // 2, 0)
             assert not any(foot.contains(canvas.to_screen(place).toPoint()) for place in canvas.outline)
             shown = canvas.grab(foot).toImage()
-            canvas.show_layer(FORCES, False)
+            held.page.workspace.buttons[FORCES].click()
             assert canvas.grab(foot).toImage() != shown
-            canvas.show_layer(FORCES, True)
+            held.page.workspace.buttons[FORCES].click()
 
 
 def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:

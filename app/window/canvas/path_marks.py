@@ -30,6 +30,11 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
+def polygon(points: np.ndarray) -> QPolygonF:
+    """A line through points (n, 2), px."""
+    return QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+
+
 def paint_disc(painter: QPainter, middle: QPointF, radius: float, colour: str) -> None:
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(shade(colour))
@@ -44,7 +49,7 @@ def paint_circle(painter: QPainter, middle: QPointF, radius: float, line: QPen) 
 
 def paint_path(painter: QPainter, points: np.ndarray, heads: bool, radii: tuple[float, float], sizes: Sizes) -> None:
     """A path through these points (n, 2): the start a ring, the end a ring with a dot. heads: arrowheads along it."""
-    line = QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+    line = polygon(points)
     painter.setPen(pen(COLOURS.handle, sizes.path, 0.92, round_cap=True))
     painter.drawPolyline(line)
     if heads:
@@ -84,11 +89,16 @@ def paint_spring(painter: QPainter, handle: QPointF, pointer: QPointF, force_N: 
     painter.drawLine(handle, pointer)
 
 
+def way_out(picture: QRectF, handle: QPointF) -> QPointF:
+    """The place in the picture that is nearest to a handle out of sight: there an arrow to it is seen whole."""
+    half = 0.5 * AWAY_PX
+    room = picture.adjusted(half, half, -half, -half)
+    return QPointF(min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom()))
+
+
 def paint_way_out(painter: QPainter, picture: QRectF, handle: QPointF) -> None:
     """At the edge of the picture, an arrow to the handle, which is out of sight."""
-    half = 0.5 * AWAY_PX
-    room = picture.adjusted(half, half, -half, -half)  # it is seen whole, in a corner too
-    at = QPointF(min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom()))
+    at, half = way_out(picture, handle), 0.5 * AWAY_PX
     painter.save()
     painter.translate(at)
     painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))
