@@ -286,11 +286,12 @@ class Plane(QWidget):
             self._paint_background(ratio)
         painter = QPainter(self)
         painter.drawPixmap(0, 0, self._background)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self.paint_under_handle(painter)
-        self._paint_hand(painter)
-        self.paint_over_handle(painter)
-        self._painted_box = self._box
+        if event.region().intersects(self._box):
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            self.paint_under_handle(painter)
+            self._paint_hand(painter)
+            self.paint_over_handle(painter)
+            self._painted_box = self._box
         self.painted.emit()
 
     def _paint_background(self, ratio: float) -> None:

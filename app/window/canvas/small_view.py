@@ -14,7 +14,7 @@ from core.device import Device
 from core.path import PathFile
 
 ARM_PX = 7.0  # width of an arm
-SEEN_PX = 0.25  # a smaller movement of the handle cannot be seen
+SEEN_PX = 0.5  # a smaller movement of the handle cannot be seen
 
 
 class SmallView(Plane):
