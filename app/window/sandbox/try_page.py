@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFileDialog, QGridLayout, QWidget
 
 from app.ipc import messages as m
@@ -28,7 +27,8 @@ NAMES, FORCE_PX = {HAND: "your hand", BRAKES: "brakes"}, 170  # of the forces; w
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
-NO_PASS = "No pass yet"
+NO_PASS = "Each pass along the line gets a row here"
+COMPARED = "Bars compare passes in which only the guidance differs"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -56,9 +56,8 @@ class TryPage(Page):
         self.forces = {whose: Figures(theme.TITLE, bold=True) for whose in NAMES}
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
-        self.bring = button(
-            "Bring it back  B", self._bring_back, "small", "The handle to the start, from wherever it is"
-        )
+        back = "The handle to the start, from wherever it is"
+        self.bring = button("Bring it back  B", lambda: send(m.BringBack()), "small", back)
         self.bring.setFocusPolicy(NO_FOCUS)
         add_key("B", self, self.bring.click)
         self.clear = button("Clear", self._clear, "small")
@@ -109,7 +108,7 @@ class TryPage(Page):
 
     def begin(self, what: object = None) -> None:
         self._front = True
-        self.canvas.setFocus()  # so that the digits are heard
+        self.canvas.setFocus()
         self._ask()
 
     def end(self) -> None:
@@ -127,15 +126,6 @@ class TryPage(Page):
             **self.workspace.keys,
         }
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """A digit chooses the controller in that place."""
-        guides = self.controls.guides.values()
-        guide = next((button for button in guides if button.key and button.key == event.text()), None)
-        if guide is None:
-            super().keyPressEvent(event)
-        else:
-            guide.click()
-
     def _ask(self) -> None:
         """Open Try on the server, unless a session is open."""
         if self._front and self.opened is not None and not self.opened.participant:
@@ -144,10 +134,6 @@ class TryPage(Page):
     def _start(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
             self.send(m.Start())
-
-    def _bring_back(self) -> None:
-        self.send(m.BringBack())
-        self.canvas.setFocus()
 
     def _set(self) -> None:
         """Send a changed setting, a little later, and show the gap at once."""
@@ -189,8 +175,8 @@ class TryPage(Page):
         now, settings = snapshot.sandbox, self.controls.settings
         off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
         elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
-        no_pass = NO_PASS if now is not None and not now.passes else ""
-        self.notice.setText("" if elsewhere else snapshot.notice or no_pass)
+        about = "" if now is None else COMPARED if now.passes else NO_PASS
+        self.notice.setText("" if elsewhere else snapshot.notice or about)
         theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
