@@ -1,7 +1,6 @@
 """The marks of a path and of the hand on it, in px: line, rings, arrowheads, hold; handle, pointer, spring."""
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ from PySide6.QtGui import QPainter, QPen, QPolygonF
 
 from app.window.widgets.theme import COLOURS, mixed, pen, shade
 
-FORCE_RED_N, SPRING_STEPS = 20.0, 40  # the spring is green when slack, red from here on, in so many steps
+FORCE_RED_N = 20.0  # the spring is green when slack, red from here on
 HOLD_PX = 6.0  # width of the sweep of the hold
 AWAY_PX = 26.0  # the arrow to a handle out of sight, from its point to where it ends
 HEADS_PX = 130.0  # between the arrowheads along a path
@@ -82,18 +81,11 @@ def paint_hold(painter: QPainter, start: QPointF, radius: float, share: float) -
     painter.drawArc(box, 90 * 16, -round(share * 360 * 16))
 
 
-@cache
-def spring_colour(step: int) -> str:
-    """Of a spring that is slack (0) or stretched by `FORCE_RED_N` or more (`SPRING_STEPS`)."""
-    share = 2.0 * step / SPRING_STEPS
-    low, high = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
-    return mixed(low, high, share if share < 1.0 else share - 1.0).name()
-
-
 def paint_spring(painter: QPainter, handle: QPointF, pointer: QPointF, force_N: float, width: float) -> None:
     """The spring from the handle to the pointer that has hold of it: green, yellow, red as its force grows."""
-    step = round(SPRING_STEPS * min(force_N / FORCE_RED_N, 1.0))
-    painter.setPen(pen(spring_colour(step), width))
+    share = round(2.0 * min(force_N / FORCE_RED_N, 1.0), 1)
+    low, high = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
+    painter.setPen(pen(mixed(low, high, share if share < 1.0 else share - 1.0).name(), width))
     painter.drawLine(handle, pointer)
 
 

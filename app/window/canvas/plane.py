@@ -92,13 +92,13 @@ class Plane(QWidget):
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self._follows_mouse = follows_mouse
         self._aimed: Point | None = None  # where the own pointer is (m), if it is the hand
+        self._pressed = False  # a pen or a finger is down: a mouse beside it is not the hand
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
-        self._set_scale()
 
     # what to show
 
@@ -186,10 +186,6 @@ class Plane(QWidget):
     def fit(self) -> None:
         """Size, extent or text size has changed: the handle has another place on the screen, too. A subclass first
         sets the room that it keeps free."""
-        self._set_scale()
-        self.show_handle(self.tip, self.taken, self.force_N)
-
-    def _set_scale(self) -> None:
         free, extent = self._keep_free, self._extent
         width = max(self.width() - free.left() - free.right(), 1.0)
         height = max(self.height() - free.top() - free.bottom(), 1.0)
@@ -197,6 +193,7 @@ class Plane(QWidget):
         self._zero_x = free.left() + 0.5 * width - self.scale * extent.center().x()
         self._zero_y = free.top() + 0.5 * height + self.scale * extent.center().y()
         self.repaint_still()
+        self.show_handle(self.tip, self.taken, self.force_N)
 
     @property
     def field(self) -> QRectF:
@@ -231,9 +228,11 @@ class Plane(QWidget):
         self.pointer_moved.emit(*place, grip)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        self.point_at(event.position(), 1.0)
+        if not self._pressed:
+            self.point_at(event.position(), 1.0)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._pressed = False  # of a pen that went away unseen
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
 
@@ -247,14 +246,16 @@ class Plane(QWidget):
 
     def _hold(self, point: QEventPoint, device: QPointingDevice, cancelled: bool) -> None:
         pen_is_up = device.type() == QInputDevice.DeviceType.Stylus and point.pressure() <= 0.0
-        if cancelled or pen_is_up or point.state() == QEventPoint.State.Released:
-            self._leave()
-        else:
+        before, self._pressed = self._pressed, not (cancelled or pen_is_up or point.state() == point.State.Released)
+        if self._pressed:
             self.setFocus()
             self.point_at(self.mapFromGlobal(point.globalPosition()), grip_of(device, point.pressure()))
+        elif before:
+            self._leave()
 
     def leaveEvent(self, event: QEvent) -> None:
-        self._leave()
+        if not self._pressed:
+            self._leave()
         super().leaveEvent(event)
 
     def _leave(self) -> None:
