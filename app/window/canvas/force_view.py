@@ -109,8 +109,9 @@ class ForceView(Plane):
         self._show(Instant.of_tick(self.instant.device, rows[-1]), taken)
 
     def _show(self, now: Instant, taken: bool | None = None) -> None:
-        changed, self.instant = now != self.instant, now
-        self.pointer = self._aimed if self._follows_mouse else now.wanted
+        pointer = (self._aimed or self.pointer) if self._follows_mouse else now.wanted
+        changed = (now, pointer) != (self.instant, self.pointer)
+        self.instant, self.pointer, self._aimed = now, pointer, None
         if not self.show_handle(now.tip, taken, math.hypot(*now.hand)) and changed:
             self.repaint_moving()
 

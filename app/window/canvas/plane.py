@@ -91,7 +91,7 @@ class Plane(QWidget):
         self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self._follows_mouse = follows_mouse
-        self._aimed: Point | None = None  # where the own pointer is (m), if it is the hand
+        self._aimed: Point | None = None  # where the own pointer is (m), if that is not shown yet
         self._pressed = False  # a pen or a finger is down: a mouse beside it is not the hand
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -135,8 +135,8 @@ class Plane(QWidget):
         return True
 
     def show_pointer(self, place: Point | None) -> None:
-        """Where the hand wants the handle to be (m), where this widget's own pointer is not the hand."""
-        self.pointer = place
+        """Where the hand wants the handle to be, m."""
+        self.pointer, self._aimed = place, None
         self.repaint_moving()
 
     def extend_trail(self, tips: np.ndarray) -> None:
@@ -178,7 +178,7 @@ class Plane(QWidget):
 
     def follow_pointer(self) -> None:
         """With every frame: show the own pointer, which moves more often than can be seen."""
-        if self._aimed != self.pointer:
+        if self._aimed is not None:
             self.show_pointer(self._aimed)
 
     # metres and pixels
@@ -260,9 +260,8 @@ class Plane(QWidget):
 
     def _leave(self) -> None:
         if self._follows_mouse:
-            if self._aimed is None:
+            if self._aimed is self.pointer is None:
                 return
-            self._aimed = None
             self.show_pointer(None)
         self.pointer_left.emit()
 
