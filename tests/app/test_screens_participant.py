@@ -225,9 +225,8 @@ def test_the_hold_fills_the_ring_and_who_leaves_it_early_is_told(screens: Screen
 def test_the_participant_sees_where_the_hand_pulls_while_the_pointer_is_over_the_other_window(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.participant.show()
-    screens.tick(ticks(tick_log.MOVE, TARGET_X=0.01, TARGET_Y=0.39))
-    screens.windows.frame()
-    assert screens.participant.view.pointer == pytest.approx((0.01, 0.39))
+    screens.tick(rows := ticks(tick_log.MOVE))
+    assert screens.participant.view.pointer == tuple(rows[-1, tick_log.TARGET_X : tick_log.TARGET_Y + 1])
 
 
 def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
