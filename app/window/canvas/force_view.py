@@ -171,8 +171,9 @@ class ForceView(Plane):
 
     def moving_places(self) -> list[QPointF]:
         places, now = super().moving_places(), self.instant
-        arrows = (arrow_of(now.hand), arrow_of(now.brakes)) if now is not None and places else ()
-        return places + [places[0] + arrow for arrow in arrows]
+        if now is not None and self.tip is not None:
+            places += [self.to_screen(now.tip) + arrow_of(force) for force in (now.hand, now.brakes)]
+        return places
 
     # painting
 

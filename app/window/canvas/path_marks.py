@@ -89,16 +89,11 @@ def paint_spring(painter: QPainter, handle: QPointF, pointer: QPointF, force_N: 
     painter.drawLine(handle, pointer)
 
 
-def way_out(picture: QRectF, handle: QPointF) -> QPointF:
-    """The place in the picture that is nearest to a handle out of sight: there an arrow to it is seen whole."""
-    half = 0.5 * AWAY_PX
-    room = picture.adjusted(half, half, -half, -half)
-    return QPointF(min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom()))
-
-
 def paint_way_out(painter: QPainter, picture: QRectF, handle: QPointF) -> None:
     """At the edge of the picture, an arrow to the handle, which is out of sight."""
-    at, half = way_out(picture, handle), 0.5 * AWAY_PX
+    half = 0.5 * AWAY_PX
+    room = picture.adjusted(half, half, -half, -half)  # it is seen whole, in a corner too
+    at = QPointF(min(max(handle.x(), room.left()), room.right()), min(max(handle.y(), room.top()), room.bottom()))
     painter.save()
     painter.translate(at)
     painter.rotate(math.degrees(math.atan2(handle.y() - at.y(), handle.x() - at.x())))

@@ -168,13 +168,12 @@ class Plane(QWidget):
     def moving_box(self) -> QRect:
         """Around all that moves, px."""
         grasp = self.scale * GRASP_RADIUS_M if self.taken is False else 0.0
-        return around(self.moving_places(), max(grasp, self.sizes.handle, self.sizes.pointer, path_marks.AWAY_PX))
+        box = around(self.moving_places(), max(grasp, self.sizes.handle, self.sizes.pointer))
+        return box if self.handle_seen else self.rect()  # with an arrow somewhere at the edge
 
     def moving_places(self) -> list[QPointF]:
-        """The middles of what moves, px; first the handle, if there is one."""
-        handle = [self.to_screen(self.tip)] if self.tip else []
-        away = [path_marks.way_out(QRectF(self.rect()), place) for place in handle]
-        return handle + away + ([self.to_screen(self.pointer)] if self.pointer else [])
+        """The middles of what moves, px."""
+        return [self.to_screen(place) for place in (self.tip, self.pointer) if place]
 
     def follow_pointer(self) -> None:
         """With every frame: show the own pointer, which moves more often than can be seen."""
