@@ -27,8 +27,8 @@ NAMES, FORCE_PX = {HAND: "your hand", BRAKES: "brakes"}, 170  # of the forces; w
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
-NO_PASS = "Each pass along the line gets a row here"
-COMPARED = "Bars compare passes in which only the guidance differs"
+NO_PASS = "No pass yet · each gets a row here, to compare"
+COMPARED = "With bars · passes in which only the guidance differs"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
