@@ -267,7 +267,8 @@ class Windows(QObject):
 
 def by_trial(rows: np.ndarray) -> list[np.ndarray]:
     """Ticks (n, tick_log.WIDTH) of one trial after the other, trial by trial."""
-    return np.split(rows, np.flatnonzero(np.diff(rows[:, tick_log.T]) <= 0.0) + 1)
+    begin = np.flatnonzero(rows[1:, tick_log.T] <= rows[:-1, tick_log.T]) + 1
+    return np.split(rows, begin) if len(begin) else [rows]
 
 
 def load_statistics() -> None:

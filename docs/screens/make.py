@@ -108,7 +108,8 @@ class MadeUpHand(QObject):
         pointer = float(goal[0]), float(goal[1])
         seen = (main.pages[name].workspace.view for name in (RUN, TRY) if name in main.pages)
         for view in (self._windows.participant.view, *seen):
-            view.pointer = pointer
+            if view.isVisible():
+                view.point_at(view.to_screen(pointer), 1.0)
         self._bench.ring.aim(*pointer)
 
 

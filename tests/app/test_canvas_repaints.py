@@ -22,7 +22,7 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from core.obstacles import ObstacleFile
 
-STEPS = 80
+STEPS, OUT_OF_SIGHT = 80, (0.5, 0.1)  # m
 Do = Callable[[], object]
 
 
@@ -109,7 +109,7 @@ class Anything:
         self.view.add(rows, self.any(None, False, True), self.any(0, len(rows) - 1))
 
     def rest(self) -> None:
-        self.view.rest(self.any(TIP, tuple(self.rows[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())))
+        self.view.rest(self.any(TIP, OUT_OF_SIGHT, tuple(self.rows[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())))
 
     def show_layer(self) -> None:
         layer = self.any(*(LAYERS if isinstance(self.view, LinkageView) else pass_view.LAYERS))

@@ -260,7 +260,7 @@ def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None
 
 
 def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
-    instant = Instant(FOUR, TIP, quiet(HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
+    instant = Instant.of_tick(FOUR, quiet(TIP_X=TIP[0], TIP_Y=TIP[1], HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
     assert instant.hand == (3.0, 4.0)
     assert instant.brakes == pytest.approx(tuple(2.0 * brake_rows(FOUR.mechanism, *TIP)[2]))
     arrow = arrow_of(instant.hand)

@@ -65,6 +65,21 @@ def test_a_pens_pressure_is_the_grip_and_in_the_air_it_holds_nothing(screens: Sc
     assert len(grips) == held
 
 
+def test_a_mouse_and_a_pen_side_by_side_do_not_take_the_handle_from_each_other(screens: Screens, view: Plane) -> None:
+    aimed, elsewhere = screens.client.aimed, view.to_screen(PLACE) + QPointF(30.0, 20.0)
+    pen(view, ON.TabletPress, 0.5)
+    held = len(aimed)
+    point(view, elsewhere)
+    QApplication.sendEvent(view, QEvent(ON.Leave))  # the mouse's
+    assert len(aimed) == held, "the pen that is down is the hand"
+    pen(view, ON.TabletRelease, 0.0)
+    assert np.isnan(aimed[-1]).all()
+    point(view, elsewhere)
+    held = len(aimed)
+    pen(view, ON.TabletMove, 0.0)
+    assert len(aimed) == held and not np.isnan(aimed[-1]).any(), "a pen in the air leaves the handle to the mouse"
+
+
 def test_a_finger_holds_while_it_is_down(screens: Screens, view: Plane) -> None:
     aimed, grips = screens.client.aimed, screens.client.grips
     screen, at = QTest.createTouchDevice(), view.to_screen(PLACE).toPoint()

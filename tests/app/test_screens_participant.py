@@ -225,6 +225,13 @@ def test_the_hold_fills_the_ring_and_who_leaves_it_early_is_told(screens: Screen
     assert "until it is full" not in said(screens)
 
 
+def test_the_participant_sees_where_the_hand_pulls_while_the_pointer_is_over_the_other_window(screens: Screens) -> None:
+    screens.hear(opened(), running())
+    screens.participant.show()
+    screens.tick(rows := ticks(tick_log.MOVE))
+    assert screens.participant.view.pointer == tuple(rows[-1, tick_log.TARGET_X : tick_log.TARGET_Y + 1])
+
+
 def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
     screens.hear(opened(), running())
     view = screens.participant.view

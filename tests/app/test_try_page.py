@@ -97,12 +97,17 @@ def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     assert held.last() == wall
 
 
-def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_key(held: Held) -> None:
+def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_by_key_wherever_the_keyboard_is(
+    qtbot, held
+) -> None:
     feels = [guide.feel.text() for guide in held.page.controls.guides.values()]
     assert feels == ["Free", "On rails", "Rails with 5 mm slack", "Strong guide", "Weak guide"]
     QTest.mouseClick(held.page.controls.guides[3], Qt.MouseButton.LeftButton)
     assert (held.last().controller, held.last().values["gap_m"]) == (3, 0.005)
-    QTest.keyClick(held.page, Qt.Key.Key_5)
+    held.page.activateWindow()
+    qtbot.waitUntil(held.page.isActiveWindow, timeout=60_000)
+    held.page.save.setFocus()
+    QTest.keyClick(held.page.save, Qt.Key.Key_5)
     assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
 
 
@@ -268,9 +273,9 @@ def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_laye
             foot = canvas.rect().adjusted(0, canvas.height() - round(FOOT_PX), -canvas.width() // 2, 0)
             assert not any(foot.contains(canvas.to_screen(place).toPoint()) for place in canvas.outline)
             shown = canvas.grab(foot).toImage()
-            canvas.show_layer(FORCES, False)
+            held.page.workspace.buttons[FORCES].click()
             assert canvas.grab(foot).toImage() != shown
-            canvas.show_layer(FORCES, True)
+            held.page.workspace.buttons[FORCES].click()
 
 
 def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QRectF
+from PySide6.QtCore import QMarginsF, QPointF, QRectF
 from PySide6.QtGui import QPainter
 from PySide6.QtWidgets import QPushButton
 
@@ -64,10 +64,10 @@ class ForceView(Plane):
         self.blind = False
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
         self.force_texts: dict[str, str] = {}  # HAND, BRAKES -> how large its force is
-        self._ticks: np.ndarray | None = None  # since the text was made (n, WIDTH), n > 0; none between trials
-        self._text_current = False  # the text is of these
+        self._unread = np.empty((0, tick_log.WIDTH))  # ticks since the text was made
         self.inset = SmallView(INSET_SIZES)
         self.inset.setParent(self)
+        self._under_inset = QRectF()  # px, where a handle would lie under it
 
     # what to show
 
@@ -84,7 +84,8 @@ class ForceView(Plane):
 
     def _rest(self, device: Device, tip: Point) -> None:
         self.begin()
-        self._show(device, tip, None)
+        self._unread = self._unread[:0]
+        self._show(Instant(device, tip))
         self.refresh_text()
 
     def begin(self) -> None:
@@ -104,19 +105,15 @@ class ForceView(Plane):
         self.extend_trail(way)
         if (phase := int(rows[-1, tick_log.PHASE])) != self.phase:
             self.phase, self.began_s = phase, float(rows[rows[:, tick_log.PHASE] == phase][0, tick_log.T])
-        tip = (float(rows[-1, tick_log.TIP_X]), float(rows[-1, tick_log.TIP_Y]))
-        unread = rows[:0] if self._text_current or self._ticks is None else self._ticks
-        self._show(self.instant.device, tip, np.concatenate((unread, rows[read_from:])), taken)
+        self._unread = np.concatenate((self._unread, rows[read_from:]))
+        self._show(Instant.of_tick(self.instant.device, rows[-1]), taken)
 
-    def _show(self, device: Device, tip: Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
-        self._ticks, self._text_current = ticks, False
-        before, now = self.instant, Instant(device, tip, None if ticks is None else ticks[-1], self.blind)
-        self.instant = now
-        if before is None or not now.looks_like(before):
-            self.update()
-        if not self._follows_mouse:
-            self.pointer = now.wanted
-        self.show_handle(tip, taken, math.hypot(*now.hand))
+    def _show(self, now: Instant, taken: bool | None = None) -> None:
+        pointer = (self._aimed or self.pointer) if self._follows_mouse else now.wanted
+        changed = (now, pointer) != (self.instant, self.pointer)
+        self.instant, self.pointer, self._aimed = now, pointer, None
+        if not self.show_handle(now.tip, taken, math.hypot(*now.hand)) and changed:
+            self.repaint_moving()
 
     def show_layer(self, layer: str, shown: bool) -> None:
         """Lay something over the view, or take it away."""
@@ -129,49 +126,54 @@ class ForceView(Plane):
     def whole_in_corner(self) -> bool:
         return LINKAGE in self.shown
 
-    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
-        super().show_handle(tip, taken, force_N)
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> bool:
+        changed = super().show_handle(tip, taken, force_N)
         self._show_inset()
+        return changed
 
     def _show_inset(self) -> None:
         """The linkage in its corner; away while the handle would lie under it."""
-        corner = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.handle_px,)))
-        under = self.tip is not None and corner.contains(self.to_screen(self.tip))
+        under = self.tip is not None and self._under_inset.contains(self.to_screen(self.tip))
         shown = self.whole_in_corner and self.instant is not None and self.tip is not None and not under
         if shown == self.inset.isHidden():
             self.inset.setVisible(shown)
             self.repaint_still()
         if shown and self.instant is not None:
-            self.inset.show_instant(self.instant, self.doing)
+            self.inset.show_instant(self.instant, None if self.blind else self.doing)
 
     def fit(self) -> None:
         width = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         height = int(0.9 * width)
         y = 10 if self.inset_at_top else self.height() - height - 10
         self.inset.setGeometry(self.width() - width - 10, y, width, height)
+        self._under_inset = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.sizes.handle,)))
         super().fit()
 
     def set_blind(self, blind: bool) -> None:
         """Hide what would tell the controllers apart: what the brakes do, and their force."""
         if blind != self.blind:
             self.blind = blind
-            if self.instant is not None:
-                self._show(self.instant.device, self.instant.tip, self._ticks, self.taken)
-            self.refresh_text()
+            self._show_inset()
+            self.repaint_still()
 
     def refresh_text(self) -> None:
         """Bring the read-outs up to date; a few times a second, for they must be read."""
         if (now := self.instant) is None:
             return
-        nothing = dict.fromkeys(now.device.braked, Doing())
-        does = doing(now.device, self._ticks) if self._ticks is not None else nothing
-        self.doing = {} if self.blind else does
-        forces = {HAND: now.hand} if self.blind else {HAND: now.hand, BRAKES: now.brakes}
-        rests = self._ticks is None  # nobody measures
-        self.force_texts = {name: "–" if rests else f"{math.hypot(*force):.1f} N" for name, force in forces.items()}
-        self._text_current = True
+        if not now.running:  # nobody measures
+            self.doing, self.force_texts = dict.fromkeys(now.device.braked, Doing()), dict.fromkeys(FORCE_COLOUR, "–")
+        elif len(self._unread):
+            self.doing, self._unread = doing(now.device, self._unread), self._unread[:0]
+            forces = zip(FORCE_COLOUR, (now.hand, now.brakes), strict=True)
+            self.force_texts = {name: f"{math.hypot(*force):.1f} N" for name, force in forces}
         self._show_inset()
-        self.update()
+        self.repaint_moving()
+
+    def moving_places(self) -> list[QPointF]:
+        places, now = super().moving_places(), self.instant
+        if now is not None and self.tip is not None:
+            places += [self.to_screen(now.tip) + arrow_of(force) for force in (now.hand, now.brakes)]
+        return places
 
     # painting
 
@@ -185,7 +187,8 @@ class ForceView(Plane):
         if FORCES not in self.shown:
             return
         handle, width = self.to_screen(now.tip), self.sizes.path
-        paint_arrow(painter, handle, arrow_of(now.brakes), FORCE_COLOUR[BRAKES], width)
+        if not self.blind:
+            paint_arrow(painter, handle, arrow_of(now.brakes), FORCE_COLOUR[BRAKES], width)
         if not self.taken:
             paint_arrow(painter, handle, arrow_of(now.hand), FORCE_COLOUR[HAND], width)
 

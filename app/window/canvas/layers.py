@@ -5,7 +5,9 @@ All of it from a tick's row, the path and the geometry of the device, in numpy: 
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 from PySide6.QtCore import QRectF
@@ -164,41 +166,47 @@ def doing(device: Device, rows: np.ndarray) -> dict[str, Doing]:
     return found
 
 
+@dataclass(frozen=True)
 class Instant:
-    """A device with its tip at a place (m); with a tick (tick_log.WIDTH,) also velocity and forces.
+    """A device with its tip at a place (m), at rest; or what a tick says of it."""
 
-    blind: nothing that would tell the controllers apart; the brakes then seem to do nothing.
-    """
+    device: Device
+    tip: Point
+    running: bool = False
+    velocity: Point = (0.0, 0.0)  # m/s
+    hand: Point = (0.0, 0.0)  # N, its force on the tip
+    torques: tuple[float, ...] = ()  # N m, of the brakes, in the order A, E, B, C
+    stuck: int = 0  # a bit for each brake
+    wanted: Point | None = None  # m, where the hand wants the tip to be
+    field: Field | None = None  # as the controller had it; none where it did not decide
 
-    def __init__(self, device: Device, tip: Point, tick: np.ndarray | None = None, blind: bool = False) -> None:
-        self.device, self.tip, self.blind = device, tip, blind
-        self.running = tick is not None
-        self.joints = joints_at(device.mechanism, tip)  # m; empty out of reach
-        self.g = brake_rows(device.mechanism, *tip)
-        now = np.zeros(tick_log.WIDTH).tolist() if tick is None else tick.tolist()
-        self.velocity: Point = (now[tick_log.TIP_VX], now[tick_log.TIP_VY])  # m/s
-        self.hand: Point = (now[tick_log.HAND_FX], now[tick_log.HAND_FY])  # N
-        self.brakes: Point = (0.0, 0.0)  # N, what they exert on the tip
-        self.wanted: Point | None = None  # m, where the hand wants the tip to be
-        self._stuck = int(now[tick_log.STUCK])
-        if tick is None:
-            return
-        wanted = (now[tick_log.TARGET_X], now[tick_log.TARGET_Y])
-        self.wanted = wanted if 1e-3 < math.dist(wanted, tip) < 1.0 else None
-        if not blind:
-            x, y = (self.g.T @ now[tick_log.TORQUE : tick_log.TORQUE + 4]).tolist()
-            self.brakes = (x, y)
+    @classmethod
+    def of_tick(cls, device: Device, tick: np.ndarray) -> Self:
+        """As a tick (tick_log.WIDTH,) has it."""
+        now, t = tick.tolist(), tick_log
+        tip, wanted = (now[t.TIP_X], now[t.TIP_Y]), (now[t.TARGET_X], now[t.TARGET_Y])
+        return cls(
+            device, tip, True, (now[t.TIP_VX], now[t.TIP_VY]), (now[t.HAND_FX], now[t.HAND_FY]),
+            tuple(now[t.TORQUE : t.TORQUE + 4]), int(now[t.STUCK]),
+            wanted if 1e-3 < math.dist(wanted, tip) < 1.0 else None, field_of(tick),
+        )  # fmt: skip
 
-    def looks_like(self, other: "Instant") -> bool:
-        """Whether both are the same to the eye: at rest every tick is."""
-        return self._seen == other._seen
+    @cached_property
+    def joints(self) -> dict[str, Point]:
+        """Where they are, m; empty out of reach."""
+        return joints_at(self.device.mechanism, self.tip)
 
-    @property
-    def _seen(self) -> tuple:
-        moving = (self.velocity, self.hand, self.brakes, self.wanted, self._stuck)
-        return self.device.name, self.tip, self.running, self.blind, *moving
+    @cached_property
+    def g(self) -> np.ndarray:
+        """How the joints' rates follow from the tip's velocity (4, 2), rad/m."""
+        return brake_rows(self.device.mechanism, *self.tip)
+
+    @cached_property
+    def brakes(self) -> Point:
+        """The force that the brakes exert on the tip, N."""
+        x, y = (self.g.T @ self.torques).tolist() if any(self.torques) else (0.0, 0.0)
+        return x, y
 
     def reachable(self) -> Wedge | None:
-        """The forces that the brakes can exert against the present motion; None at rest, and while blind: with the
-        stuck ones it would tell the controllers apart, without them it would be wrong."""
-        return wedge(self.device, self.g, *self.velocity, self._stuck) if self.running and not self.blind else None
+        """The forces that the brakes can exert against the present motion; None at rest."""
+        return wedge(self.device, self.g, *self.velocity, self.stuck) if self.running else None

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
+from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
@@ -15,7 +15,6 @@ from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
 from core import tick_log
-from core.control.velocity_field import Field
 from core.device import Device
 from core.path import Path, PathFile, build_path
 
@@ -53,7 +52,6 @@ class LinkageView(ForceView):
         self._path: Path | None = None  # of the trial
         self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE, FORCES}
         self.title, self.line = "", ""
-        self._field: Field | None = None
         self.sense = 1.0  # of travel
         self.fit()
 
@@ -79,19 +77,15 @@ class LinkageView(ForceView):
         self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
         super().show_trial(device, path, tip)
 
-    def _show(self, device: Device, tip: layers.Point, ticks: np.ndarray | None, taken: bool | None = None) -> None:
-        if ticks is None:
-            self.show_text("", "")
-        if self._path is not None:
-            if ticks is not None and ticks[-1, tick_log.TRAVEL_SENSE] != self.sense:
-                self.sense = float(ticks[-1, tick_log.TRAVEL_SENSE])
-                self.repaint_still()
-            known = layers.field_of(ticks[-1]) if ticks is not None else None
-            field = known or layers.field_at_rest(self._path, tip, self.sense)
-            if field != self._field:
-                self.update()
-            self._field = field
-        super()._show(device, tip, ticks, taken)
+    def _rest(self, device: Device, tip: layers.Point) -> None:
+        self.show_text("", "")
+        super()._rest(device, tip)
+
+    def add(self, rows: np.ndarray, taken: bool | None = None, read_from: int = 0) -> None:
+        if rows[-1, tick_log.TRAVEL_SENSE] != self.sense:
+            self.sense = float(rows[-1, tick_log.TRAVEL_SENSE])
+            self.repaint_still()
+        super().add(rows, taken, read_from)
 
     def show_numbers(self, now: np.ndarray) -> None:
         """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
@@ -140,13 +134,15 @@ class LinkageView(ForceView):
         if self._worded_view:
             painter.setClipRect(self.field)  # the names of the lines are not covered
         handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
-        if REACHABLE in self.shown and (wedge := now.reachable()) is not None:
+        if REACHABLE in self.shown and not self.blind and (wedge := now.reachable()):
             marks.paint_wedge(painter, handle, wedge)
         marks.paint_arms(painter, at, ARM_PX, 2.0)
-        if at and DIRECTIONS in self.shown and self._field is not None:
-            found = layers.directions(now.device, now.g, self._field)
-            marks.paint_directions(painter, handle, found, self._field, now.device.labels)
-        marks.paint_joints(painter, rings, now.device.labels, self.doing, self.blind)
+        if at and DIRECTIONS in self.shown and self._path is not None:
+            field = now.field or layers.field_at_rest(self._path, now.tip, self.sense)
+            marks.paint_directions(
+                painter, handle, layers.directions(now.device, now.g, field), field, now.device.labels
+            )
+        marks.paint_joints(painter, rings, now.device.labels, None if self.blind else self.doing)
         self.paint_forces(painter, now)
         painter.setClipping(False)
 
@@ -163,9 +159,14 @@ class LinkageView(ForceView):
             painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
 
+    def moving_box(self) -> QRect:
+        return self.rect()
+
     def readouts(self, labels: Mapping[str, str]) -> tuple[list[Readout], list[Readout]]:
         """The size of both forces; what each brake does, and its torque. labels: joint -> what its brake is called."""
         forces = [Readout(name, text, FORCE_COLOUR[name]) for name, text in self.force_texts.items()]
+        if self.blind:
+            return forces[:1], []  # of the hand
         brakes = []
         for joint, (state, torque) in self.doing.items():
             text = state if state == layers.OFF else f"{state} {torque:.1f} N m"

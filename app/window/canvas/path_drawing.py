@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
+from PySide6.QtGui import QMouseEvent, QPainter
 
-from app.window.canvas.path_marks import paint_disc
+from app.window.canvas.path_marks import paint_disc, polygon
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
@@ -33,7 +33,7 @@ class PathDrawing(Plane):
         super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), grid=True, follows_mouse=False)
         self._paths: list[tuple[str, list[Pair], np.ndarray]] = []  # number, points, outline
         self._kind, self._points = "", list[Pair]()  # what is being drawn
-        self._free: list[Pair] = []  # places (m) that every device reaches
+        self._free = np.empty((0, 2))  # m, places that every device reaches
         self._held: tuple[int, int] | None = None  # path and point that the pointer holds
 
     def show_paths(self, paths: list[dict[str, Any]], folder: Path) -> None:
@@ -49,7 +49,7 @@ class PathDrawing(Plane):
 
     def show_free(self, free: np.ndarray) -> None:
         """Where every device can be, (n, 2) m."""
-        self._free = free.tolist()
+        self._free = free
         self.repaint_still()
 
     def begin(self, kind: str) -> None:
@@ -60,11 +60,11 @@ class PathDrawing(Plane):
     def paint_under_path(self, painter: QPainter) -> None:
         painter.setClipRect(self.field)  # the names of the lines are not covered
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
-        painter.drawPoints(QPolygonF([self.to_screen(place) for place in self._free]))
-        drawn = [*self._paths, ("", self._points, np.array(self._points))]
+        painter.drawPoints(polygon(self.pixels(self._free)))
+        drawn = [*self._paths, ("", self._points, np.reshape(self._points, (-1, 2)))]
         for at, (number, _, way) in enumerate(drawn):
             painter.setPen(theme.pen(COLOURS.handle, 3.0))
-            painter.drawPolyline(QPolygonF([self.to_screen(place) for place in way.tolist()]))
+            painter.drawPolyline(polygon(self.pixels(way)))
             if number:
                 along = int(len(way) * (at + 0.35) / len(self._paths))  # where no other number is, and no point
                 middle = self.to_screen(way[along])

@@ -30,6 +30,11 @@ class Sizes(NamedTuple):
 AT_DESK, FROM_AFAR = Sizes(), Sizes(7.0, 26.0, 6.0, 17.0, 10.0, 3.0, 3.0)
 
 
+def polygon(points: np.ndarray) -> QPolygonF:
+    """A line through points (n, 2), px."""
+    return QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+
+
 def paint_disc(painter: QPainter, middle: QPointF, radius: float, colour: str) -> None:
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(shade(colour))
@@ -44,7 +49,7 @@ def paint_circle(painter: QPainter, middle: QPointF, radius: float, line: QPen) 
 
 def paint_path(painter: QPainter, points: np.ndarray, heads: bool, radii: tuple[float, float], sizes: Sizes) -> None:
     """A path through these points (n, 2): the start a ring, the end a ring with a dot. heads: arrowheads along it."""
-    line = QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+    line = polygon(points)
     painter.setPen(pen(COLOURS.handle, sizes.path, 0.92, round_cap=True))
     painter.drawPolyline(line)
     if heads:
@@ -78,7 +83,7 @@ def paint_hold(painter: QPainter, start: QPointF, radius: float, share: float) -
 
 def paint_spring(painter: QPainter, handle: QPointF, pointer: QPointF, force_N: float, width: float) -> None:
     """The spring from the handle to the pointer that has hold of it: green, yellow, red as its force grows."""
-    share = 2.0 * min(force_N / FORCE_RED_N, 1.0)
+    share = round(2.0 * min(force_N / FORCE_RED_N, 1.0), 1)
     low, high = (COLOURS.good, COLOURS.caution) if share < 1.0 else (COLOURS.caution, COLOURS.bad)
     painter.setPen(pen(mixed(low, high, share if share < 1.0 else share - 1.0).name(), width))
     painter.drawLine(handle, pointer)

@@ -1,13 +1,13 @@
 """The plane that the handle moves in, true to scale: path, start, end, handle, pointer and the spring between them.
 
 Metres in, the same scale for all trials of a session. What stands still is painted once into a background, the trail
-piece by piece as it grows; a frame paints the background and, on it, what moves.
+piece by piece as it grows; a frame paints, where something moves, the background and on it what moves.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
     QEventPoint,
@@ -27,18 +27,25 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas import path_marks
 from app.window.canvas.layers import SPACING_M, Point
-from app.window.canvas.path_marks import AT_DESK, Sizes
+from app.window.canvas.path_marks import AT_DESK, Sizes, polygon
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, font, pen, shade, text_px
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
 
 LEAST_HANDLE_PX = 4.0  # radius
+EDGE_PX = 4.0  # around the middle of a line or the radius of a disc: what it colours lies within
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
 SCALE_PX = 58.0  # wide, of the names of the lines, at a text size of 1
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+
+
+def around(places: QPolygonF | list[QPointF], reach: float) -> QRect:
+    """All pixels that lines and discs at these places (px) colour: none reaches further than this, px."""
+    edge = reach + EDGE_PX
+    return QPolygonF(places).boundingRect().adjusted(-edge, -edge, edge, edge).toAlignedRect()
 
 
 def grip_of(device: QPointingDevice, pressure: float) -> float:
@@ -69,6 +76,7 @@ class Plane(QWidget):
         self.sizes, self._extent, self._grid = sizes, extent, grid
         self._keep_free = keep_free or QMarginsF()
         self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
+        self._box, self._painted_box = QRect(), QRect()  # px, around what moves: now, and as it was painted last
         self.scale, self._zero_x, self._zero_y = 1.0, 0.0, 0.0  # px / m; where (0, 0) is, px
         self.path: PathFile | None = None
         self.outline = np.empty((0, 2))  # m
@@ -77,19 +85,20 @@ class Plane(QWidget):
         self.force_N = 0.0
         self.taken: bool | None = None
         self.trail: list[np.ndarray] = []  # piece by piece (n, 2), m, n > 0
-        self._trail_end = np.empty((0, 2))  # m: up to where it is painted; nowhere, or (1, 2)
+        self._trail_end = np.empty((0, 2))  # px: up to where it is painted; nowhere, or (1, 2)
         self.trail_shown = True
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
         self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
-        self._follows_mouse, self._pointer_moved = follows_mouse, False
+        self._follows_mouse = follows_mouse
+        self._aimed: Point | None = None  # where the own pointer is (m), if that is not shown yet
+        self._pressed = False  # a pen or a finger is down: a mouse beside it is not the hand
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
-        self._set_scale()
 
     # what to show
 
@@ -112,30 +121,30 @@ class Plane(QWidget):
         self._obstacles = [obstacle.outline() for obstacle in obstacles]
         self.repaint_still()
 
-    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
-        """Where the handle is (m), and the force of the spring between it and the pointer (N).
+    def show_handle(self, tip: Point | None, taken: bool | None = None, force_N: float = 0.0) -> bool:
+        """Where the handle is (m), and the force of the spring between it and the pointer (N); whether that is new.
 
         taken: whether the pointer holds it; None: no pointer can take it now.
         """
-        if (tip, taken, force_N) != (self.tip, self.taken, self.force_N):
-            self.update()
-        self.tip, self.force_N = tip, force_N
+        if (tip, taken, force_N) == (self.tip, self.taken, self.force_N):
+            return False
         if taken != self.taken:  # with the handle in hand the ring is the pointer: the arrow would only cover it
-            self.taken = taken
             self.setCursor(Qt.CursorShape.BlankCursor if taken else Qt.CursorShape.ArrowCursor)
+        self.tip, self.taken, self.force_N = tip, taken, force_N
+        self.repaint_moving()
+        return True
 
     def show_pointer(self, place: Point | None) -> None:
-        """Where the hand wants the handle to be (m), where this widget's own pointer is not the hand."""
-        self.pointer = place
-        self.update()
+        """Where the hand wants the handle to be, m."""
+        self.pointer, self._aimed = place, None
+        self.repaint_moving()
 
     def extend_trail(self, tips: np.ndarray) -> None:
         """The trail goes on over all of these (n, 2), m."""
-        if not len(tips):
-            return
-        self.trail.append(tips)
-        if self.trail_shown and self._still and self._paint_piece(tips):
-            self.update()
+        if len(tips):
+            self.trail.append(tips)
+            if self.trail_shown and self._still and len(drawn := self._paint_piece(tips)) > 1:
+                self.update(around(polygon(drawn), self.sizes.trail))
 
     def show_beside(self, tips: np.ndarray, colour: str) -> None:
         """Another way beside the trail: tips (n, 2), m; n = 0: no other way."""
@@ -147,25 +156,35 @@ class Plane(QWidget):
         self.repaint_still()
 
     def repaint_still(self) -> None:
-        """What stands still has changed: paint it anew with the next frame."""
-        self._still = False
+        """What stands still has changed: paint all of it anew with the next frame."""
+        self._still, self._box = False, self.rect()
         self.update()
 
+    def repaint_moving(self) -> None:
+        """What moves has changed: paint anew with the next frame where it was and where it is."""
+        self._box = self.moving_box()
+        self.update(self._painted_box | self._box)
+
+    def moving_box(self) -> QRect:
+        """Around all that moves, px."""
+        grasp = self.scale * GRASP_RADIUS_M if self.taken is False else 0.0
+        box = around(self.moving_places(), max(grasp, self.sizes.handle, self.sizes.pointer))
+        return box if self.handle_seen else self.rect()  # with an arrow somewhere at the edge
+
+    def moving_places(self) -> list[QPointF]:
+        """The middles of what moves, px."""
+        return [self.to_screen(place) for place in (self.tip, self.pointer) if place]
+
     def follow_pointer(self) -> None:
-        """With every frame: paint the own pointer, which moves more often than can be seen."""
-        if self._pointer_moved:
-            self._pointer_moved = False
-            self.update()
+        """With every frame: show the own pointer, which moves more often than can be seen."""
+        if self._aimed is not None:
+            self.show_pointer(self._aimed)
 
     # metres and pixels
 
     def fit(self) -> None:
         """Size, extent or text size has changed: the handle has another place on the screen, too. A subclass first
         sets the room that it keeps free."""
-        self._set_scale()
-        self.show_handle(self.tip, self.taken, self.force_N)
-
-    def _set_scale(self) -> None:
         free, extent = self._keep_free, self._extent
         width = max(self.width() - free.left() - free.right(), 1.0)
         height = max(self.height() - free.top() - free.bottom(), 1.0)
@@ -173,6 +192,7 @@ class Plane(QWidget):
         self._zero_x = free.left() + 0.5 * width - self.scale * extent.center().x()
         self._zero_y = free.top() + 0.5 * height + self.scale * extent.center().y()
         self.repaint_still()
+        self.show_handle(self.tip, self.taken, self.force_N)
 
     @property
     def field(self) -> QRectF:
@@ -203,13 +223,15 @@ class Plane(QWidget):
             return
         place = self.to_plane(at)
         if self._follows_mouse:
-            self.pointer, self._pointer_moved = place, True
+            self._aimed = place
         self.pointer_moved.emit(*place, grip)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        self.point_at(event.position(), 1.0)
+        if not self._pressed:
+            self.point_at(event.position(), 1.0)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._pressed = False  # of a pen that went away unseen
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
 
@@ -223,19 +245,21 @@ class Plane(QWidget):
 
     def _hold(self, point: QEventPoint, device: QPointingDevice, cancelled: bool) -> None:
         pen_is_up = device.type() == QInputDevice.DeviceType.Stylus and point.pressure() <= 0.0
-        if cancelled or pen_is_up or point.state() == QEventPoint.State.Released:
-            self._leave()
-        else:
+        before, self._pressed = self._pressed, not (cancelled or pen_is_up or point.state() == point.State.Released)
+        if self._pressed:
             self.setFocus()
             self.point_at(self.mapFromGlobal(point.globalPosition()), grip_of(device, point.pressure()))
+        elif before:
+            self._leave()
 
     def leaveEvent(self, event: QEvent) -> None:
-        self._leave()
+        if not self._pressed:
+            self._leave()
         super().leaveEvent(event)
 
     def _leave(self) -> None:
         if self._follows_mouse:
-            if self.pointer is None:
+            if self._aimed is self.pointer is None:
                 return
             self.show_pointer(None)
         self.pointer_left.emit()
@@ -261,10 +285,12 @@ class Plane(QWidget):
             self._paint_background(ratio)
         painter = QPainter(self)
         painter.drawPixmap(0, 0, self._background)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self.paint_under_handle(painter)
-        self._paint_hand(painter)
-        self.paint_over_handle(painter)
+        if event.region().intersects(self._box):
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            self.paint_under_handle(painter)
+            self._paint_hand(painter)
+            self.paint_over_handle(painter)
+            self._painted_box = self._box
         self.painted.emit()
 
     def _paint_background(self, ratio: float) -> None:
@@ -280,14 +306,14 @@ class Plane(QWidget):
         for corners in self._obstacles:
             painter.setPen(pen(COLOURS.quiet, 2.0))
             painter.setBrush(QBrush(shade(COLOURS.quiet, 0.6), Qt.BrushStyle.BDiagPattern))
-            painter.drawPolygon(QPolygonF([self.to_screen(corner) for corner in corners]))
+            painter.drawPolygon(polygon(self.pixels(corners)))
         self.paint_under_path(painter)
         if len(self.outline):
             heads = not isinstance(self.path, Segment)
             path_marks.paint_path(painter, self.pixels(self.outline), heads, self.rings_px, self.sizes)
         painter.end()
         if self._beside is not None:
-            self._paint_way(*self._beside)
+            self._paint_way(self.pixels(self._beside[0]), self._beside[1])
         self._trail_end = np.empty((0, 2))
         for piece in self.trail if self.trail_shown else ():  # as they came: each pixel is as it was
             self._paint_piece(piece)
@@ -319,28 +345,28 @@ class Plane(QWidget):
         """Radius of the handle: its middle must be seen to lie in the ring at the start."""
         return min(self.sizes.handle, max(0.6 * self.rings_px[0], LEAST_HANDLE_PX))
 
-    def _paint_piece(self, tips: np.ndarray) -> bool:
-        """Add a piece of the trail to the background; whether it can be seen."""
-        before = self._trail_end
-        self._trail_end = self._paint_way(np.concatenate((before, tips)), COLOURS.trace)
-        return not np.array_equal(before, self._trail_end)
+    def _paint_piece(self, tips: np.ndarray) -> np.ndarray:
+        """Add a piece of the trail to the background; the points of its line (n, 2), px."""
+        drawn = self._paint_way(np.concatenate((self._trail_end, self.pixels(tips))), COLOURS.trace)
+        self._trail_end = drawn[-1:]
+        return drawn
 
-    def _paint_way(self, places: np.ndarray, colour: str) -> np.ndarray:
-        """Add a piece of a way, places (n, 2) in m, to the background: a long trail costs no more than a short one.
+    def _paint_way(self, points: np.ndarray, colour: str) -> np.ndarray:
+        """Add a piece of a way, points (n, 2) in px, to the background: a long trail costs no more than a short one.
 
-        Where the next piece goes on: its last place that is painted, (1, 2); (0, 2) of none.
+        The points through which it is drawn (n, 2), px; a line from two on. The next piece goes on at the last of them.
         """
-        points = self.pixels(places)
         squares = np.floor(points / THIN_PX)
         seen = np.ones(len(points), dtype=bool)
         seen[1:] = (squares[1:] != squares[:-1]).any(axis=1)
-        if np.count_nonzero(seen) > 1:
+        drawn = points[seen]
+        if len(drawn) > 1:
             painter = QPainter(self._background)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             painter.setPen(pen(colour, self.sizes.trail, round_cap=True))  # pieces join as if they were one
-            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points[seen].tolist()]))
+            painter.drawPolyline(polygon(drawn))
             painter.end()
-        return places[seen][-1:]
+        return drawn
 
     @property
     def handle_seen(self) -> bool:

@@ -1,8 +1,9 @@
 """The whole linkage on its path, small: in a corner of a larger view, or by itself."""
 
+import math
 from collections.abc import Mapping
 
-from PySide6.QtCore import QMarginsF, QRectF, Qt
+from PySide6.QtCore import QMarginsF, QRect, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import marks
@@ -13,6 +14,7 @@ from core.device import Device
 from core.path import PathFile
 
 ARM_PX = 7.0  # width of an arm
+SEEN_PX = 0.5  # a smaller movement of the handle cannot be seen
 
 
 class SmallView(Plane):
@@ -21,7 +23,7 @@ class SmallView(Plane):
     def __init__(self, sizes: Sizes) -> None:
         super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), sizes, QMarginsF(15.0, 8.0, 15.0, 15.0), follows_mouse=False)
         self.instant: Instant | None = None
-        self.doing: Mapping[str, Doing] = {}
+        self.doing: Mapping[str, Doing] | None = {}
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(0, 0)
@@ -31,17 +33,22 @@ class SmallView(Plane):
         """Another device or path, with the handle at `tip`, brakes off."""
         self.set_extent(extent_of_linkages([device], [path]))
         self.show_path(path)
+        self.instant = None
         self.show_instant(Instant(device, tip), {})
 
-    def show_instant(self, now: Instant, doing: Mapping[str, Doing]) -> None:
-        """The device at a moment, and what its brakes do."""
-        if self.instant is None or doing != self.doing or not now.looks_like(self.instant):
+    def show_instant(self, now: Instant, doing: Mapping[str, Doing] | None) -> None:
+        """The device at a moment, and what its brakes do; None: nobody may see that."""
+        before = self.instant
+        if before is None or doing != self.doing or math.dist(now.tip, before.tip) * self.scale > SEEN_PX:
+            self.instant, self.doing = now, doing
             self.update()
-        self.instant, self.doing = now, doing
-        self.show_handle(now.tip)
+            self.show_handle(now.tip)
+
+    def moving_box(self) -> QRect:
+        return self.rect()
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is not None:
             at = {joint: self.to_screen(place) for joint, place in now.joints.items()}
             marks.paint_arms(painter, at, ARM_PX, 2.0)
-            marks.paint_joints(painter, marks.rings_of(at, now.device.labels), now.device.labels, self.doing, now.blind)
+            marks.paint_joints(painter, marks.rings_of(at, now.device.labels), now.device.labels, self.doing)

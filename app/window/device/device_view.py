@@ -66,7 +66,7 @@ class DeviceView(SmallView):
         letters = {joint: joint for joint in JOINTS if joint in status.encoders}
         rings = marks.rings_of(at, letters)
         marks.paint_arms(painter, at, ARM_PX, 2.0)
-        marks.paint_joints(painter, rings, letters, {}, blind=False)
+        marks.paint_joints(painter, rings, letters, {})
         if status.homed and len(status.theta) == len(JOINTS) and rings:
             for joint, angle in zip(JOINTS, status.theta, strict=True):
                 below = rings[joint] + QPointF(0.0, ANGLE_PX)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Collection
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QHideEvent, QPainter, QShowEvent
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
@@ -64,14 +64,18 @@ class ParticipantView(Plane):
             self.held = share
             self.update()
 
-    def show_handle(self, tip: m.Point | None, taken: bool | None = None, force_N: float = 0.0) -> None:
-        super().show_handle(tip, taken, force_N)
+    def show_handle(self, tip: m.Point | None, taken: bool | None = None, force_N: float = 0.0) -> bool:
+        changed = super().show_handle(tip, taken, force_N)
         at = self.to_screen(tip) if tip is not None else QPointF()
         down, side = at.y() / max(self.height(), 1), -1 if at.x() > 0.5 * self.width() else 1
         side = side if down > TEXT_TOP - (0.01 if self.side else 0.0) else 0  # the text is never under the dot
         if side != self.side:
             self.side = side
             self.repaint_still()
+        return changed
+
+    def moving_box(self) -> QRect:
+        return super().moving_box() if self._device is None else self.rect()
 
     def show_linkage(self, device: Device | None) -> None:
         """Draw the arms of a device; None: no linkage."""

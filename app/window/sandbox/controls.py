@@ -12,10 +12,12 @@ from app.ipc import messages as m
 from app.window.sandbox.dials import DialRow, dials_of
 from app.window.widgets import theme
 from app.window.widgets.fields import Field
+from app.window.widgets.keys import add_key
 from app.window.widgets.parts import (
     NO_FOCUS,
     PART,
     OneLine,
+    Panel,
     Part,
     Segments,
     button,
@@ -31,7 +33,7 @@ from experiments.assumptions import SENSINGS
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 
-RIGHT_PX, NAME_PX = 390, 112
+RIGHT_PX, NAME_PX, VALUE_PX = 390, 112, 92  # wide
 SENSING = (
     "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
     "velocity as the slope over the last 15 ms, all of it 1 ms late."
@@ -61,6 +63,8 @@ class GuideButton(QPushButton):
         self.setLayout(row(bar, self.feel, self._beside, text_label(key, "quiet"), margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        if key:
+            add_key(key, self, self.click)
 
     def show_feel(self, feel: str) -> None:
         """What it feels like, and beside that its name, unless it is the same."""
@@ -94,9 +98,7 @@ class Controls(QScrollArea):
             guide.show_feel(feel(preset, protocol.controllers))
             guide.clicked.connect(partial(self._choose, number))
             parts.append(guide)
-        self.warning = wrapped_label("", "caution")
-        self.warning.setMinimumHeight(2 * self.warning.fontMetrics().lineSpacing() + 2)  # so that nothing jumps
-        parts.append(self.warning)
+        parts.append(Panel("line"))
         choices: dict[str, dict] = {
             "device": {device.name: brakes_of(device.name) for device in protocol.devices},
             "path": {number: f"Path {number}" for number in protocol.paths},
@@ -111,22 +113,27 @@ class Controls(QScrollArea):
             self._names.append(name)
             self.segments[field] = segments
         self.segments["sensing"].setToolTip(SENSING)
+        parts.append(Panel("line"))
         for dial in dials_of(protocol):
             dial_row = self.dials[dial.name] = DialRow(dial)
             self._names.append(dial_row.name)
             dial_row.changed.connect(partial(self._turn, dial.name))
             parts.append(dial_row)
+        self.warning = wrapped_label("", "caution")
         self.changes = OneLine("", "quiet", theme.NORMAL)
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
-        self.setWidget(panel("How should it guide you?", *parts, 1, row(self.changes, self.reset), spacing=3))
+        foot = row(self.changes, self.reset)
+        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=5))
         self.follow_text()
 
     def follow_text(self) -> None:
-        """Wider for larger text; all names of settings alike."""
+        """Wider for larger text; all names of settings alike, and all values of dials."""
         self.setFixedWidth(theme.text_px(RIGHT_PX))
         for name in self._names:
             name.setFixedWidth(theme.text_px(NAME_PX))
+        for dial in self.dials.values():
+            dial.value.setFixedWidth(theme.text_px(VALUE_PX))
 
     # what is set
 

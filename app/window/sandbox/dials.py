@@ -95,7 +95,6 @@ class DialRow(QWidget):
         self.slider.setRange(0, dial.slider_position(dial.most))
         self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.value_at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.value.setMinimumWidth(92)
         self.setLayout(row(self.name, self.slider, self.value))
 
     def show_value(self, setting: float) -> None:

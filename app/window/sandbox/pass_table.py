@@ -56,7 +56,6 @@ class PassTable(QTableWidget):
         super().__init__(0, 3 + len(MEASURES))
         self.setHorizontalHeaderLabels(["Pass", "Guidance", "Device", *(head for _, head, _, _ in MEASURES)])
         self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(24)
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
@@ -75,6 +74,10 @@ class PassTable(QTableWidget):
         bars = Bars(self)
         for across in range(3, 3 + len(MEASURES)):
             self.setItemDelegateForColumn(across, bars)
+        self.follow_text()
+
+    def follow_text(self) -> None:
+        self.verticalHeader().setDefaultSectionSize(theme.text_px(24))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self.setColumnHidden(2, self.width() < theme.text_px(640))

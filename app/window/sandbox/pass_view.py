@@ -1,13 +1,13 @@
 """A pass of Try: the path with the band in which nothing guides, both forces, the whole linkage in a corner."""
 
 from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
-from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker, QPolygonF
+from PySide6.QtGui import QPainter, QPainterPath, QPainterPathStroker
 
-from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, LINKAGE, TRAIL, ForceView
+from app.window.canvas.force_view import FORCES, LINKAGE, TRAIL, ForceView
 from app.window.canvas.layers import Point, extent_of_paths
-from app.window.canvas.path_marks import Sizes
+from app.window.canvas.path_marks import Sizes, polygon
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, pen, shade, text_px, write, write_from
+from app.window.widgets.theme import COLOURS, pen, shade, text_px, write
 from core.device import Device
 from core.path import PathFile
 
@@ -20,9 +20,7 @@ LAYERS = {
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
-HEAD_PX, FOOT_PX = 70.0, 26.0  # for what stands there in words
-NAMES = {HAND: "your hand", BRAKES: "brakes"}
-READOUT_PX = 180  # from one force's read-out to the next, at a text size of 1
+HEAD_PX, FOOT_PX = 70.0, 26.0  # high, what the page writes there
 
 
 class PassView(ForceView):
@@ -55,7 +53,7 @@ class PassView(ForceView):
     def paint_under_path(self, painter: QPainter) -> None:
         if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
             way, stroker = QPainterPath(), QPainterPathStroker()
-            way.addPolygon(QPolygonF([self.to_screen(place) for place in self.outline]))
+            way.addPolygon(polygon(self.pixels(self.outline)))
             stroker.setWidth(2.0 * self.gap_m * self.scale)
             stroker.setCapStyle(Qt.PenCapStyle.FlatCap)
             painter.setPen(pen(COLOURS.caution, 1.0, 0.5))
@@ -70,10 +68,3 @@ class PassView(ForceView):
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.tip is not None and self.instant is not None:
             self.paint_forces(painter, self.instant)
-
-    def paint_over_handle(self, painter: QPainter) -> None:
-        """How large both forces are, at the foot."""
-        left = QPointF(20.0, self.height() - 0.5 * text_px(FOOT_PX))
-        for name, text in self.force_texts.items() if FORCES in self.shown and self.tip is not None else ():
-            write_from(painter, left, f"{NAMES[name]} {text}", theme.TITLE, True, FORCE_COLOUR[name])
-            left += QPointF(text_px(READOUT_PX), 0.0)

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFileDialog, QGridLayout
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QWidget
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import INSET_PX, Layered, RefreshClock
+from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, INSET_PX, Layered, RefreshClock
 from app.window.sandbox.controls import Controls
 from app.window.sandbox.pass_table import PassTable
 from app.window.sandbox.pass_view import LAYERS, PassView
@@ -24,10 +23,12 @@ from core import tick_log
 from experiments.protocol import Protocol
 
 FIGURE, WIDEST_FIGURE = 22, "88.8 mm"  # px, of a figure; a longer one is written smaller
+NAMES, FORCE_PX = {HAND: "your hand", BRAKES: "brakes"}, 170  # of the forces; wide, each of their read-outs at most
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
-NO_PASS = "No pass yet"
+NO_PASS = "No pass yet · each gets a row here, to compare"
+COMPARED = "With bars · passes in which only the guidance differs"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -52,11 +53,11 @@ class TryPage(Page):
         self._timer.timeout.connect(lambda: self.send(m.SetSandbox(self.controls.settings)))
         self.large, self.small = Figures(theme.LARGE, bold=True), wrapped_label("", "quiet", theme.TITLE)
         self.error, self.time = Figures(FIGURE, bold=True), Figures(FIGURE, bold=True)
+        self.forces = {whose: Figures(theme.TITLE, bold=True) for whose in NAMES}
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
-        self.bring = button(
-            "Bring it back  B", self._bring_back, "small", "The handle to the start, from wherever it is"
-        )
+        back = "The handle to the start, from wherever it is"
+        self.bring = button("Bring it back  B", lambda: send(m.BringBack()), "small", back)
         self.bring.setFocusPolicy(NO_FOCUS)
         add_key("B", self, self.bring.click)
         self.clear = button("Clear", self._clear, "small")
@@ -68,18 +69,21 @@ class TryPage(Page):
 
     def _lay_out(self) -> None:
         over = QGridLayout(self.canvas)
-        over.setContentsMargins(20, 10, INSET_PX + 30, 0)
+        over.setContentsMargins(20, 10, INSET_PX + 30, 4)
         over.setHorizontalSpacing(26)
         figures = (self.error, text_label("from the line", "quiet")), (self.time, text_label("this pass", "quiet"))
         to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
         for across, labels in enumerate(((self.large, self.small), *figures)):
             for down, label in enumerate(labels):
-                label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
                 over.addWidget(label, down, across, to_its_line[down])
+        over.addLayout(row(*self.forces.values(), 0), 3, 0, 1, 3)
+        for label in self.canvas.findChildren(QWidget):
+            label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
         self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
+        self.workspace.buttons[FORCES].toggled.connect(lambda _: self._show_forces())
         self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
         head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
@@ -97,12 +101,14 @@ class TryPage(Page):
         """The figures keep their room above a larger text, whatever they are."""
         for figure in (self.error, self.time):
             figure.setFixedWidth(math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True)))
+        for force in self.forces.values():
+            force.setMaximumWidth(theme.text_px(FORCE_PX))
 
     # ------------------------------------------------------------------------------------------- user actions
 
     def begin(self, what: object = None) -> None:
         self._front = True
-        self.canvas.setFocus()  # so that the digits are heard
+        self.canvas.setFocus()
         self._ask()
 
     def end(self) -> None:
@@ -120,15 +126,6 @@ class TryPage(Page):
             **self.workspace.keys,
         }
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """A digit chooses the controller in that place."""
-        guides = self.controls.guides.values()
-        guide = next((button for button in guides if button.key and button.key == event.text()), None)
-        if guide is None:
-            super().keyPressEvent(event)
-        else:
-            guide.click()
-
     def _ask(self) -> None:
         """Open Try on the server, unless a session is open."""
         if self._front and self.opened is not None and not self.opened.participant:
@@ -137,10 +134,6 @@ class TryPage(Page):
     def _start(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
             self.send(m.Start())
-
-    def _bring_back(self) -> None:
-        self.send(m.BringBack())
-        self.canvas.setFocus()
 
     def _set(self) -> None:
         """Send a changed setting, a little later, and show the gap at once."""
@@ -182,8 +175,8 @@ class TryPage(Page):
         now, settings = snapshot.sandbox, self.controls.settings
         off = Shown("Brakes off", "Press Ctrl+B to allow them") if snapshot.brakes_off else None
         elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
-        no_pass = NO_PASS if now is not None and not now.passes else ""
-        self.notice.setText("" if elsewhere else snapshot.notice or no_pass)
+        about = "" if now is None else COMPARED if now.passes else NO_PASS
+        self.notice.setText("" if elsewhere else snapshot.notice or about)
         theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
@@ -211,6 +204,7 @@ class TryPage(Page):
                     self.canvas.rest(snapshot.tip)
             elif before.running != snapshot.running:
                 self.canvas.begin()
+        self._show_forces()
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
             self._show_passes()
 
@@ -220,11 +214,13 @@ class TryPage(Page):
         now, phase = rows[-1], int(rows[-1, tick_log.PHASE])
         by_pointer = words.hand_is_mouse(self.opened)
         self.canvas.add(rows, taken if by_pointer else None)
-        if self._reading.due(float(now[tick_log.T])):
-            self.canvas.refresh_text()
         held = taken or not by_pointer
         said = words.moving(phase, held, words.language_of(self.opened)) or BACK
         self._show_status(said if held or self.canvas.handle_seen else AWAY)
+        if not self._reading.due(float(now[tick_log.T])):
+            return
+        self.canvas.refresh_text()
+        self._show_forces()
         if phase == tick_log.MOVE:
             self.time.show_parts((f"{now[tick_log.T] - self.canvas.began_s:.1f} s", COLOURS.text))
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
@@ -236,6 +232,12 @@ class TryPage(Page):
     def _show_status(self, shown: Shown) -> None:
         self.large.show_parts((shown.large, COLOURS.text))
         self.small.setText(shown.small)
+
+    def _show_forces(self) -> None:
+        shown = FORCES in self.canvas.shown and self.canvas.tip is not None
+        for whose, force in self.forces.items():
+            text = f"{NAMES[whose]} {self.canvas.force_texts[whose]}" if shown else ""
+            force.show_parts((text, FORCE_COLOUR[whose]))
 
     def _clear_figures(self) -> None:
         for figure in (self.error, self.time):

@@ -107,6 +107,7 @@ def shade(name: str, alpha: float = 1.0) -> QColor:
     return chosen
 
 
+@cache
 def mixed(a: str, b: str, share: float) -> QColor:
     """A colour between two of the palette."""
     p, q = QColor(a), QColor(b)
