@@ -203,6 +203,8 @@ def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_a
     page: DevicePage,
 ) -> None:
     assert page.view.isVisible() and page.view.tip == status().tip and page.view.caption.text() == FOLLOWS
+    page.show_pulse(told(status(device="three-brake")))
+    assert page.view.instant.device.name == "three-brake", "another device with its handle at the same place"
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))
     assert page.view.isVisible() and page.view.tip != status().tip and page.view.caption.text() == UNHOMED
     page.show_snapshot(running(3))

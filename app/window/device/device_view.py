@@ -49,6 +49,7 @@ class DeviceView(SmallView):
         known = status.homed and math.isfinite(sum(status.tip))
         if self.instant is None or self.instant.device is not device:
             self.set_extent(extent_of_linkages([device], protocol.paths.values()))
+            self.instant = None  # the other one's
         self.caption.setText(STANDS if runs else FOLLOWS if known else UNHOMED)
         self.show_instant(Instant(device, status.tip if known else self._jig), {})
         self.update()
