@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QEvent, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QLineEdit,
@@ -31,7 +31,7 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label
+from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Panel, button, column, row, text_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, size
 from experiments.plan import grouped
@@ -46,6 +46,7 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording
+SPACING_PX, BESIDE_PX = 8, 2  # between header, page and footer; left free above and below the banner
 #: title, text with room for what would be lost, stay, go
 CLOSE = (
     "A trial is being recorded",
@@ -113,6 +114,11 @@ class Footer(Panel):
         theme.set_style(self.lamp, "bad")
         self.recording.setText("Not recording")
 
+    @property
+    def summary(self) -> str:
+        """What has to be seen of it where the banner lies over it."""
+        return PART.join((f"Data {self.folder.text()}", self.recording.text()))
+
 
 class MainWindow(QWidget):
     """Header, one page at a time, footer."""
@@ -139,7 +145,7 @@ class MainWindow(QWidget):
         self.footer, self._stack = Footer(self._open_folder), QStackedWidget()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
-        self.preflight.banner.lie_over(self)
+        self.preflight.banner.setParent(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.footer.show_folder(client.setup.data_dir)
@@ -167,7 +173,9 @@ class MainWindow(QWidget):
             head.addSpacing(6)
             head.addWidget(pressed)
         self.setLayout(
-            column(head, (self._stack, 1), self.footer, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP))
+            column(
+                head, (self._stack, 1), self.footer, spacing=SPACING_PX, margins=(theme.GAP, 6, theme.GAP, theme.GAP)
+            )
         )
         self.follow_text()
 
@@ -176,6 +184,19 @@ class MainWindow(QWidget):
         room = QGuiApplication.primaryScreen().availableSize()
         width, height = map(theme.text_px, SMALLEST)
         self.setMinimumSize(min(width, room.width()), min(height, room.height()))
+        self.footer.setMinimumHeight(self.preflight.banner.needed_px + 2 * BESIDE_PX - SPACING_PX - theme.GAP)
+        self._place_banner()
+
+    def _place_banner(self) -> None:
+        """Over the footer and the gaps above and below it."""
+        high = self.preflight.banner.needed_px
+        self.preflight.banner.setGeometry(
+            theme.GAP, self.height() - BESIDE_PX - high, self.width() - 2 * theme.GAP, high
+        )
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_banner()
 
     def _connect(self) -> None:
         for name, tab in self.tabs.items():
@@ -318,7 +339,7 @@ class MainWindow(QWidget):
         self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
-        if self.snapshot.brakes_off:
+        if self.snapshot.can_allow:
             self.send(m.AllowBrakes())
 
     def escape(self, cause: str) -> None:
@@ -365,6 +386,7 @@ class MainWindow(QWidget):
         for page in self.pages.values():
             page.show_snapshot(snapshot)
         self.preflight.show_snapshot(snapshot)
+        self.preflight.banner.foot.setText(self.footer.summary)
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved
@@ -382,6 +404,7 @@ class MainWindow(QWidget):
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.footer.show_pulse(pulse)
+        self.preflight.banner.foot.setText(self.footer.summary)
         for page in self.pages.values():
             page.show_pulse(pulse)
 
