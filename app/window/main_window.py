@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QEvent, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import (
     QFileDialog,
     QLineEdit,
@@ -31,7 +31,7 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Panel, button, column, row, text_label
+from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Panel, button, column, holder, row, stack, text_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, size
 from experiments.plan import grouped
@@ -46,7 +46,6 @@ PAGES = {
 }
 SMALLEST = (1024, 600)
 RECORDING_PX = 300  # wide, at least, the proof of recording
-SPACING_PX, BESIDE_PX = 8, 2  # between header, page and footer; left free above and below the banner
 #: title, text with room for what would be lost, stay, go
 CLOSE = (
     "A trial is being recorded",
@@ -145,7 +144,6 @@ class MainWindow(QWidget):
         self.footer, self._stack = Footer(self._open_folder), QStackedWidget()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
-        self.preflight.banner.setParent(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.footer.show_folder(client.setup.data_dir)
@@ -172,11 +170,12 @@ class MainWindow(QWidget):
             pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
             head.addWidget(pressed)
-        self.setLayout(
-            column(
-                head, (self._stack, 1), self.footer, spacing=SPACING_PX, margins=(theme.GAP, 6, theme.GAP, theme.GAP)
-            )
+        self._foot = stack(  # the banner has the gaps about the footer, too
+            holder(row(self.footer, margins=(0, 8, 0, theme.GAP))),
+            holder(row(self.preflight.banner, margins=(0, 2, 0, 2))),
         )
+        pages = column(head, (self._stack, 1), spacing=8)
+        self.setLayout(column((pages, 1), self._foot, margins=(theme.GAP, 6, theme.GAP, 0)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -184,19 +183,6 @@ class MainWindow(QWidget):
         room = QGuiApplication.primaryScreen().availableSize()
         width, height = map(theme.text_px, SMALLEST)
         self.setMinimumSize(min(width, room.width()), min(height, room.height()))
-        self.footer.setMinimumHeight(self.preflight.banner.needed_px + 2 * BESIDE_PX - SPACING_PX - theme.GAP)
-        self._place_banner()
-
-    def _place_banner(self) -> None:
-        """Over the footer and the gaps above and below it."""
-        high = self.preflight.banner.needed_px
-        self.preflight.banner.setGeometry(
-            theme.GAP, self.height() - BESIDE_PX - high, self.width() - 2 * theme.GAP, high
-        )
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._place_banner()
 
     def _connect(self) -> None:
         for name, tab in self.tabs.items():
@@ -385,7 +371,7 @@ class MainWindow(QWidget):
             self._then = None
         for page in self.pages.values():
             page.show_snapshot(snapshot)
-        self.preflight.show_snapshot(snapshot)
+        self._foot.setCurrentIndex(int(self.preflight.show_snapshot(snapshot)))
         self.preflight.banner.foot.setText(self.footer.summary)
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)

@@ -11,6 +11,7 @@ from app.window.widgets.parts import button, column, holder, panel, row, scrolle
 from app.window.widgets.preflight import NOW, Checklist
 
 STATES = {"passed": m.GOOD, "failed": m.BAD, "not done": m.WAITING}
+ALONE, MEND = "Wait: this is checked without you.", "Mend what has failed, then begin again."
 NONE = m.BringUpShown("", "", False, ())
 ABOUT = (
     "Checks a device that has just been wired, one thing after another. At first no current flows; later brakes get "
@@ -35,6 +36,7 @@ class BringUpPanel(QWidget):
         self.far = text_label("", "quiet")
         self.steps = Checklist()
         self._scrolled = scrolled(holder(column(self.steps, 1)))
+        self._scrolled.verticalScrollBar().rangeChanged.connect(lambda *_: self._show_present())
         self.list = panel("Steps", (self._scrolled, 1))
         answers = row(self.name, self.begin, self.go_on, self.end, 1)
         head = panel("Bring up the device", row(self.title, 1, self.far), self.ask, answers)
@@ -68,7 +70,7 @@ class BringUpPanel(QWidget):
         of = f"{passed} of {len(shown.steps)} steps have passed" if shown.results else "Before it begins"
         self.title.setText(shown.title or of)
         self.far.setText(f"Step {len(shown.results) + 1} of {len(shown.steps)}" if goes_on else "")
-        self.ask.setText((shown.ask or "Wait: this is checked without you.") if goes_on else ABOUT)
+        self.ask.setText((shown.ask or ALONE) if goes_on else MEND if passed < len(shown.results) else ABOUT)
         self.name.setVisible(not goes_on)
         self.begin.setVisible(not goes_on)
         self.begin.setEnabled(self._usable and bool(self.name.text().strip()))
@@ -79,10 +81,11 @@ class BringUpPanel(QWidget):
         if goes_on:
             checks.append(m.Check(shown.title, NOW, ""))
         checks += [m.Check(title, m.WAITING, "") for title in shown.steps[len(checks) :]]
-        if self.steps.show_checks(tuple(checks)) and goes_on:
+        if self.steps.show_checks(tuple(checks)):
             QTimer.singleShot(0, self._show_present)
 
     def _show_present(self) -> None:
-        """Once the list is laid out: scroll to the present step."""
-        if (name := self.steps.names.get(self.shown.title)) is not None:
+        """Once the list is laid out: scroll to the present step, after the last one to the first that has failed."""
+        failed = next((title for title, state, _, _ in self.shown.results if state == "failed"), "")
+        if (name := self.steps.names.get(self.shown.title or failed)) is not None:
             self._scrolled.ensureWidgetVisible(name, 0, name.height() * 3)

@@ -32,7 +32,7 @@ MARKS = {
 }  # fmt: skip
 DEVICE = "Device"  # the check that leads to the device page
 GAP_PX = 4  # in a pill and between two
-PADDING_PX, EDGES_PX = 14, 8  # beside the words of the banner; above and below them, with its border
+PADDING_PX = 14  # beside the words of the banner
 
 
 class Pill(Panel):
@@ -78,33 +78,27 @@ class Banner(Panel):
         self.words = wrapped_label("", size=theme.NORMAL, bold=True)
         self.words.setAlignment(Qt.AlignmentFlag.AlignVCenter)
         self.foot = OneLine("", "", theme.SMALL)
-        self.setLayout(column((self.words, 1), self.foot, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 2)))
-        self.hide()
+        self.setLayout(column(self.words, self.foot, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 2)))
         self._whole = ""
 
     def text(self) -> str:
         """What is shown of it."""
         return self.words.text()
 
-    @property
-    def needed_px(self) -> int:
-        """How high it is: two lines, that of the footer, and its edges."""
-        return 2 * self.words.fontMetrics().lineSpacing() + self.foot.sizeHint().height() + EDGES_PX
-
     def show_text(self, text: str) -> None:
         """A line for each thing; "": nothing is wrong."""
         self._whole = breakable(text)
         self.setToolTip(text)
-        self.setVisible(bool(text))
-        self._fit()
+        self.follow_text()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._fit()
+        self.follow_text()
 
-    def _fit(self) -> None:
-        """Show as much of the text, whole words, as has room in two lines."""
+    def follow_text(self) -> None:
+        """Show as much of the text, whole words, as has room in two lines, which it has without a text, too."""
         metrics, room = self.words.fontMetrics(), QRect(0, 0, self.width() - 2 * PADDING_PX - 2, 0)
+        self.words.setFixedHeight(2 * metrics.height())
 
         def fits(text: str) -> bool:
             needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
@@ -160,8 +154,8 @@ class Preflight(QWidget):
         super().resizeEvent(event)
         self.follow_text()
 
-    def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        """Show the checks, and what is wrong."""
+    def show_snapshot(self, snapshot: m.Snapshot) -> bool:
+        """Show the checks, and what is wrong: whether anything is."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
             clear(self._row)
@@ -180,6 +174,7 @@ class Preflight(QWidget):
         self.brakes.setToolTip(
             "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
         )
+        return bool(wrong)
 
 
 def advice(snapshot: m.Snapshot) -> list[str]:
