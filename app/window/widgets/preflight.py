@@ -98,7 +98,7 @@ class Banner(Panel):
     def follow_text(self) -> None:
         """Show as much of the text, whole words, as has room in two lines, which it has without a text, too."""
         metrics, room = self.words.fontMetrics(), QRect(0, 0, self.width() - 2 * PADDING_PX - 2, 0)
-        self.words.setFixedHeight(2 * metrics.height())
+        self.words.setFixedHeight(metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, "A\nA").height())
 
         def fits(text: str) -> bool:
             needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
