@@ -97,17 +97,17 @@ FAULTS = {
     ),
     "recording-failed": FaultWords(
         "the recording failed: {why}",
-        "Make room on the disk, or let the folder be written to again: what is missing is then written by itself.",
+        "Make room on the disk, or let the folder be written to again, and what is missing is written by itself.",
     ),
     "folder-gone": FaultWords(
         "{what}",
-        "Bring it back (connect its disk, take it out of the wastebasket): what is missing is then written by itself.",
+        "Bring it back (connect its disk, take it out of the wastebasket), and what is missing is written by itself.",
     ),
     "loop-died": FaultWords("the control loop ended unexpectedly", "Nothing has to be done: it is started again."),
     "loop-hung": FaultWords("the control loop hung and was ended", "Nothing has to be done: it is started again."),
     "no-loop": FaultWords(
         "the control loop cannot be started: it died {times} times while it was being prepared",
-        "Close this window, start again and resume the session.",
+        "Start again and resume the session.",
     ),
 }
 

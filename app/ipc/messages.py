@@ -345,10 +345,19 @@ class Snapshot(NamedTuple):
         return self.stage not in (PREPARING, NO_SESSION, RUNNING, FAILED)
 
     @property
+    def _device(self) -> Check:
+        """The check of the device; before there is one, of a device that is well."""
+        return next((check for check in self.checks if check.name == "Device"), Check("Device", GOOD, ""))
+
+    @property
+    def can_allow(self) -> bool:
+        """Whether the brakes are off and can be allowed again: where no device is reached, it comes first."""
+        return bool(self.brakes_off) and (self._device.state not in (BAD, WAITING) or self._device.text == BRAKES_OFF)
+
+    @property
     def place_known(self) -> bool:
         """Whether the handle's position is measured: the device is connected and homed."""
-        device = next((check for check in self.checks if check.name == "Device"), None)
-        return device is None or device.state not in (DUE, BAD, WAITING) or device.text == BRAKES_OFF
+        return self._device.state not in (DUE, BAD, WAITING) or self._device.text == BRAKES_OFF
 
     def session_blocker(self, real_device: bool) -> str:
         """Why no session can be opened; "": one can. On the bench a session comes before homing and zeroing."""
@@ -487,6 +496,7 @@ class BringUpShown(NamedTuple):
     ask: str
     confirmed: bool  # the person says when it is done
     results: tuple[tuple[str, str, str, str], ...]  # title, "passed" .., what was seen, what to do
+    steps: tuple[str, ...] = ()  # titles of all, in their order
 
 
 class DeviceStatus(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from app.ipc.messages import BringUp, BringUpShown, BroughtUp
-from core.device_interface import RealDevice
+from core.device_interface import DeviceSample, RealDevice
 from experiments.bring_up import bring_up
 from experiments.bring_up.record import brake_steps, make_record, state_of
 from experiments.bring_up.step import Step
@@ -15,11 +15,16 @@ class GuidedBringUp:
     """The steps on one device, asked for by a person at the window."""
 
     def __init__(self, device: RealDevice, job: BringUp, sleep: Callable[[float], None]) -> None:
-        self.shown = BringUpShown("", "", False, ())
         self._device, self._by, self._is_ready = device, job.by, False
         self._runner = bring_up.BringUp(device, self, sleep)
         steps = steps_for(device.device, device.encoders, device.force_channels > 0, job.home)
+        self.shown = BringUpShown("", "", False, (), tuple(step.title for step in steps))
         self._ticks = self._runner.run(steps)
+
+    @property
+    def sample(self) -> DeviceSample | None:
+        """The newest of the device."""
+        return self._runner.sample
 
     def tick(self) -> BroughtUp | None:
         """One exchange with the device; the record once all steps are done."""

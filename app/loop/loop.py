@@ -230,6 +230,8 @@ class Loop:
         elif (done := guided.tick()) is not None:
             self._bring_up, self.sample = None, None
             self._answer(done)
+        elif guided.sample is not None:
+            self.sample = guided.sample._replace(fault="")  # one that comes is wanted, or the step's finding
 
     def _answer_bring_up(self, goes_on: bool) -> None:
         if self._bring_up is None:

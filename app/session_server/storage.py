@@ -142,13 +142,14 @@ class Storage:
         gone = self.open.session.missing_files()
         self._failed, self._tried_s, self._was_gone = trouble, time.perf_counter(), self._was_gone or bool(gone)
         reason = gone or getattr(error, "strerror", None) or cause_of(error)
-        parts = [f"{trouble}: {reason.rstrip('.')}" if trouble else reason, *self._memory_report()]
-        if self._runner.run is None:
-            parts.append(f"It is tried again every {RETRY_S:.0f} s")
+        parts = [*filter(None, (trouble, reason))]
         if gone or isinstance(error, OSError) or isinstance(error.__cause__, OSError):
             code = "folder-gone" if gone else "recording-failed"
-            parts.append(f"{FAULTS[code].advice} Or go on in another folder")
-        self.not_written = ". ".join(parts).rstrip(". ")
+            parts += [FAULTS[code].advice, "Or go on in another folder"]
+        parts += self._memory_report()
+        if self._runner.run is None:
+            parts.append(f"It is tried again every {RETRY_S:.0f} s")
+        self.not_written = ". ".join(part[0].upper() + part[1:].rstrip(".") for part in parts)
         self._notify(f"{self.not_written}.", bad=True)
 
     def _memory_report(self) -> list[str]:

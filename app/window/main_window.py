@@ -31,7 +31,7 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, OneLine, Panel, button, column, row, text_label
+from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Panel, button, column, holder, row, stack, text_label
 from app.window.widgets.preflight import Preflight
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, size
 from experiments.plan import grouped
@@ -113,6 +113,11 @@ class Footer(Panel):
         theme.set_style(self.lamp, "bad")
         self.recording.setText("Not recording")
 
+    @property
+    def summary(self) -> str:
+        """What has to be seen of it where the banner lies over it."""
+        return PART.join((f"Data {self.folder.text()}", self.recording.text()))
+
 
 class MainWindow(QWidget):
     """Header, one page at a time, footer."""
@@ -139,7 +144,6 @@ class MainWindow(QWidget):
         self.footer, self._stack = Footer(self._open_folder), QStackedWidget()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
-        self.preflight.banner.lie_over(self)
         self.cards = Cards(self._stack)
         self._connect()
         self.footer.show_folder(client.setup.data_dir)
@@ -166,9 +170,12 @@ class MainWindow(QWidget):
             pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
             head.addWidget(pressed)
-        self.setLayout(
-            column(head, (self._stack, 1), self.footer, spacing=8, margins=(theme.GAP, 6, theme.GAP, theme.GAP))
+        self._foot = stack(  # the banner has the gaps about the footer, too
+            holder(row(self.footer, margins=(0, 8, 0, theme.GAP))),
+            holder(row(self.preflight.banner, margins=(0, 2, 0, 2))),
         )
+        pages = column(head, (self._stack, 1), spacing=8)
+        self.setLayout(column((pages, 1), self._foot, margins=(theme.GAP, 6, theme.GAP, 0)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -320,7 +327,7 @@ class MainWindow(QWidget):
         self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
-        if self.snapshot.brakes_off:
+        if self.snapshot.can_allow:
             self.send(m.AllowBrakes())
 
     def escape(self, cause: str) -> None:
@@ -366,7 +373,8 @@ class MainWindow(QWidget):
             self._then = None
         for page in self.pages.values():
             page.show_snapshot(snapshot)
-        self.preflight.show_snapshot(snapshot)
+        self._foot.setCurrentIndex(int(self.preflight.show_snapshot(snapshot)))
+        self.preflight.banner.foot.setText(self.footer.summary)
         if snapshot.moved is not None and self._moved != snapshot.moved:
             self._follow(snapshot)
         self._moved = snapshot.moved
@@ -384,6 +392,7 @@ class MainWindow(QWidget):
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.footer.show_pulse(pulse)
+        self.preflight.banner.foot.setText(self.footer.summary)
         for page in self.pages.values():
             page.show_pulse(pulse)
 

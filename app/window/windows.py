@@ -86,11 +86,12 @@ class Windows(QObject):
         self.main.raise_()
         self.main.do(action)
 
-    def restart(self, setup: Setup, then: object = None) -> None:
-        """End the session server and start another one with this setup; then: a command for it once it serves.
+    def restart(self, setup: Setup | None, then: object = None) -> None:
+        """End the session server and start another one, as `Page.setup_asked` says.
 
         The window goes on meanwhile: the old one may have something to keep.
         """
+        setup = setup or self.client.setup._replace(participant="")
         if self._ending is None:
             if setup.data_dir != self.client.setup.data_dir:
                 memory.remember(memory.DATA_FOLDER, str(setup.data_dir))  # the next start begins there

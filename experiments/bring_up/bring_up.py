@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from core.device_interface import DeviceError, RealDevice
+from core.device_interface import DeviceError, DeviceSample, RealDevice
 from core.faults import advice, cause_of
 from experiments.bring_up.step import NO_CURRENT, Currents, Finding, Observed, Row, Step
 from experiments.bring_up.steps import PATIENCE_S, missing_needs
@@ -57,6 +57,7 @@ class BringUp:
         """device: open. sleep: of the machine, but for tests."""
         self._device, self._builder, self._sleep = device, builder, sleep
         self._rows: list[Row] = []
+        self.sample: DeviceSample | None = None  # the newest
         self._heard = device.clock()
         self._report_before: dict[str, Any] = {}
         self.results: list[Result] = []
@@ -154,7 +155,7 @@ class BringUp:
         now = device.clock()
         for sample in device.samples():
             self._rows.append(Row(sample, currents, now))
-            self._heard = now
+            self.sample, self._heard = sample, now
         if problem := device.problem:
             raise StepFailed(problem)
         if now - self._heard > NO_SAMPLE_S:

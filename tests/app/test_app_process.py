@@ -108,7 +108,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     assert not start.isEnabled()
     QTest.keyClick(windows.participant, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
     wait_until(start.isEnabled)
-    assert main.preflight.banner.isHidden()
+    assert not main.preflight.banner.isVisible()
 
 
 #: the app, that says when its windows are open

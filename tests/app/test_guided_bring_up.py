@@ -68,6 +68,8 @@ def do_what_is_asked(built: OnBench, orders: dict[str, dict]) -> None:
 def test_the_window_leads_through_the_steps_and_the_session_keeps_the_record(built: OnBench, tmp_path: Path) -> None:
     begin(built)
     built.until(lambda: built.status.bring_up is not None)
+    assert len(built.status.bring_up.steps) == len(STEPS)
+    built.until(lambda: built.status.counts)  # its picture follows meanwhile
     built.send(m.Start())  # not meanwhile
     do_what_is_asked(built, {"Emergency stop": {"do": "press stop"}})
     built.until(lambda s: s.notice_bad and "Not every step has passed" in s.notice)
@@ -96,10 +98,11 @@ def test_the_page_shows_the_step_and_what_was_seen(qtbot) -> None:
     page.bring_up.begin.click()
     assert driver.sent[-1] == m.PrepareDevice(m.BRING_UP, "A. Builder")
     results = (("Version, limits, clock", "passed", "a board", ""), ("Encoder", "failed", "no counts", "Plug it in."))
-    shown = m.BringUpShown("Emergency stop", "Press it.", True, results)
+    steps = ("Version, limits, clock", "Encoder", "Emergency stop", "Latency and jitter")
+    shown = m.BringUpShown("Emergency stop", "Press it.", True, results, steps)
     page.show_pulse(m.Pulse(None, None, 0, device=status(bring_up=shown)))
     shown = texts(page.bring_up)
-    assert all(text in shown for text in ("Emergency stop", "Press it.", "Version, limits, clock", "Plug it in."))
+    assert all(text in shown for text in (*steps, "Press it.", "Plug it in.", "Step 3 of 4", "▶"))
     page.bring_up.go_on.click()
     page.bring_up.end.click()
     assert [command.step for command in driver.sent[-2:]] == [m.GO_ON, m.BREAK_OFF]

@@ -358,7 +358,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
         texts = visible_texts(console)
         told = [text for text in texts if not text.startswith("directions")]  # the name of a layer
         assert not any(name in text for name in names for text in told)
-        assert screens.run.traces.currents.hidden and not screens.run.energy.isVisible()
+        assert screens.run.traces.currents.isHidden() and not screens.run.energy.isVisible()
         seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
         screens.press(KEY.Key_R, modifier=ALT)
     assert all(seen)
@@ -477,7 +477,7 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
-UNDONE = "/data is gone. All its 812 ticks are in memory. It is tried again every 5 s"
+UNDONE = "/data is gone. Bring it back. All its 812 ticks are in memory. It is tried again every 5 s"
 STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
 
 

@@ -1,5 +1,7 @@
 """Live plots and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from fake_ticks import quiet, trial
@@ -11,7 +13,7 @@ from app.ipc.messages import Timing
 from app.window.run.energy_panel import EnergyPanel, Ledger
 from app.window.widgets import theme
 from app.window.widgets.parts import Figures
-from app.window.widgets.plots import HIDDEN, NO_TRIAL, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
+from app.window.widgets.plots import NO_TRIAL, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import load_device
@@ -94,13 +96,13 @@ def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
     traces.add(rows)
     assert traces.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
     assert traces.force.read_at(QPointF(7.0, 1.0)) == ""
-    traces.set_blind(True)
-    assert traces.currents.read_at(QPointF(0.2, 0.5)) == HIDDEN
 
 
 def test_the_lowest_curve_has_the_seconds_of_all(traces: Traces) -> None:
-    for shown in (False, True):
+    for shown, blind in product((False, True), repeat=2):
         traces.show_speed(shown)
+        traces.set_blind(blind)
+        assert traces.currents.isHidden() == blind
         timed = [trace for trace in traces.all if trace.item.getAxis("bottom").isVisible()]
         assert timed == [trace for trace in traces.all if not trace.isHidden()][-1:]
 

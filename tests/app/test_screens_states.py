@@ -36,6 +36,7 @@ from app.window.canvas.linkage_view import REACHABLE
 from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
 from app.window.participant.tone import END_HZ, GO_HZ, NO_SOUND, RATE_HZ, player, tone
+from app.window.main_window import SMALLEST
 from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
@@ -55,7 +56,8 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
     for over in (0, 12):
         promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
         screens.hear(opened(), ready(over, checks=RED))
-        assert screens.run.small.text() == screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
+        assert screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
+        assert screens.run.small.text() == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
         screens.hear(ready(over))
         assert screens.run.small.text() in promises and screens.participant.view.shown.small in promises
 
@@ -69,21 +71,45 @@ def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -
     assert screens.run.panel.notice.isVisible()
 
 
-def test_what_is_wrong_takes_two_lines_and_no_button_of_a_layer_lies_under_it(screens: Screens) -> None:
+@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
+@pytest.mark.parametrize("larger", [0, 3])
+def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(screens: Screens, size, larger) -> None:
     folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
-    many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
-    console = screens.hear(opened(), ready(3, checks=many))
-    settle(console)
-    banner, buttons = console.preflight.banner, screens.run.workspace.buttons.values()
-    places = [button.rect().translated(button.mapTo(console, QPoint())) for button in buttons]
-    assert banner.text().endswith("…") and banner.toolTip().count("cannot be written to") == len(GREEN)
-    assert banner.height() > 3 * banner.fontMetrics().lineSpacing() - 4, "both lines are used"
-    assert not any(banner.geometry().intersects(place) for place in places)
-    screens.hear(ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True))
-    settle(console)
-    assert banner.text().endswith("…") and banner.toolTip() == 5 * folder
-    assert banner.height() < 4 * banner.fontMetrics().lineSpacing() and console.height() == 720
-    assert places == [button.rect().translated(button.mapTo(console, QPoint())) for button in buttons], "nothing moved"
+    console, banner = screens.main, screens.main.preflight.banner
+    theme.scale_text(larger)
+    try:
+        console.resize(*size)
+        screens.hear(opened(), ready(3), pulse())
+        settle(console)
+        before, footer = (
+            [widget.geometry() for widget in (console._stack, screens.run.workspace)],
+            console.footer.width(),
+        )
+        many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
+        for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
+            screens.hear(snapshot)
+            settle(console)
+            assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
+            assert banner.width() == footer and banner.isVisible()
+            assert "Data data/sub-01/ses-01" in banner.foot.text() and "Recording run" in banner.foot.text()
+            lines = banner.words.fontMetrics().boundingRect(
+                banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text()
+            )
+            assert lines.height() <= banner.words.height(), "both lines are seen whole"
+        assert before == [widget.geometry() for widget in (console._stack, screens.run.workspace)], "nothing moves"
+    finally:
+        theme.scale_text(-larger)
+
+
+def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Screens) -> None:
+    asked = []
+    screens.main.restart_asked.connect(lambda *about: asked.append(about))
+    screens.hear(opened(), ready(9, stage=m.FAILED, notice="The loop cannot be started.", in_memory="run 4"))
+    assert [button.text() for button in screens.run.cards.notice.buttons] == ["Open folder"], "run 4 would be lost"
+    screens.hear(ready(9, stage=m.FAILED, notice="The loop cannot be started.", notice_bad=True))
+    assert screens.run.large.text() == "Stopped" and "Please wait" in screens.run.small.text()
+    screens.run.cards.notice.buttons[0].click()
+    assert asked == [(None, m.Open("01", resume=True))]
 
 
 def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
@@ -186,15 +212,18 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
     assert screens.press(KEY.Key_Space) == ([] if moment else [m.Confirm()])
 
 
-def test_a_board_that_went_while_brakes_are_off_is_named_beside_them_and_the_place_is_not_shown_as_measured(screens):
+def test_a_board_that_went_while_brakes_are_off_comes_before_them_and_the_place_is_not_shown_as_measured(screens):
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
     banner, line = screens.main.preflight.banner.text(), screens.run.workspace.view
-    assert banner.startswith("Brakes off. Esc.") and "Device: not connected. No sample for 200 ms." in banner
-    assert line.line == UNMEASURED
+    assert banner.startswith("Device: not connected. No sample for 200 ms.") and "llow" not in banner
+    assert not screens.main.preflight.brakes.isEnabled(), "pressing it would help nothing yet"
+    assert screens.press(KEY.Key_B, modifier=Qt.KeyboardModifier.ControlModifier) == []
+    assert line.line == UNMEASURED and screens.run.large.text() == "Not ready"
     off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
     assert told(off) == "Brakes off. Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
     assert screens.main.preflight.banner.text().count("Esc.") == 1 and not line.line
+    assert screens.main.preflight.brakes.isEnabled() and screens.run.large.text() == "Brakes off"
 
 
 def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:

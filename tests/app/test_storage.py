@@ -148,9 +148,9 @@ def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
     with monkeypatch.context() as patch:
         patch.setattr("experiments.recording.atomic_files.written_beside", refuses)
         storage.store_trial(Ended(session))
-        assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete: ") and said[-1][1]
+        assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete. ") and said[-1][1]
         assert why in storage.not_written.lower() and "Or go on in another folder" in storage.not_written
-        assert "Make room on the disk, or let the folder be written to again: " in said[-1][0]
+        assert "Make room on the disk, or let the folder be written to again, " in said[-1][0]
         assert check_recording("", storage.not_written, "", 0).state == BAD
         storage.retry()
         assert storage.not_written and session.rows == []

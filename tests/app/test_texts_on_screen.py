@@ -46,8 +46,9 @@ SIZES = {0: (SMALLEST, (1920, 1080)), 3: ((1280, 720), (1920, 1080))}
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
-    "/a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet: gone while the session was open (moved, deleted or "
-    "ejected). All its 12 345 ticks are in memory. It is tried again every 5 s. Bring it back, or go on elsewhere"
+    "Run 9 is not complete. /a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet is gone. Bring it back (connect "
+    "its disk, take it out of the wastebasket), and what is missing is written by itself. Or go on in another folder. "
+    "All its 12 345 ticks are in memory. It is tried again every 5 s"
 )
 ALT = Qt.KeyboardModifier.AltModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
@@ -174,7 +175,8 @@ def ports(screens: Screens) -> None:
 
 def bring_up(screens: Screens) -> None:
     results = ("Limits", "passed", "All are those of the file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
-    shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results)
+    steps = ("Limits", "Brakes", "Emergency stop", "Supply after the emergency stop", "Brakes at their joints")
+    shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results, steps)
     device(ready(3, checks=WELL), status(bring_up=shown))(screens)
     screens.main.pages[DEVICE].ask_bring_up.click()
 

@@ -36,6 +36,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.plots import TimingStrip, Traces
+from app.window.widgets.preflight import advice
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe, feedback, hand_is_mouse
 from app.window.widgets.work import BackgroundTask
@@ -390,8 +391,11 @@ class RunPage(Page):
         self.workspace.set_blind(snapshot.blind)
         if snapshot.running is None:
             shown = words.between(snapshot, opened, hand_is_mouse(opened))
-            turns = words.language_of(opened)["page_space"]
-            self._write(shown._replace(small=turns) if self.participant_reads else shown)
+            if snapshot.stage == m.FAILED or advice(snapshot):
+                shown = words.not_ready(snapshot, shown)
+            elif self.participant_reads:
+                shown = shown._replace(small=words.language_of(opened)["page_space"])
+            self._write(shown)
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
         self.cards.show_session(opened, snapshot, self)

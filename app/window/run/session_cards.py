@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from PySide6.QtWidgets import QLineEdit, QWidget
 
@@ -31,6 +32,7 @@ UNBLIND = Ask(
     own="Who asks",
 )  # fmt: skip
 RESTED = "Go on when the participant is ready."
+STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Resumed, it goes on where it stands."
 
 
 class SessionCards(Cards):
@@ -75,8 +77,11 @@ class SessionCards(Cards):
         """What the session waits for; page: sends what the buttons ask for."""
         coming = snapshot.coming.configuration if snapshot.coming else ""
         card = snapshot.card and snapshot.card._replace(wait_s=0.0)  # that goes by without a new card
-        has_notice = card is not None or snapshot.stage == m.FINISHED
-        waits = (card, coming, snapshot.blind, opened.folder) if has_notice else None
+        failed = snapshot.stage == m.FAILED and bool(opened.participant)
+        has_notice = card is not None or snapshot.stage == m.FINISHED or failed
+        waits = (
+            (card, coming, snapshot.blind, opened.folder, failed, failed and snapshot.in_memory) if has_notice else None
+        )
         if waits == self._waits:
             return
         self._waits, self._over_s = waits, None
@@ -98,6 +103,12 @@ class SessionCards(Cards):
             if card.device_page:
                 buttons.append(("Device page  F3", lambda: page.page_asked.emit(DEVICE, None)))
             return OverlayCard(card.title, card.text, buttons, self._parent)
+        if snapshot.stage == m.FAILED:
+            again = m.Open(opened.participant, resume=True)
+            buttons = [("Open folder", lambda: page.folder_asked.emit(Path(opened.folder)))]
+            if not snapshot.in_memory:  # else that would be lost
+                buttons.insert(0, ("Start again and resume  Enter", lambda: page.setup_asked.emit(None, again)))
+            return OverlayCard("The session has stopped", STOPPED, buttons, self._parent)
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
         text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."

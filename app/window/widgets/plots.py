@@ -181,9 +181,8 @@ class Trace(TimePlot):
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
         self.t, self.values = np.append(self.t, t), np.append(self.values, values, axis=1)
-        if not self.hidden:
-            self._rescale(values)
-            self.draw()
+        self._rescale(values)
+        self.draw()
 
     def clear(self) -> None:
         """Begin a new trial: there is nothing to show yet."""
@@ -196,19 +195,9 @@ class Trace(TimePlot):
     def newest(self) -> tuple[float, ...]:
         return tuple(self.values[:, -1].tolist()) if len(self.t) else ()
 
-    def hide_values(self, hidden: bool) -> None:
-        """Blind: neither curve nor value."""
-        self.hidden = hidden
-        for curve in self.curves:
-            curve.setVisible(not hidden)
-        if not hidden:
-            self._rescale(self.values)
-        self.draw()
-        self.show_newest()
-
     def show_newest(self) -> None:
         """The newest value beside the title, or each with its name."""
-        self._show_values(() if self.hidden else self.newest)
+        self._show_values(self.newest)
 
     def rest(self) -> None:
         """The trial is over: its curve stays, and no value is one of now."""
@@ -271,10 +260,9 @@ class Traces(QWidget):
             trace.clear()
 
     def show_speed(self, shown: bool) -> None:
-        """Whether there is room for the tip speed; the lowest curve has the seconds of all."""
+        """Whether there is room for the tip speed."""
         self.speed.setVisible(shown)
-        self.speed.item.showAxis("bottom", shown)
-        self.currents.item.showAxis("bottom", not shown)
+        self._show_seconds()
 
     def add(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
@@ -295,9 +283,16 @@ class Traces(QWidget):
             trace.rest()
 
     def set_blind(self, blind: bool) -> None:
-        """Hide what would tell the controllers apart."""
-        if blind != self.currents.hidden:
-            self.currents.hide_values(blind)
+        """Leave out what would tell the controllers apart: the others have its room."""
+        if blind != self.currents.isHidden():
+            self.currents.setHidden(blind)
+            self._show_seconds()
+
+    def _show_seconds(self) -> None:
+        """The lowest curve has the seconds of all."""
+        lowest = [trace for trace in self.all if not trace.isHidden()][-1]
+        for trace in self.all:
+            trace.item.showAxis("bottom", trace is lowest)
 
 
 def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:

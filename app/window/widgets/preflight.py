@@ -2,24 +2,37 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject, QRect, QSize, Qt, Signal
+from PySide6.QtCore import QRect, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
-from app.window.widgets.parts import END, NO_FOCUS, Panel, breakable, clear, grid, row, text_label, wrapped_label
+from app.window.widgets.parts import (
+    END,
+    NO_FOCUS,
+    OneLine,
+    Panel,
+    breakable,
+    clear,
+    column,
+    grid,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.words import as_sentence
 from core import faults
 
+NOW = "now"  # state of a check that is being made
 #: state -> shape and look of its mark: said by shape too, not by colour alone
 MARKS = {
     m.GOOD: ("●", "good"), m.CAUTION: ("▲", "caution"), m.DUE: ("▲", "caution"), m.BAD: ("✕", "bad"),
-    m.WAITING: ("○", "off"),
+    m.WAITING: ("○", "off"), NOW: ("▶", "hint"),
 }  # fmt: skip
 DEVICE = "Device"  # the check that leads to the device page
 GAP_PX = 4  # in a pill and between two
-PADDING_PX = 14  # beside the words of the banner: the sheet's padding, and a little
+PADDING_PX = 14  # beside the words of the banner
 
 
 class Pill(Panel):
@@ -55,42 +68,37 @@ class Pill(Panel):
             self.clicked.emit()
 
 
-class Banner(QLabel):
-    """What is wrong, laid over the foot of the window: nothing moves when it comes or goes.
-
-    Two lines at most, so that what lies above stays in sight; its tooltip has all of it.
+class Banner(Panel):
+    """What is wrong, in two lines at most, in the place of the footer, whose words stand under it: nothing moves when
+    it comes or goes, and nothing of a page is covered. Its tooltip has all of it.
     """
 
     def __init__(self) -> None:
-        super().__init__(objectName="banner", wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self.setFont(theme.font(theme.NORMAL, bold=True))
-        self.hide()
-        self._window: QWidget = self
+        super().__init__("banner")
+        self.words = wrapped_label("", size=theme.NORMAL, bold=True)
+        self.words.setAlignment(Qt.AlignmentFlag.AlignVCenter)
+        self.foot = OneLine("", "", theme.SMALL)
+        self.setLayout(column(self.words, self.foot, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 2)))
         self._whole = ""
 
-    def lie_over(self, window: QWidget) -> None:
-        self._window = window
-        self.setParent(window)
-        window.installEventFilter(self)
+    def text(self) -> str:
+        """What is shown of it."""
+        return self.words.text()
 
     def show_text(self, text: str) -> None:
         """A line for each thing; "": nothing is wrong."""
         self._whole = breakable(text)
         self.setToolTip(text)
-        self.setVisible(bool(text))
+        self.follow_text()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
         self.follow_text()
 
     def follow_text(self) -> None:
-        """As wide as the window, as high as its text, from the foot up."""
-        wide = self._window.width() - 2 * theme.GAP
-        self.setText(self._fitting(wide))
-        high = self.heightForWidth(wide)
-        self.setGeometry(theme.GAP, self._window.height() - theme.GAP - high, wide, high)
-        self.raise_()
-
-    def _fitting(self, wide: int) -> str:
-        """As much of the text, whole words, as has room in two lines of a banner so wide (px)."""
-        metrics, room = self.fontMetrics(), QRect(0, 0, wide - 2 * PADDING_PX, 0)
+        """Show as much of the text, whole words, as has room in two lines, which it has without a text, too."""
+        metrics, room = self.words.fontMetrics(), QRect(0, 0, self.width() - 2 * PADDING_PX - 2, 0)
+        self.words.setFixedHeight(metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, "A\nA").height())
 
         def fits(text: str) -> bool:
             needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
@@ -99,12 +107,7 @@ class Banner(QLabel):
         shown = self._whole
         while not fits(shown) and " " in shown:
             shown = f"{shown.removesuffix(' …').rpartition(' ')[0]} …"
-        return shown
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Resize and watched is self._window:
-            self.follow_text()
-        return super().eventFilter(watched, event)
+        self.words.setText(shown)
 
 
 OFF, ALLOW = "Brakes off  Esc", "Allow brakes"
@@ -151,8 +154,8 @@ class Preflight(QWidget):
         super().resizeEvent(event)
         self.follow_text()
 
-    def show_snapshot(self, snapshot: m.Snapshot) -> None:
-        """Show the checks, and what is wrong."""
+    def show_snapshot(self, snapshot: m.Snapshot) -> bool:
+        """Show the checks, and what is wrong: whether anything is."""
         if snapshot.checks != self._checks:
             self._checks = snapshot.checks
             clear(self._row)
@@ -167,20 +170,21 @@ class Preflight(QWidget):
         off = bool(snapshot.brakes_off)
         theme.set_style(self.brakes, "brakes-off" if off else "brakes")
         self.brakes.setText(ALLOW if off else OFF)
+        self.brakes.setEnabled(not off or snapshot.can_allow)
         self.brakes.setToolTip(
             "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
         )
+        return bool(wrong)
 
 
 def advice(snapshot: m.Snapshot) -> list[str]:
-    """A line for each thing that is wrong and keeps trials from starting: what to do about it."""
-    lines = []
-    if why := snapshot.brakes_off:
+    """A line for each thing that is wrong and can be mended now, the first one first: what to do about it."""
+    wrong = [check for check in snapshot.checks if check.state == m.BAD]
+    lines = [" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice)))
+             for check in wrong if not (snapshot.brakes_off and check.text == m.BRAKES_OFF)]  # fmt: skip
+    if (why := snapshot.brakes_off) and snapshot.can_allow:  # else a device that is not reached comes first
         to_do = faults.advice(why) or "Press Ctrl+B or “Allow brakes”."
-        lines.append(f"Brakes off. {as_sentence(why)} {to_do}")
-    for check in snapshot.checks:
-        if check.state == m.BAD and not (snapshot.brakes_off and check.text == m.BRAKES_OFF):
-            lines.append(" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice))))
+        lines.insert(0, f"Brakes off. {as_sentence(why)} {to_do}")
     return lines
 
 
@@ -203,20 +207,25 @@ class Checklist(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self.shown: tuple[m.Check, ...] = ()
+        self.names: dict[str, QLabel] = {}
         self._grid = grid(6, 6, stretched=2)
         self.setLayout(self._grid)
 
-    def show_checks(self, checks: tuple[m.Check, ...]) -> None:
+    def show_checks(self, checks: tuple[m.Check, ...]) -> bool:
+        """Whether they are others than before."""
         if checks == self.shown:
-            return
-        self.shown = checks
+            return False
+        self.shown, self.names = checks, {}
         clear(self._grid)
         for at, check in enumerate(checks):
-            text = check.text if check.state == m.GOOD else told(check)
+            text = told(check) if check.text and check.state != m.GOOD else check.text
             self._grid.addWidget(text_label(*MARKS[check.state]), at, 0, Qt.AlignmentFlag.AlignTop)
             words = wrapped_label(breakable(text), "quiet")
             if check.name:
-                self._grid.addWidget(text_label(check.name, bold=True), at, 1, Qt.AlignmentFlag.AlignTop)
+                ahead = check.state == m.WAITING and not check.text
+                self.names[check.name] = name = text_label(check.name, "quiet" if ahead else "", bold=not ahead)
+                self._grid.addWidget(name, at, 1, Qt.AlignmentFlag.AlignTop)
                 self._grid.addWidget(words, at, 2)
             else:
                 self._grid.addWidget(words, at, 1, 1, 2)
+        return True

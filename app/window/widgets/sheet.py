@@ -20,8 +20,8 @@ QLabel#good { color: $good; }
 QLabel#caution { color: $caution; }
 QLabel#bad { color: $bad; }
 QLabel#off { color: $brake_off; }
-QLabel#banner { background: $bad_ground; color: $bad_text; border: 1px solid $bad; border-radius: ${radius}px;
-    padding: 8px 12px; }
+QFrame#banner { background: $bad_ground; border: 1px solid $bad; border-radius: ${radius}px; }
+QFrame#banner QLabel { color: $bad_text; }
 QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 10px; color: $quiet; }
 QLabel#sign-on { background: $bad; color: $on_bad; }
 QLabel#sign-late { background: $caution; color: $on_bad; }

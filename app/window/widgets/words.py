@@ -48,7 +48,7 @@ ENDINGS = {
     "redone": "again", "excluded": "again", "skipped": "skipped",
 }  # fmt: skip
 
-RESUME = "Close this window, start again and resume the session"
+RESUME = "Start again and resume the session"
 SERVER_DIED = f"The session server has stopped: the brakes are off and the recordings are kept. {RESUME}."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
@@ -147,6 +147,12 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 
 
 # ---------------------------------------------------------------------------------------------- for the experimenter
+
+
+def not_ready(snapshot: m.Snapshot, read: Shown) -> Shown:
+    """The lines while something is wrong. read: those of the participant, who is told less."""
+    large = "Stopped" if snapshot.stage == m.FAILED else "Brakes off" if snapshot.can_allow else "Not ready"
+    return Shown(large, f"Participant reads: {' · '.join(filter(None, read))}")
 
 
 def cell(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:
