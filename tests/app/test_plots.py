@@ -90,8 +90,9 @@ def test_the_curve_is_interrupted_where_there_is_no_value(trace: Trace) -> None:
 
 
 def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
-    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0)
+    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0, CURRENT_E=0.8)
     traces.add(rows)
+    assert traces.currents.read_at(QPointF(0.2, 0.5)) == "0.200 s: A 0.00 A, E 0.80 A, B 0.00 A, C 0.00 A"
     assert traces.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
     assert traces.force.read_at(QPointF(7.0, 1.0)) == ""
     traces.set_blind(True)

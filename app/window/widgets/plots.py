@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QMouseEvent, QPen
+from PySide6.QtGui import QColor, QMouseEvent, QPen
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
@@ -114,10 +114,11 @@ class TimePlot(Plot):
     padding = 0.04  # of its height
     hidden = False  # the session is blind: neither curve nor value
 
-    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+    def __init__(self, title: str, unit: str, colours: Sequence[str | QColor], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
         super().__init__(text_label(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.names: Mapping[str, str] = {}  # of several curves, by joint: each value is shown with its name
         self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
         self.item.setDownsampling(auto=True, mode="peak")  # the lowest and highest tick of each pixel: no spike is lost
         self.item.setClipToView(True)
@@ -128,6 +129,11 @@ class TimePlot(Plot):
     def add_curve(self, pen: QPen, per_px: float = 1.0) -> pg.PlotDataItem:
         """A curve of so many pieces a pixel, interrupted where there is no value."""
         return self.item.plot(pen=pen, connect="finite", autoDownsampleFactor=per_px)
+
+    def show_device(self, device: Device) -> None:
+        """Of currents: a curve for each joint of the device that has a brake, in its unit."""
+        self.names, self.unit = device.labels, device.command_unit
+        self.title.setText(f"Currents, {device.command_unit}")
 
     def draw(self) -> None:
         """Hand its values to the curves."""
@@ -151,9 +157,10 @@ class TimePlot(Plot):
         return f"{self.t[k]:.3f} s: {self.values_at(k)}" if 0 < k < len(self.t) else ""
 
     def values_at(self, k: int) -> str:
-        """The values of a tick, with their unit."""
-        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
-        return ", ".join(values) or NOTHING
+        """The values of a tick, with their names and unit."""
+        found = [(joint, value) for joint, value in zip(JOINTS, self.values[:, k], strict=False) if value == value]
+        values = (f"{self.names.get(joint, '')} {self.figure(value)} {self.unit}" for joint, value in found)
+        return ", ".join(value.strip() for value in values) or NOTHING
 
     def figure(self, value: float) -> str:
         """A value without its unit."""
@@ -169,8 +176,6 @@ class Trace(TimePlot):
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         super().__init__(title, unit, colours, least, digits)
-        #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
-        self.names: Mapping[str, str] = {}
         self._colours = colours
         self._following = True
         self.item.hideAxis("bottom")
@@ -262,8 +267,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names, self.currents.unit = device.labels, device.command_unit
-        self.currents.title.setText(f"Currents, {device.command_unit}")
+        self.currents.show_device(device)
         self.clear()
 
     def clear(self) -> None:
