@@ -179,12 +179,12 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     assert set(trace.curves[0].getData()[1]) == {0.0, 0.8}, "from the lowest to the highest"
     assert trace.curves[0].opts["pen"].color().alphaF() < 0.3 < trace.means[0].opts["pen"].color().alphaF()
     trace.show_cursor(1500)
-    assert "A 0.80 on 2" in trace.value  # 25 % of the time, within a tick
-    assert trace.value.endswith("E 0.00 B 0.00")  # C has no brake
+    assert "A 0.80 on 2" in trace.figures.text()  # 25 % of the time, within a tick
+    assert trace.figures.text().endswith("E 0.00 B 0.00")  # C has no brake
     trace.hidden = True
     trace.show_trial(t, currents)
     trace.show_cursor(1500)
-    assert "blind" in trace.value and not any(curve.isVisible() for curve in (*trace.curves, *trace.means))
+    assert "blind" in trace.figures.text() and not any(curve.isVisible() for curve in (*trace.curves, *trace.means))
 
 
 def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(window, view) -> None:
@@ -194,7 +194,10 @@ def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024
     trace.names = dict(zip(JOINTS, JOINTS, strict=True))
     trace.show_trial(0.001 * np.arange(3000), np.ones((4, 3000)))
     trace.show_cursor(1500)
-    assert trace.value.count("1.00 on 100 %") == 4 and texts_width([trace.value], theme.SMALL) < trace.figures.width()
+    assert (
+        trace.figures.text().count("1.00 on 100 %") == 4
+        and texts_width([trace.figures.text()], theme.SMALL) < trace.figures.width()
+    )
 
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:

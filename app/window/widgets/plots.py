@@ -93,14 +93,16 @@ class Plot(Panel):
         self.setLayout(self.rows)
         self._pointer = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=30, slot=self._pointed)
 
-    @property
-    def value(self) -> str:
-        """The value beside the title, as it reads."""
-        return self.figures.text()
-
     def read_at(self, place: QPointF) -> str:
         """What the plot says at a place (in its own units), for the tip at the pointer; "": nothing."""
         return ""
+
+    def show_all(self) -> None:
+        """Undo what was zoomed or moved, as a double click does."""
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
 
     def _pointed(self, moved: tuple) -> None:
         box = self.item.vb
@@ -165,10 +167,6 @@ class TimePlot(Plot):
     def figure(self, value: float) -> str:
         """A value without its unit."""
         return f"{value:.{self.digits}f}" if value == value else NOTHING
-
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        self.show_all()
-        super().mouseDoubleClickEvent(event)
 
 
 class Trace(TimePlot):
