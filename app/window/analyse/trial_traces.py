@@ -99,8 +99,7 @@ class CurrentTrace(TrialTrace):
         super().draw()
         for mean, current in zip(self.means, self.values, strict=True):
             mean.setData(self.t, current)
-        for curve in (*self.curves, *self.means):
-            curve.setVisible(not self.hidden)
+            mean.setVisible(not self.hidden)
 
 
 class TrialTraces(QWidget):

@@ -141,6 +141,7 @@ class TimePlot(Plot):
         """Hand its values to the curves."""
         for curve, series in zip(self.curves, self.values, strict=True):
             curve.setData(self.t, series)
+            curve.setVisible(not self.hidden)
 
     def show_all(self) -> None:
         if len(self.t):
@@ -202,8 +203,6 @@ class Trace(TimePlot):
     def hide_values(self, hidden: bool) -> None:
         """Blind: neither curve nor value."""
         self.hidden = hidden
-        for curve in self.curves:
-            curve.setVisible(not hidden)
         if not hidden:
             self._rescale(self.values)
         self.draw()
