@@ -17,7 +17,6 @@ from sessions import closed_session
 
 from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
 from app.window.widgets import theme
-from app.window.widgets.parts import texts_width
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
@@ -196,7 +195,7 @@ def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024
     trace.show_cursor(1500)
     assert (
         trace.figures.text().count("1.00 on 100 %") == 4
-        and texts_width([trace.figures.text()], theme.SMALL) < trace.figures.width()
+        and theme.text_width(trace.figures.text(), theme.SMALL) < trace.figures.width()
     )
 
 
