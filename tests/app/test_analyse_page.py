@@ -114,8 +114,6 @@ def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot
     rows = read_table(table_of(data, "02"))
     write_table(table_of(data, "02"), rows[:-1], replacing=True)
     page = page_on(qtbot)
-    page.begin()
-    assert "No data folder is open" in page.empty.text()
     page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
     page.begin()
     qtbot.waitUntil(lambda: len(page.rows) == 179, timeout=60_000)

@@ -92,8 +92,9 @@ def test_the_curve_is_interrupted_where_there_is_no_value(trace: Trace) -> None:
 
 
 def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
-    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0)
+    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0, CURRENT_E=0.8)
     traces.add(rows)
+    assert traces.currents.read_at(QPointF(0.2, 0.5)) == "0.200 s: A 0.00 A, E 0.80 A, B 0.00 A, C 0.00 A"
     assert traces.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
     assert traces.force.read_at(QPointF(7.0, 1.0)) == ""
 
@@ -122,18 +123,21 @@ def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None
 def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
     traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
     traces.refresh_text()
-    assert traces.error.value == "10.0 mm"
-    assert traces.force.value == "5.0 N" and traces.speed.value == "0.10 m/s"
-    assert (traces.currents.title.text(), traces.currents.value) == ("Currents, A", "A 0.00 E 0.80 B 0.00 C 0.25")
+    assert traces.error.figures.text() == "10.0 mm"
+    assert traces.force.figures.text() == "5.0 N" and traces.speed.figures.text() == "0.10 m/s"
+    assert (traces.currents.title.text(), traces.currents.figures.text()) == (
+        "Currents, A",
+        "A 0.00 E 0.80 B 0.00 C 0.25",
+    )
 
 
 def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
     traces.add(quiet(phase=tick_log.HOLD))
     traces.refresh_text()
-    assert traces.error.value == f"{NOTHING} mm" and traces.force.value == "0.0 N"
+    assert traces.error.figures.text() == f"{NOTHING} mm" and traces.force.figures.text() == "0.0 N"
     traces.add(quiet(start_s=0.2))
     traces.refresh_text()
-    assert traces.error.value == "10.0 mm"
+    assert traces.error.figures.text() == "10.0 mm"
 
 
 @pytest.mark.parametrize(
@@ -148,10 +152,10 @@ def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_wh
     traces, device, tick, value
 ) -> None:
     traces.show_trial(load_device(device))
-    assert traces.currents.value.count(NOTHING) == value.count("0.") + value.count("2.")
+    assert traces.currents.figures.text().count(NOTHING) == value.count("0.") + value.count("2.")
     traces.add(quiet(**tick))
     traces.refresh_text()
-    assert traces.currents.value == value
+    assert traces.currents.figures.text() == value
     assert traces.currents.title.text() == f"Currents, {load_device(device).command_unit}"
 
 
@@ -173,11 +177,11 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
 def test_timing_is_said_in_words_and_a_missed_tick_is_no_small_print(qtbot) -> None:
     strip = shown(qtbot, TimingStrip(), 360, 120)
     strip.show_timing(Timing(14.2, 31.4, 402.0, 0, "real-time: FIFO 50, core 0"), runs=False)
-    assert strip.value == "0 missed" and strip.foot.text() == "p50 14 · p99 31 · max 402 · real-time"
+    assert strip.figures.text() == "0 missed" and strip.foot.text() == "p50 14 · p99 31 · max 402 · real-time"
     assert strip.foot.toolTip().endswith("max 402 · real-time: FIFO 50, core 0")
     assert strip.figures.parts[0][1] == COLOURS.quiet
     strip.show_timing(Timing(14.2, 31.4, 1064.0, 1234, "real-time: FIFO 50, core 0"), runs=True)
-    assert strip.value == "1\u202f234 missed, so far" and "max 1\u202f064 ·" in strip.foot.text()
+    assert strip.figures.text() == "1\u202f234 missed, so far" and "max 1\u202f064 ·" in strip.foot.text()
     assert strip.figures.parts[0][1] == COLOURS.caution
     strip.show_timing(
         Timing(140.2, 9931.4, 248_123.0, 123_456, "real-time: FIFO 50, core 0, memory not locked"), runs=True

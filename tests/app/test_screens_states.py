@@ -22,7 +22,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QPoint, QRectF, Qt
+from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QPicture
 from PySide6.QtWidgets import QAbstractButton, QLabel
 from screens import Screens, settle, visible_texts
@@ -35,8 +35,8 @@ from app.window.canvas.layers import OFF
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
-from app.window.participant.tone import END_HZ, GO_HZ, NO_SOUND, RATE_HZ, player, tone
 from app.window.main_window import SMALLEST
+from app.window.participant.tone import END_HZ, GO_HZ, NO_SOUND, RATE_HZ, player, tone
 from app.window.run.plan_grid import MARKS
 from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
@@ -166,7 +166,7 @@ def test_between_trials_the_curves_stay_and_no_value_beside_them_is_one_of_now(s
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
     screens.hear(ready(1))
     traces = screens.run.traces
-    assert (traces.force.value, traces.speed.value, len(traces.force.t)) == ("– N", "– m/s", 1000)
+    assert (traces.force.figures.text(), traces.speed.figures.text(), len(traces.force.t)) == ("– N", "– m/s", 1000)
 
 
 def test_the_sign_says_that_a_trial_is_recorded_as_soon_as_the_trial_is_shown(screens: Screens) -> None:
@@ -246,9 +246,9 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
         view, read = screens.run.workspace.view, screens.run.traces
-        assert read.force.value.split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
+        assert read.force.figures.text().split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
         for joint, doing in view.doing.items():
-            current = read.currents.value.split(joint + " ")[1].split()[0]
+            current = read.currents.figures.text().split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
 
 

@@ -17,7 +17,6 @@ from sessions import closed_session
 
 from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
 from app.window.widgets import theme
-from app.window.widgets.parts import texts_width
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
@@ -173,27 +172,31 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     currents[3] = np.nan  # C has no brake
     currents[0, ::4] = 0.8  # on in one tick of four
     trace = view.traces.currents
-    trace.show_currents(t, currents, hidden=False)
+    trace.show_trial(t, currents)
     x, mean = trace.means[0].getData()
     assert len(x) <= trace.graph.width() and mean == pytest.approx(0.2, abs=0.07)
-    assert set(trace.bands[0].getData()[1]) == {0.0, 0.8}, "from the lowest to the highest"
-    assert trace.bands[0].opts["pen"].color().alphaF() < 0.3 < trace.means[0].opts["pen"].color().alphaF()
+    assert set(trace.curves[0].getData()[1]) == {0.0, 0.8}, "from the lowest to the highest"
+    assert trace.curves[0].opts["pen"].color().alphaF() < 0.3 < trace.means[0].opts["pen"].color().alphaF()
     trace.show_cursor(1500)
-    assert "A 0.80 on 2" in trace.value  # 25 % of the time, within a tick
-    assert trace.value.endswith("E 0.00 B 0.00")  # C has no brake
-    trace.show_currents(t, currents, hidden=True)
+    assert "A 0.80 on 2" in trace.figures.text()  # 25 % of the time, within a tick
+    assert trace.figures.text().endswith("E 0.00 B 0.00")  # C has no brake
+    trace.hidden = True
+    trace.show_trial(t, currents)
     trace.show_cursor(1500)
-    assert "blind" in trace.value and trace.means[0].getData()[0] is None
+    assert "blind" in trace.figures.text() and not any(curve.isVisible() for curve in (*trace.curves, *trace.means))
 
 
 def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(window, view) -> None:
     window.resize(1024, 700)
     settle(window)
     trace = view.traces.currents
-    trace.labels = dict(zip(JOINTS, JOINTS, strict=True))
-    trace.show_currents(0.001 * np.arange(3000), np.ones((4, 3000)), hidden=False)
+    trace.names = dict(zip(JOINTS, JOINTS, strict=True))
+    trace.show_trial(0.001 * np.arange(3000), np.ones((4, 3000)))
     trace.show_cursor(1500)
-    assert trace.value.count("1.00 on 100 %") == 4 and texts_width([trace.value], theme.SMALL) < trace.figures.width()
+    assert (
+        trace.figures.text().count("1.00 on 100 %") == 4
+        and theme.text_width(trace.figures.text(), theme.SMALL) < trace.figures.width()
+    )
 
 
 def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
@@ -229,10 +232,10 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed:
     assert "would feel the difference" in view.note.text()
     _, recorded, beside = (re.findall(r"([\d.]+) ", line) for line in view.measures.text().split("<tr>")[1:])
     assert len(recorded) == len(beside) == 4 and recorded[:3] != beside[:3]
-    assert np.nanmax(view.traces.error.curves[1].getData()[1]) > 0.0
+    assert np.nanmax(view.traces.error.beside.getData()[1]) > 0.0
     view.beside.setCurrentIndex(0)
     view.beside.activated.emit(0)
-    assert "compared" not in view.measures.text() and not len(view.traces.error.curves[1].getData()[1] or [])
+    assert "compared" not in view.measures.text() and not len(view.traces.error.beside.getData()[1] or [])
 
 
 def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name_and_nothing_to_play_is_one_sentence(

@@ -33,7 +33,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.theme import COLOURS, colour_of
-from app.window.widgets.words import in_colour
+from app.window.widgets.words import data_folder_of, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.analysis.charts import (
@@ -54,7 +54,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow
 from experiments.export.results import Results, ResultsJob, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free, partial_name
-from experiments.session.files import STORED, STUDY, finished_cells
+from experiments.session.files import STUDY, finished_cells
 from experiments.session.journal import exclude_run
 from experiments.session.playback import Playback, read_playback
 
@@ -68,7 +68,6 @@ SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most
 MOST_CHARTS = 4  # beside each other; three where the protocol has no measures of its own
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
-NO_FOLDER = "No data folder is open. Open one on Home, under Your data."
 NO_ANSWERS = "No questionnaire was answered in these sessions. A protocol can ask one: Home, Edit."
 
 
@@ -125,7 +124,7 @@ class AnalysePage(Page):
         self.cards = Cards(self)
         self.side.hide()
         self.folder_button.hide()
-        self._show_empty(NO_FOLDER)
+        self._show_empty("")
 
     def _lay_out(self) -> None:
         head = row(self.tabs, 1, self.report_button, self.export_button)
@@ -159,13 +158,12 @@ class AnalysePage(Page):
             self.side.note_that(snapshot.notice, bad=True)
 
     def begin(self, what: object = None) -> None:
-        """What: a data folder, a study's or a session's; or a recording. Without: the open session's data folder."""
+        """What: a data folder, a study's or a session's; or its recording. Without: the open session's data folder."""
         if what is not None:
-            path = Path(str(what))
-            recording = path if path.is_file() else None
-            self._asked = data_folder_of(path) if recording else path
-            if recording:
-                self._opening.ask(read_playback, recording)
+            path = self._asked = Path(str(what))
+            if path.is_file():
+                self._asked = data_folder_of(path.resolve().parent.parent)
+                self._opening.ask(read_playback, path)
                 self._show_side(True)
         self._read(self._asked or self._of_session())
 
@@ -199,9 +197,6 @@ class AnalysePage(Page):
     # reading
 
     def _read(self, folder: Path) -> None:
-        if folder == Path():
-            self._show_empty(NO_FOLDER)
-            return
         if folder != self._folder:
             self.results = None
             self._show_empty(f"Reading {folder} …")
@@ -403,8 +398,7 @@ class AnalysePage(Page):
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = self.page if self.page != FINDINGS else POOLED
-        whole = results.folder.parent.parent if (results.folder / STORED).exists() else results.folder
-        folder = first_free(whole, "results")  # there when all of it has been written
+        folder = first_free(data_folder_of(results.folder), "results")  # there when all of it has been written
         self._job = ResultsJob(
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
@@ -432,9 +426,3 @@ class AnalysePage(Page):
         self.side.end()
         self.export_task.stop(wait=True)
         super().closeEvent(event)
-
-
-def data_folder_of(recording: Path) -> Path | None:
-    """The data folder of DATA/sub-01/ses-01/trials/run-001.parquet; None: the recording stands by itself."""
-    session = recording.resolve().parent.parent
-    return session.parent.parent if (session / STORED).exists() else None

@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtGui import QBrush, QMouseEvent, QPen
+from PySide6.QtGui import QBrush, QPen
 
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
@@ -108,10 +108,6 @@ class ChartPlot(Plot):
         marks = (*self.points.points(), *self.crosses.points())
         found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
         self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
-
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        self.show_all()
-        super().mouseDoubleClickEvent(event)
 
     def _decades(self, highest: float) -> list[tuple[float, str]]:
         """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""

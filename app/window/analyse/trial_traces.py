@@ -1,9 +1,12 @@
 """The curves of a whole trial, one above the other, with one axis of time and one cursor."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
 from app.window.widgets import theme
@@ -17,18 +20,18 @@ from experiments.session.playback import Comparison, Playback
 BESIDE = COLOURS.wedge  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz
 BAND = 0.22  # how much of its colour the envelope of a current has
-NONE = np.empty(0), np.empty((1, 0))  # no times (n,) s, no values (1, n)
+NONE = np.empty(0), np.empty(0)  # no times (n,) s, no values (n,)
 
 
 class TrialTrace(TimePlot):
-    """One measure over a trial; the other controller's beside it. A click asks for the cursor."""
+    """A measure over a trial; the other controller's beside it. A click asks for the cursor."""
 
     asked = Signal(float)  # s
     padding = 0.12
 
-    def __init__(self, title: str, unit: str, colour: str, least: float, digits: int) -> None:
-        super().__init__(title, unit, [colour, BESIDE], least, digits)
-        self.t, self.values = self._beside = NONE
+    def __init__(self, title: str, unit: str, colours: Sequence[str | QColor], least: float, digits: int) -> None:
+        super().__init__(title, unit, colours, least, digits)
+        self.beside = self.add_curve(pg.mkPen(BESIDE, width=1))
         self.marker = pg.InfiniteLine(
             movable=True, pen=pg.mkPen(COLOURS.handle, width=1), hoverPen=pg.mkPen(COLOURS.accent, width=1)
         )
@@ -37,15 +40,15 @@ class TrialTrace(TimePlot):
         self.graph.scene().sigMouseClicked.connect(self._clicked)
 
     def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
-        """Times (n,) s and values (n,) in the unit, NaN where there is none."""
-        self.t, self.values = t, values[None]
+        """Times (n,) s and values (curves, n) in the unit, NaN where there is none."""
+        self.t, self.values = t, values
+        self.draw()
         self.show_beside(*NONE)
 
     def show_beside(self, t: np.ndarray, values: np.ndarray) -> None:
-        """The same of the other controller: values (1, n)."""
-        self._beside = t, values
+        """The same of the other controller: values (n,)."""
+        self.beside.setData(t, values)
         self.scale_to(max(float(np.nanmax(series, initial=0.0)) for series in (self.values, values)))
-        self.draw()
 
     def show_cursor(self, at: int) -> None:
         """The cursor stands at a tick, whose value is beside the title."""
@@ -54,10 +57,6 @@ class TrialTrace(TimePlot):
 
     def show_value(self, at: int) -> None:
         self.figures.show_parts((self.figure(self.values[0, at]), COLOURS.text), (self.unit, COLOURS.quiet))
-
-    def draw(self) -> None:
-        self.curves[0].setData(self.t, self.values[0])
-        self.curves[1].setData(self._beside[0], self._beside[1][0])
 
     def _clicked(self, event: MouseClickEvent) -> None:
         place = self.item.vb.mapSceneToView(event.scenePos())
@@ -71,24 +70,16 @@ class CurrentTrace(TrialTrace):
     figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
 
     def __init__(self) -> None:
-        super().__init__("Currents", "A", COLOURS.quiet, 1.0, 2)
+        bands = [theme.shade(theme.JOINT[joint], BAND) for joint in JOINTS]
+        super().__init__("Currents", "A", bands, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
-        self.labels: dict[str, str] = {}
         self.follow_text()
-        self.bands = [self.add_curve(pg.mkPen(theme.shade(theme.JOINT[joint], BAND), width=1)) for joint in JOINTS]
         self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
         for mean in self.means:
             mean.setDownsampling(method="mean")  # now that it is added: a plot gives what is added its own method
-        self.currents = np.empty((len(JOINTS), 0))
 
     def follow_text(self) -> None:
         self.graph.setMinimumHeight(theme.text_px(58))  # with the axis of time
-
-    def show_currents(self, t: np.ndarray, currents: np.ndarray, hidden: bool) -> None:
-        """Times (n,) s, currents (4, n) A, NaN for a joint without a brake. hidden: the session is blind."""
-        self.currents, self.hidden = currents, hidden
-        self.title.setText(f"Currents, {self.unit}")
-        self.show_trial(t, np.nanmax(currents, axis=0, initial=0.0))
 
     def show_value(self, at: int) -> None:
         if self.hidden:
@@ -96,27 +87,19 @@ class CurrentTrace(TrialTrace):
             return
         near = np.abs(self.t - self.t[at]) <= 0.5 * DUTY_S
         parts = []
-        for joint, current in zip(JOINTS, self.currents[:, near], strict=True):
+        for joint, current in zip(JOINTS, self.values[:, near], strict=True):
             if current[0] == current[0]:
                 duty = 100.0 * np.count_nonzero(current) / current.size
                 on = f" on {duty:.0f} %" if duty else ""
-                parts.append((f"{self.labels[joint]} {current.max():.2f}{on}", theme.as_text(theme.JOINT[joint])))
+                parts.append((f"{self.names[joint]} {current.max():.2f}{on}", theme.as_text(theme.JOINT[joint])))
         self.figures.show_parts(*parts)
         self.figures.setToolTip(f"Largest current and share of the time with current, in {DUTY_S} s about the cursor")
 
-    def values_at(self, k: int) -> str:
-        currents = zip(JOINTS, self.currents[:, k], strict=True)
-        return ", ".join(
-            f"{self.labels[joint]} {self.figure(current)} {self.unit}"
-            for joint, current in currents
-            if current == current
-        )
-
     def draw(self) -> None:
-        for current, band, mean in zip(self.currents, self.bands, self.means, strict=True):
-            without = self.hidden or not len(current) or current[0] != current[0]
-            for curve in (band, mean):
-                curve.setData(*(([], []) if without else (self.t, current)))
+        super().draw()
+        for mean, current in zip(self.means, self.values, strict=True):
+            mean.setData(self.t, current)
+            mean.setVisible(not self.hidden)
 
 
 class TrialTraces(QWidget):
@@ -127,8 +110,8 @@ class TrialTraces(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._began_s = 0.0  # of the trial's first tick in its recording
-        self.error = TrialTrace("Path error", "mm", COLOURS.trace, 2.0, 1)
-        self.force = TrialTrace("Hand force", "N", COLOURS.good, 4.0, 1)
+        self.error = TrialTrace("Path error", "mm", [COLOURS.trace], 2.0, 1)
+        self.force = TrialTrace("Hand force", "N", [COLOURS.good], 4.0, 1)
         self.currents = CurrentTrace()
         self.all = (self.error, self.force, self.currents)
         self.setLayout(column((self.error, 3), (self.force, 3), (self.currents, 4)))
@@ -141,10 +124,11 @@ class TrialTraces(QWidget):
     def show_trial(self, trial: Playback) -> None:
         ticks, t = trial.ticks, trial.t
         self._began_s = float(ticks[0, tick_log.T])
-        self.error.show_trial(t, 1e3 * trial.error)
-        self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY]))
-        self.currents.unit, self.currents.labels = trial.device.command_unit, trial.device.labels
-        self.currents.show_currents(t, currents_of(ticks, trial.device.braked), trial.blind)
+        self.error.show_trial(t, 1e3 * trial.error[None])
+        self.force.show_trial(t, np.hypot(ticks[:, tick_log.HAND_FX], ticks[:, tick_log.HAND_FY])[None])
+        self.currents.show_device(trial.device)
+        self.currents.hidden = trial.blind
+        self.currents.show_trial(t, currents_of(ticks, trial.device.braked))
         # with room for the last number of the axis; a double click shows all
         self.error.item.setXRange(t[start_of_hold(ticks)], t[-1], padding=0.03)
 
@@ -155,8 +139,8 @@ class TrialTraces(QWidget):
             self.force.show_beside(*NONE)
             return
         t = other.ticks[:, tick_log.T] - self._began_s
-        self.error.show_beside(t, 1e3 * other.error[None])
-        self.force.show_beside(t, np.hypot(other.ticks[:, tick_log.HAND_FX], other.ticks[:, tick_log.HAND_FY])[None])
+        self.error.show_beside(t, 1e3 * other.error)
+        self.force.show_beside(t, np.hypot(other.ticks[:, tick_log.HAND_FX], other.ticks[:, tick_log.HAND_FY]))
 
     def show_cursor(self, at: int) -> None:
         for trace in self.all:

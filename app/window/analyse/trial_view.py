@@ -161,13 +161,12 @@ class TrialView(Panel):
             for m in METRICS if (v := self._values.get(m.name)) is not None
         ]  # fmt: skip
         own = row.own if row is not None else {}  # by their names, which end in their units
-        self.measures.setText(measures_table(self._values))
         self.measures.setToolTip("\n".join([*lines, *(f"{name}: {value:.3g}" for name, value in own.items())]))
         self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._set_up_workspace(trial)
-        self.workspace.view.show_beside(np.empty((0, 2)), BESIDE)
         self.traces.show_trial(trial)
+        self._show_beside(None)
         self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
         self.beside.setEnabled(self.beside.count() > 1)
         self.go_to(float(trial.t[start_of_hold(trial.ticks)]))

@@ -321,11 +321,9 @@ class ParticipantWindow(QWidget):
         self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
 
     def show_dead(self) -> None:
-        self._snapshot = m.Snapshot(m.FAILED)
-        self.view.show_handle(None)
-        self.view.show_path(None)
-        self._stack.setCurrentWidget(self.view)
-        self._write_between()
+        """The session server is gone."""
+        self.ask_consent(None)
+        self.show_snapshot(m.Snapshot(m.FAILED))
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Closing is the main window's: it asks while something is recorded."""

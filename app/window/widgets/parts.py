@@ -131,24 +131,17 @@ class Figures(QWidget):
         return QSize(0, QFontMetrics(theme.font(self._size)).height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        painter, texts = QPainter(self), [text for text, _ in self.parts]
-        room = self.width()
+        painter, words, room = QPainter(self), self.text(), self.width()
         least = min(theme.LEAST_PX * self._size // theme.text_px(self._size), self._size)
         sizes = range(self._size, least - 1, -1)
-        size = next((fitting for fitting in sizes if texts_width(texts, fitting, self._bold) <= room), sizes[-1])
+        size = next((fitting for fitting in sizes if theme.text_width(words, fitting, self._bold) <= room), sizes[-1])
         painter.setFont(theme.font(size, self._bold))
-        x = max(room - texts_width(texts, size, self._bold), 0.0) if self._right else 0.0
+        x = max(room - theme.text_width(words, size, self._bold), 0.0) if self._right else 0.0
         for text, colour in self.parts:
             shown = painter.fontMetrics().elidedText(text, END, math.ceil(room - x))
             painter.setPen(theme.shade(colour))
             painter.drawText(QRectF(x, 0.0, room - x + 2.0, self.height()), Qt.AlignmentFlag.AlignVCenter, shown)
-            x += texts_width([text, ""], size, self._bold)
-
-
-def texts_width(texts: Sequence[str], size: int, bold: bool = False) -> float:
-    """How wide (px) texts are, with a gap between two."""
-    gaps = (len(texts) - 1) * theme.text_width(" ", size, bold)
-    return sum(theme.text_width(text, size, bold) for text in texts) + gaps
+            x += theme.text_width(f"{text} ", size, self._bold)
 
 
 class Choice(QComboBox):

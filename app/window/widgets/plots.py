@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QMouseEvent, QPen
+from PySide6.QtGui import QColor, QMouseEvent, QPen
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.ipc.messages import Timing
@@ -93,14 +93,16 @@ class Plot(Panel):
         self.setLayout(self.rows)
         self._pointer = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=30, slot=self._pointed)
 
-    @property
-    def value(self) -> str:
-        """The value beside the title, as it reads."""
-        return self.figures.text()
-
     def read_at(self, place: QPointF) -> str:
         """What the plot says at a place (in its own units), for the tip at the pointer; "": nothing."""
         return ""
+
+    def show_all(self) -> None:
+        """Undo what was zoomed or moved, as a double click does."""
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self.show_all()
+        super().mouseDoubleClickEvent(event)
 
     def _pointed(self, moved: tuple) -> None:
         box = self.item.vb
@@ -114,10 +116,11 @@ class TimePlot(Plot):
     padding = 0.04  # of its height
     hidden = False  # the session is blind: neither curve nor value
 
-    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+    def __init__(self, title: str, unit: str, colours: Sequence[str | QColor], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
         super().__init__(text_label(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.names: Mapping[str, str] = {}  # of several curves, by joint: each value is shown with its name
         self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
         self.item.setDownsampling(auto=True, mode="peak")  # the lowest and highest tick of each pixel: no spike is lost
         self.item.setClipToView(True)
@@ -129,10 +132,16 @@ class TimePlot(Plot):
         """A curve of so many pieces a pixel, interrupted where there is no value."""
         return self.item.plot(pen=pen, connect="finite", autoDownsampleFactor=per_px)
 
+    def show_device(self, device: Device) -> None:
+        """Of currents: a curve for each joint of the device that has a brake, in its unit."""
+        self.names, self.unit = device.labels, device.command_unit
+        self.title.setText(f"Currents, {device.command_unit}")
+
     def draw(self) -> None:
         """Hand its values to the curves."""
         for curve, series in zip(self.curves, self.values, strict=True):
             curve.setData(self.t, series)
+            curve.setVisible(not self.hidden)
 
     def show_all(self) -> None:
         if len(self.t):
@@ -151,17 +160,14 @@ class TimePlot(Plot):
         return f"{self.t[k]:.3f} s: {self.values_at(k)}" if 0 < k < len(self.t) else ""
 
     def values_at(self, k: int) -> str:
-        """The values of a tick, with their unit."""
-        values = [f"{self.figure(value)} {self.unit}" for value in self.values[:, k] if value == value]
-        return ", ".join(values) or NOTHING
+        """The values of a tick, with their names and unit."""
+        found = [(joint, value) for joint, value in zip(JOINTS, self.values[:, k], strict=False) if value == value]
+        values = (f"{self.names.get(joint, '')} {self.figure(value)} {self.unit}" for joint, value in found)
+        return ", ".join(value.strip() for value in values) or NOTHING
 
     def figure(self, value: float) -> str:
         """A value without its unit."""
         return f"{value:.{self.digits}f}" if value == value else NOTHING
-
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        self.show_all()
-        super().mouseDoubleClickEvent(event)
 
 
 class Trace(TimePlot):
@@ -169,9 +175,8 @@ class Trace(TimePlot):
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         super().__init__(title, unit, colours, least, digits)
-        #: of several curves, by joint: each value then stands beside the title with its name, in the curve's colour
-        self.names: Mapping[str, str] = {}
         self._colours = colours
+        self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
         self.item.getAxis("bottom").setStyle(hideOverlappingLabels=True)  # a number that scrolls out is never cut
@@ -180,16 +185,23 @@ class Trace(TimePlot):
 
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         """Ticks of the running trial, n > 0: times (n,) s, values (curves, n) in the unit, NaN where there is none."""
-        self.t, self.values = np.append(self.t, t), np.append(self.values, values, axis=1)
+        begin, end = len(self.t), len(self.t) + len(t)
+        while end > self._room.shape[1]:
+            self._room = np.tile(self._room, 2)
+        self._room[0, begin:end], self._room[1:, begin:end] = t, values
+        self._keep(end)
         self._rescale(values)
         self.draw()
 
     def clear(self) -> None:
         """Begin a new trial: there is nothing to show yet."""
-        self.t, self.values = self.t[:0], self.values[:, :0]
+        self._keep(0)
         self.scale_to(self.least)
         self.show_all()
         self.show_newest()
+
+    def _keep(self, count: int) -> None:
+        self.t, self.values = self._room[0, :count], self._room[1:, :count]
 
     @property
     def newest(self) -> tuple[float, ...]:
@@ -251,8 +263,7 @@ class Traces(QWidget):
 
     def show_trial(self, device: Device) -> None:
         """Another trial: its brakes; the curves begin anew."""
-        self.currents.names, self.currents.unit = device.labels, device.command_unit
-        self.currents.title.setText(f"Currents, {device.command_unit}")
+        self.currents.show_device(device)
         self.clear()
 
     def clear(self) -> None:

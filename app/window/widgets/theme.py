@@ -3,6 +3,7 @@
 import os
 from functools import cache, lru_cache
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, Qt
@@ -73,7 +74,8 @@ def set_text_size(size: float) -> None:
     memory.remember(memory.TEXT_SIZE, str(size))
     for cached in (font, text_width, laid_out):
         cached.cache_clear()
-    widgets = sorted(QApplication.allWidgets(), key=_depth)  # outer ones first: they hand their font on to inner ones
+    inside = ((window, *window.findChildren(QWidget)) for window in QApplication.topLevelWidgets())
+    widgets = dict.fromkeys(chain.from_iterable(inside))  # outer ones first: they hand their font on to inner ones
     sizes = [widget.property("px") or widget.font().pixelSize() / before for widget in widgets]  # px, at 1
     QApplication.setFont(font())
     for widget, px in zip(widgets, sizes, strict=True):
@@ -84,12 +86,6 @@ def set_text_size(size: float) -> None:
     for widget in reversed(widgets):
         if hasattr(widget, "follow_text"):
             widget.follow_text()
-
-
-def _depth(widget: QWidget) -> int:
-    """How many widgets it lies in."""
-    parent = widget.parentWidget()
-    return 0 if parent is None else 1 + _depth(parent)
 
 
 def mono() -> QFont:
