@@ -47,8 +47,8 @@ NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
     "Run 9 is not complete. /a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet is gone. Bring it back "
-    "(connect its disk, take it out of the wastebasket), and what is missing is written by itself. Or go on in another folder. "
-    "All its 12 345 ticks are in memory. It is tried again every 5 s"
+    "(connect its disk, take it out of the wastebasket), and what is missing is written by itself. Or go on in "
+    "another folder. All its 12 345 ticks are in memory. It is tried again every 5 s"
 )
 ALT = Qt.KeyboardModifier.AltModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
