@@ -160,6 +160,20 @@ def test_a_data_folder_of_180_trials_shows_them_all_on_a_logarithmic_axis_as_wel
     assert values == pytest.approx(wanted) and len(page.plots[0].chart.boxes) == 10
 
 
+def test_the_title_of_an_axis_stands_in_its_middle_and_the_scale_stays_when_it_has_been_painted(qtbot, data: Path):
+    page = page_on(qtbot, data)
+    axis, box = page.plots[0].item.getAxis("bottom"), page.plots[0].item.vb
+    for name in (ORDER, SPEED, ORDER):
+        page.show_page(name)
+        settle(page)
+        before = box.sceneBoundingRect()
+        page.grab()
+        settle(page)
+        assert box.sceneBoundingRect() == before
+        middle = axis.label.mapRectToScene(axis.label.boundingRect()).center().x()
+        assert middle == pytest.approx(before.center().x(), abs=2.0), name
+
+
 def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, data: Path) -> None:
     for who in ("01", "02", "03"):
         rows = [replace(row, controller=f"K{row.controller}") for row in read_table(table_of(data, who))]

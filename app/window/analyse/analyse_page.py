@@ -80,7 +80,6 @@ class AnalysePage(Page):
         super().__init__(send)
         self.results: Results | None = None
         self.chosen: TrialRow | None = None  # the trial that is open
-        self.page = POOLED
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
@@ -120,7 +119,7 @@ class AnalysePage(Page):
         self.folder_button = button("Open folder", lambda: self.folder_asked.emit(self._job.folder), "small")
         keep_room(self.cancel_button)
         self._lay_out()
-        self.tabs.show_value(self.page)
+        self.tabs.show_value(POOLED)
         self.cards = Cards(self)
         self.side.hide()
         self.folder_button.hide()
@@ -252,7 +251,6 @@ class AnalysePage(Page):
 
     def show_page(self, page: str) -> None:
         """One of `PAGES`."""
-        self.page = page
         self.tabs.show_value(page)
         self._show()
 
@@ -265,7 +263,7 @@ class AnalysePage(Page):
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
         elif not rows:
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
-        elif self.page == FINDINGS:
+        elif self.tabs.value() == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
             simulated = (results.folder / STUDY).exists()
@@ -279,7 +277,7 @@ class AnalysePage(Page):
     def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
         answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
         view = self.view(results)
-        shown = charts(self.page, rows, view, answers)
+        shown = charts(self.tabs.value(), rows, view, answers)
         if not shown:
             self._show_empty(NO_ANSWERS)
             return
@@ -288,7 +286,7 @@ class AnalysePage(Page):
             controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
         }
         lines = [" &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())]
-        left = left_out(rows, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
+        left = left_out(rows, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
         for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
         self.legend.setText("<br>".join(filter(None, lines)))
@@ -310,7 +308,7 @@ class AnalysePage(Page):
         self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if rows else "")
         self.tabs.setEnabled(results is not None and bool(results.rows))
         self.logarithmic.setVisible(page is self.charts)
-        self.timeouts.setVisible(late > 0 and page is not self.empty and self.page != QUESTIONS)
+        self.timeouts.setVisible(late > 0 and page is not self.empty and self.tabs.value() != QUESTIONS)
         for widget in (self.bar, self.cancel_button):
             widget.setVisible(busy)
         self.export_button.setEnabled(page is not self.empty and not busy)
@@ -397,7 +395,7 @@ class AnalysePage(Page):
         people = set(people_of(rows))
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
-        page = self.page if self.page != FINDINGS else POOLED
+        page = POOLED if self.tabs.value() == FINDINGS else self.tabs.value()
         folder = first_free(data_folder_of(results.folder), "results")  # there when all of it has been written
         self._job = ResultsJob(
             page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report

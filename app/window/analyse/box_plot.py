@@ -88,8 +88,10 @@ class ChartPlot(Plot):
             if all(ends.get(at, -math.inf) < middle - half and middle + half <= edge for at, half in reach.items()):
                 ends |= {at: middle + half + APART_PX for at, half in reach.items()}
                 named.append((x, text))
-        lines = max((text.count("\n") + 1 for _, text in ticks), default=0)
-        axis.setHeight(6 + lines * theme.text_px(theme.SMALL + 5) if lines else None)
+        lines = max((text.count("\n") + 1 for _, text in ticks), default=1)
+        high = lines * (theme.SMALL + 5) + theme.SMALL * bool(self.chart.x_title)
+        axis.setHeight(6 + theme.text_px(high))  # pyqtgraph's own changes as it is painted
+        axis.resizeEvent()  # else a new title stands where the one before began
         axis.setTicks([named] if named else None)
 
     def show_all(self) -> None:

@@ -19,7 +19,6 @@ class Chips(QWidget):
     def __init__(self, title: str) -> None:
         super().__init__()
         self._title = title
-        self._names: dict[str, str] = {}
         self.chips: dict[str, QPushButton] = {}
         self.menu: QPushButton | None = None  # of many
         self._row = row(spacing=6)
@@ -33,10 +32,10 @@ class Chips(QWidget):
 
     def show_choices(self, names: Mapping[str, str], off: Sequence[str] = ()) -> None:
         """What there is to choose from, and what it is called; off: what is not shown unless it is asked for."""
-        if dict(names) == self._names:
+        if dict(names) == {choice: chip.text() for choice, chip in self.chips.items()}:
             return
         left_out = (self.chips.keys() - self.chosen) | (set(off) - self.chips.keys())
-        self._names, self.menu = dict(names), None
+        self.menu = None
         self.setVisible(bool(names))
         clear(self._row)
         self.chips = {
@@ -60,7 +59,7 @@ class Chips(QWidget):
         for at, chip in enumerate(self.chips.values()):
             chips.addWidget(chip, *divmod(at, MOST_CHIPS))
         everyone, nobody = (
-            button(text, partial(self._switch, set(self._names), on), "small")
+            button(text, partial(self._switch, set(self.chips), on), "small")
             for text, on in (("All", True), ("None", False))
         )
         action = QWidgetAction(menu)
@@ -69,7 +68,7 @@ class Chips(QWidget):
         return menu
 
     def _count(self) -> None:
-        chosen, choices = len(self.chosen), len(self._names)
+        chosen, choices = len(self.chosen), len(self.chips)
         if self.menu is not None:
             self.menu.setText(f"{self._title}: {'all' if chosen == choices else chosen} of {choices}  ▾")
 

@@ -279,7 +279,7 @@ class ParticipantWindow(QWidget):
     def _show_trial(self, planned: PlannedTrial, tip: m.Point) -> None:
         if self._opened is None:
             return
-        self._phase = -1
+        self._phase, self._early_s = -1, -LEFT_EARLY_S
         protocol = self._opened.protocol
         self.view.show_path(protocol.paths[planned.segment])
         self.view.show_linkage(protocol.device(planned.configuration) if protocol.show_linkage else None)
@@ -311,8 +311,6 @@ class ParticipantWindow(QWidget):
                 self._hold_from_s = float(rows[np.argmax(rows[:, tick_log.PHASE] == now), tick_log.T])
             if self._phase == tick_log.HOLD and now == tick_log.APPROACH:
                 self._early_s = t
-            elif self._phase == -1:
-                self._early_s = -LEFT_EARLY_S
             if self._opened is not None and self._opened.protocol.tones and now in (tick_log.MOVE, tick_log.END):
                 self.tones.play("go" if now == tick_log.MOVE else "end")
             self._phase = now

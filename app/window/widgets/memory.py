@@ -10,11 +10,10 @@ SCREEN, DATA_FOLDER = "participant_screen", "data_folder"
 OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
 ON, OFF = "on", "off"  # of the sound
 _DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}
-_while_running: dict[str, str] = {}  # in place of the file
 
 
 def begin() -> None:
-    """Keep what is remembered in the user's file from now on; before it, only while the program runs."""
+    """Remember in the user's file from now on; before it nothing is."""
     QCoreApplication.setOrganizationName("phd")
 
 
@@ -27,15 +26,13 @@ def file() -> QSettings | None:
 def remembered(key: str) -> str:
     """What the user has chosen for a key, else its default."""
     kept = file()
-    return str(kept.value(key, _DEFAULTS[key])) if kept else _while_running.get(key, _DEFAULTS[key])
+    return str(kept.value(key, _DEFAULTS[key])) if kept else _DEFAULTS[key]
 
 
 def remember(key: str, value: str) -> None:
     """The user has chosen this for a key."""
     if (kept := file()) is not None:
         kept.setValue(key, value)
-    else:
-        _while_running[key] = value
 
 
 def why_forgotten() -> str:

@@ -324,12 +324,11 @@ class TimingStrip(Trace):
     LATE_US = 100.0  # a point in the colour of a caution from here on; red: the tick was missed
 
     def __init__(self) -> None:
-        self.timing: Timing | None = None
-        self._runs = False
         self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
         super().__init__("Loop lateness, µs", "", [COLOURS.good], self.DECADES, 0)
         self.item.addItem(self.late)
         self.rows.addWidget(self.foot)
+        self.show_timing(None, runs=False)
 
     def add_ticks(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH) of the running trial."""
@@ -345,24 +344,20 @@ class TimingStrip(Trace):
         self.late.clear()
         super().clear()
 
-    def show_timing(self, timing: Timing | None, runs: bool) -> None:
+    def show_timing(self, now: Timing | None, runs: bool) -> None:
         """runs: a trial does, and it is of this one so far; else of the last one, or of before any."""
-        self.timing, self._runs = timing, runs
-        self.show_newest()
-
-    def show_newest(self) -> None:
-        missed, foot, kind, colour = NOTHING if self._runs else NO_TRIAL, "", "", COLOURS.quiet
-        if (now := self.timing) is not None:
+        missed, foot, kind, colour = NOTHING if runs else NO_TRIAL, "", "", COLOURS.quiet
+        if now is not None:
             p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
-            missed, foot = (
-                f"{grouped(now.missed)} missed{', so far' * self._runs}",
-                f"p50 {p50} · p99 {p99} · max {most} · ",
-            )
+            missed, foot = f"{grouped(now.missed)} missed{', so far' * runs}", f"p50 {p50} · p99 {p99} · max {most} · "
             kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
             colour = COLOURS.caution if now.missed else COLOURS.quiet
         self.figures.show_parts((missed, colour))
         self.foot.show_parts((f"{foot}{kind}", COLOURS.quiet))
         self.foot.setToolTip(f"{foot}{now.scheduling}" if now is not None else "")
+
+    def show_newest(self) -> None:
+        """Nothing of a tick: what stands beside the title is of `show_timing`."""
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"
