@@ -191,7 +191,7 @@ def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -
         ({}, WELL, "", []), ({"zeroed": False}, NOT_ZEROED, "", ["Take the zero …"]),
         ({"zeroed": False, "homed": False}, (not_homed, *NOT_ZEROED[1:]), "", ["Home the encoders …"]),
         ({"problem": "no sample for 200 ms"}, LOST, "", ["Reconnect …"]),
-        ({"fault": "too hot"}, (off, *WELL[1:]), "the board: too hot", []),
+        ({"fault": "too hot"}, (off, *WELL[1:]), "too hot", []),
     ):  # fmt: skip
         page.show_pulse(told(status(**state)))
         show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))
