@@ -32,7 +32,7 @@ UNBLIND = Ask(
     own="Who asks",
 )  # fmt: skip
 RESTED = "Go on when the participant is ready."
-STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Resumed, it goes on where it stands."
+STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Started again, it goes on from there."
 
 
 class SessionCards(Cards):
@@ -107,7 +107,7 @@ class SessionCards(Cards):
             again = m.Open(opened.participant, resume=True)
             buttons = [("Open folder", lambda: page.folder_asked.emit(Path(opened.folder)))]
             if not snapshot.in_memory:  # else that would be lost
-                buttons.insert(0, ("Start again and resume  Enter", lambda: page.setup_asked.emit(None, again)))
+                buttons.insert(0, ("Start again  Enter", lambda: page.setup_asked.emit(None, again)))
             notice = OverlayCard("The session has stopped", STOPPED, buttons, self._parent)
             notice.kind = m.FAILED
             return notice
