@@ -21,7 +21,8 @@ class FaultWords(NamedTuple):
 FAULTS = {
     # latched on the board
     "watchdog": FaultWords(
-        "no command for 50 ms", f"Look at the board's cable; if it is well, close other programs, {ALLOW}."
+        "the board got no command for 50 ms",
+        f"Look at the board's cable; if it is well, close other programs, {ALLOW}.",
     ),
     "over-current": FaultWords(
         "a brake drew more current than its limit",
@@ -43,7 +44,7 @@ FAULTS = {
         f"Look at the board's supply, {ALLOW} and home the encoders.",
     ),
     "started-again": FaultWords(
-        "it was powered up again, though its number of starts is still {starts}",
+        "the board was powered up again, though its number of starts is still {starts}",
         f"Home the encoders and take the zero of the force anew, {ALLOW}; its firmware must count every power-up.",
     ),
     "host-request": FaultWords("stopped by the host or the emergency stop", "Allow the brakes again when it is safe."),
@@ -51,7 +52,9 @@ FAULTS = {
         "the emergency stop has cut the supply of the brakes",
         "Release it, press the start button of the supply, then allow the brakes again.",
     ),
-    "unknown": FaultWords("unknown fault {number}", "Look at the board: it knows faults that this program does not."),
+    "unknown": FaultWords(
+        "the board reports unknown fault {number}", "Look at the board: it knows faults that this program does not."
+    ),
     # of the line to the board
     "no-sample": FaultWords("no sample for {ms:.0f} ms", f"Look at the board's cable and supply; {FOUND}."),
     "silent-in-trial": FaultWords(

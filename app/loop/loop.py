@@ -254,7 +254,7 @@ class Loop:
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Pass a brakes-off on to the board, and a fault of the board on as a brakes-off."""
         if sample.fault:
-            self.ring.switch_off(after("the board: ", sample.fault))
+            self.ring.switch_off(sample.fault)
         elif self.ring.control.brakes_off:
             device.stop()
 

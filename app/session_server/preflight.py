@@ -11,7 +11,7 @@ from typing import IO
 
 from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
-from core.faults import FAULTS, advice, after
+from core.faults import FAULTS, advice
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import counted
 from experiments.protocol import Protocol
@@ -48,7 +48,7 @@ def check_real(status: DeviceStatus | None, why_off: str, connecting: bool = Fal
         problem = f"{status.problem[0].upper()}{status.problem[1:]}. {advice(status.problem)}"
         return Check("Device", BAD, "not connected", problem.strip())
     if why_off or status.fault:
-        return check_device(False, why_off or after("the board: ", status.fault))
+        return check_device(False, why_off or status.fault)
     if not status.homed:
         return Check("Device", DUE, "not homed yet", "The session begins with homing the encoders.")
     return Check("Device", GOOD, f"{status.device}, board {status.board}")

@@ -245,7 +245,7 @@ class MainWindow(QWidget):
 
     def do(self, action: str) -> None:
         """What a key asks for: a question's answer first, else the page's."""
-        if action == "start" and self.cards.press_main():
+        if action == "start" and self.cards.question is not None:
             return
         if (act := self.pages[self.shown].keys().get(action)) is not None:
             act()
@@ -319,12 +319,9 @@ class MainWindow(QWidget):
 
     # ------------------------------------------------------------------------------------------- brakes
 
-    def brakes_off(self, cause: str) -> None:
-        """Zero current at once; it goes straight to the control loop, even when the session server is gone."""
-        self.client.brakes_off(cause)
-
     def _press_brakes(self) -> None:
-        self.allow_brakes() if self.snapshot.brakes_off else self.brakes_off("the brakes-off button was pressed")
+        """Zero current goes straight to the control loop, even when the session server is gone."""
+        self.allow_brakes() if self.snapshot.brakes_off else self.client.brakes_off("the brakes-off button was pressed")
 
     def allow_brakes(self) -> None:
         if self.snapshot.can_allow:
@@ -342,7 +339,7 @@ class MainWindow(QWidget):
             typing.clearFocus()
             return
         if self.snapshot.stage not in (m.PREPARING, m.NO_SESSION) and not self.snapshot.brakes_off:
-            self.brakes_off(cause)
+            self.client.brakes_off(cause)
 
     # ------------------------------------------------------------------------------------------- what the server sends
 

@@ -259,9 +259,9 @@ def judge_watchdog(observed: Observed) -> Finding:
     flowing = (measured[:, observed.braked] > 0.5 * SHARE * observed.largest[observed.braked]).any(axis=1)
     until = float(board_s[np.flatnonzero(flowing)[-1]] - board_s[newest]) if flowing.any() else 0.0
     fault = observed.rows[latched].sample.fault
-    saw = f"currents flowed for {1e3 * until:.0f} ms after the last command; the board says: {fault}"
+    saw = f"currents flowed for {1e3 * until:.0f} ms after the last command; {fault}"
     if board_s[latched] - board_s[latched - 1] > WATCHDOG_S:
-        saw = f"no samples came while this computer was silent; afterwards the board says: {fault}"
+        saw = f"no samples came while this computer was silent; afterwards {fault}"
     figures = {"flowed_s": until, "fault": str(fault)}
     if until > WATCHDOG_S + 0.005:
         return Finding(False, saw, advice, figures)

@@ -14,7 +14,7 @@ import numpy as np
 from core import tick_log
 from core.device import Device, without_backlash
 from core.device_interface import DeviceSample, RealDevice, velocity_noise
-from core.faults import after, cause
+from core.faults import cause
 from core.mechanism import JOINTS
 from core.path import point_at
 from core.simulator.simulation import Simulation
@@ -164,7 +164,7 @@ class RealTrial(Trial):
         """End the trial where this sample shows a fault of the board, of its encoders or of the wire."""
         self._not_closed = 0 if sample.closed else self._not_closed + 1
         if sample.fault:
-            self.abort(after("the board: ", sample.fault))
+            self.abort(sample.fault)
         elif not sample.homed:
             self.abort(cause("not-homed"))
         elif self._not_closed >= NOT_CLOSED:

@@ -128,7 +128,7 @@ def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str])
 def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
     for second in range(1, 4):
         page.show_pulse(told(status({"samples": 812_345 + 1000 * second}), float(second)))
-    assert page.values["Samples"].text() == "1000 a second"
+    assert "1000 samples a second" in texts(page)
 
 
 def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: DevicePage) -> None:
@@ -191,7 +191,7 @@ def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -
         ({}, WELL, "", []), ({"zeroed": False}, NOT_ZEROED, "", ["Take the zero …"]),
         ({"zeroed": False, "homed": False}, (not_homed, *NOT_ZEROED[1:]), "", ["Home the encoders …"]),
         ({"problem": "no sample for 200 ms"}, LOST, "", ["Reconnect …"]),
-        ({"fault": "too hot"}, (off, *WELL[1:]), "the board: too hot", []),
+        ({"fault": "too hot"}, (off, *WELL[1:]), "too hot", []),
     ):  # fmt: skip
         page.show_pulse(told(status(**state)))
         show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))

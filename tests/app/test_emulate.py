@@ -31,7 +31,7 @@ from hardware.serial_device import SerialDevice
 DEVICE = load_device("four-brake")
 NO = (0.0,) * 4
 SOME = (0.3,) * 4
-LATE = "no command for 50 ms"  # what a board rightly says where this machine held its host up
+LATE = "the board got no command for 50 ms"  # what a board rightly says where this machine held its host up
 HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
 
 

@@ -135,8 +135,8 @@ def test_every_fault_has_words_and_says_what_to_do_and_is_told_somewhere() -> No
 
 
 def test_a_fault_stays_what_it_is_on_its_way_to_the_experimenter() -> None:
-    why = after("the board: ", cause("watchdog"))
-    assert why == "the board: no command for 50 ms" and advice(why) == FAULTS["watchdog"].advice
+    why = after("after its end: ", cause("watchdog"))
+    assert why == "after its end: the board got no command for 50 ms" and advice(why) == FAULTS["watchdog"].advice
     there = pickle.loads(pickle.dumps(why))
     assert there == why and there.code == "watchdog"
     ring = Ring(ticks=8)

@@ -103,12 +103,16 @@ def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(sc
 
 def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Screens) -> None:
     asked = []
-    screens.main.restart_asked.connect(lambda *about: asked.append(about))
+    screens.run.setup_asked.connect(lambda *about: asked.append(about))
     screens.hear(opened(), ready(9, stage=m.FAILED, notice="The loop cannot be started.", in_memory="run 4"))
     assert [button.text() for button in screens.run.cards.notice.buttons] == ["Open folder"], "run 4 would be lost"
     screens.hear(ready(9, stage=m.FAILED, notice="The loop cannot be started.", notice_bad=True))
     assert screens.run.large.text() == "Stopped" and "Please wait" in screens.run.small.text()
+    screens.press(KEY.Key_Space)
+    assert asked == [], "it starts trials, nothing else"
+    screens.main.blockSignals(True)  # no other server is started
     screens.run.cards.notice.buttons[0].click()
+    screens.main.blockSignals(False)
     assert asked == [(None, m.Open("01", resume=True))]
 
 

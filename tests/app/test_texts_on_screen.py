@@ -203,7 +203,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, uneven": device(m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])), status(UNEVEN)),
     "device, lost": device(ready(3, checks=LOST), None),
-    "device, off": device(ready(3, checks=LOST, brakes_off="the board: an encoder's signal is bad"), status()),
+    "device, off": device(ready(3, checks=LOST, brakes_off="an encoder's signal is bad"), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "closing": closing,

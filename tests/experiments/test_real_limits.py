@@ -117,7 +117,7 @@ def told_trial(held: RealBench) -> tuple:
         ({"velocity": (SPEED_MAX_M_S * 1.01, 0.0)}, "faster than"),
         ({"tip": (0.55, 0.2)}, "the device file says it cannot be"),
         ({"homed": False}, "have not been homed"),
-        ({"fault": "a joint turned faster than its limit"}, "the board: a joint turned faster"),
+        ({"fault": "a joint turned faster than its limit"}, "a joint turned faster"),
         ({"tip": (math.nan, math.nan)}, "match no position"),
         ({"force": (math.nan, 0.0)}, "not finite"),
     ],

@@ -170,8 +170,7 @@ def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: RealBenc
     bench.run(trial)
     outcome = trial.outcome()
     assert (
-        outcome["status"] == "done"
-        and outcome["reason"] == "after its end: the board: stopped by the host or the emergency stop"
+        outcome["status"] == "done" and outcome["reason"] == "after its end: stopped by the host or the emergency stop"
     )
 
 

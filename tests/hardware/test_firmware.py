@@ -168,7 +168,7 @@ def trips(link: SerialDevice) -> bool:
     link.exchange((0.1, 0.0, 0.0, 0.0))
     time.sleep(0.3)
     link.exchange((0.0,) * 4)
-    return any(sample.fault == "no command for 50 ms" for sample in link.samples())
+    return any(sample.fault == "the board got no command for 50 ms" for sample in link.samples())
 
 
 def reaches(link: SerialDevice) -> bool:

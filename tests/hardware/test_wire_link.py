@@ -130,7 +130,7 @@ def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(bench: Ben
     assert bench.last_current - began < 50
     until(link, lambda: not link.problem)
     (sample,) = run(link, 1)
-    assert sample.fault == "no command for 50 ms"
+    assert sample.fault == "the board got no command for 50 ms"
     link.reset()
     run(link, 5, (0.5,) * 4)
     assert bench.board.currents == (500,) * 4 and link.health.lost_links == 1
@@ -283,7 +283,8 @@ def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_rese
     assert bench.board.starts == starts and not link.zeroed and not link.sensing.force.zero.any()
     for _ in range(2):  # a link that is lost again makes nothing well
         said = run(link, 20)
-        assert {s.fault for s in said} == {f"it was powered up again, though its number of starts is still {starts}"}
+        (fault,) = {s.fault for s in said}
+        assert fault == f"the board was powered up again, though its number of starts is still {starts}"
         assert said[0].fault.code == "started-again" and not any(s.homed for s in said)
         bench.fault("unplug@0+0.1")
         once_back(bench, link)

@@ -69,7 +69,7 @@ def die(case: "Case") -> None:
 
 NO_CURRENTS = (BETWEEN, "approach", "hold", "end")  # phases
 SILENT = "no sample came from the board for 50 ms"
-LATE = "the board: no command for 50 ms"
+LATE = "the board got no command for 50 ms"
 
 HARD = [
     Fault("stall 0.4 s", "stall+0.4", (), (SILENT, "no sample for 200 ms")),
@@ -97,7 +97,7 @@ HARD = [
     Fault("loop killed", "", (), ("The control loop ended unexpectedly",), acts=die),
     Fault("Esc", "", ("end",), ("brakes off: Esc, participant's window", "Brakes off. Esc"), False,
           acts=lambda case: case.ring.switch_off("Esc, participant's window")),
-    Fault("uncounted start", "uncounted-start+0.1", (), (SILENT, "it was powered up again, though")),
+    Fault("uncounted start", "uncounted-start+0.1", (), (SILENT, "the board was powered up again, though")),
 ]  # fmt: skip
 SOFT = [
     Fault("drop a fifth", "drop=0.2"),

@@ -148,7 +148,7 @@ class DevicePage(Page):
         self._figures.setVisible(self._left.currentWidget() is not self.bring_up)
         if opened is None or not on_bench or not self.isVisible():
             return
-        values = figures.figures_of(status, self._rates, opened.protocol) if status else {}
+        values = figures.figures_of(status, opened.protocol) if status else {}
         for name, label in self.values.items():
             label.setText(breakable(values.get(name) or figures.NOTHING))
         why = why_no_step(opened, snapshot)

@@ -50,13 +50,12 @@ STATES = {
 }  # fmt: skip
 COUNT, SPEED, FELT = "Encoder step", "Speed noise", "Force noise"
 BOARD = ("Device", "Port", "Link", "Firmware", "Round trip", "Delay", "Clock offset", "Clock drift")
-SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", "Samples", COUNT, SPEED, FELT)
+SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", COUNT, SPEED, FELT)
 #: name -> counters, as they are shown
 LINK = {
     "Lost": "{lost} of {all} samples", "Repeated": "{repeated} samples",
     "Damaged": "{frames_bad} messages", "Gaps": "{frames_resyncs} after damage",
     "Too late": "{late_commands} commands", "Refused": "{refused} messages", "No position": "{not_closed} samples",
-    "Lost links": "{lost_links}",
 }  # fmt: skip
 #: title -> names, share of the width: what the board is called may take two lines, numbers that change may not
 GROUPS = {"Board": (BOARD, 5), "Sensors": (SENSORS, 6), "Link since it was opened": (tuple(LINK), 5)}
@@ -116,10 +115,10 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
         zeroed = f"zero{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
         channels = f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none"
         letters = " ".join(status.encoders)
-        lost = f"{grouped(status.report.get('lost', 0))} samples lost since it was opened"
+        arrive = f"{rates['samples']:.0f} samples a second" if rates else "samples arrive"
         for name, good, text in (
             (READY_BOARD, True, f"{board} is connected"), (BRAKES, True, STATES.get(state, state)),
-            (ENCODERS, status.homed, f"{letters}: {homed}"), (FORCE, status.zeroed, channels), (SAMPLES, True, lost),
+            (ENCODERS, status.homed, f"{letters}: {homed}"), (FORCE, status.zeroed, channels), (SAMPLES, True, arrive),
         ):  # fmt: skip
             found[name] = m.Check(name, m.GOOD if good else m.WAITING, text)
         if worse := worth_a_look(status, rates):
@@ -149,7 +148,7 @@ def quantisation(device: Device, status: m.DeviceStatus, controllers: dict[int, 
     return (gain, step, noise, noise * gain) if math.isfinite(step) else None
 
 
-def figures_of(status: m.DeviceStatus, rates: dict[str, float], protocol: Protocol) -> dict[str, str]:
+def figures_of(status: m.DeviceStatus, protocol: Protocol) -> dict[str, str]:
     """Everything that is known, by the names of BOARD, SENSORS and LINK."""
     report, reached = status.report, is_reached(status)
     figures = {"Device": status.device, "Port": status.port}
@@ -164,8 +163,6 @@ def figures_of(status: m.DeviceStatus, rates: dict[str, float], protocol: Protoc
             figures["Handle"] = f"x {1e3 * status.tip[0]:z.1f}   y {1e3 * status.tip[1]:z.1f} mm"
         if status.force_channels and math.isfinite(fx + fy):
             figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f} N"
-        if rates:
-            figures["Samples"] = f"{rates['samples']:.0f} a second"
         figures |= quantised(status, protocol)
     if report:
         counts = counters_of(report)

@@ -257,6 +257,9 @@ class RunPage(Page):
             self.panel.note.clear()
             if before.stage != m.NO_SESSION:
                 self._clear_trial()
+                if self.opened is not None:
+                    self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
+                    self.workspace.view.show_text("", "")
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
@@ -264,13 +267,8 @@ class RunPage(Page):
         self._show_recording()
 
     def _clear_trial(self) -> None:
-        """No session is open: nothing of its trials stays."""
-        self._waiting.clear()
-        self._ticks.clear()
-        if self.opened is not None:
-            self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
-            self.workspace.view.show_text("", "")
-        for part in (self.traces, self.energy, self.timing):
+        """Nothing of the last trial stays."""
+        for part in (self._waiting, self._ticks, self.traces, self.energy, self.timing):
             part.clear()
 
     def _show_trial(self, before: m.Snapshot) -> None:
@@ -285,15 +283,12 @@ class RunPage(Page):
             now, begins = coming, True
         if begins and now is not None:
             self._shown, self._earlier = now, None
-            self._waiting.clear()
-            self._ticks.clear()
+            self._clear_trial()
             device = opened.protocol.device(now.configuration)
             self.workspace.view.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
             if snapshot.running is not None:
                 self._write_phase(tick_log.APPROACH, taken=False)
             self.traces.show_trial(device)
-            self.energy.clear()
-            self.timing.clear()
         elif snapshot.running is None:
             self.show_panels()
             self.traces.rest()
@@ -383,8 +378,9 @@ class RunPage(Page):
         for pressed, possible_now in ((self.panel.start, can.start), (self.panel.redo, can.redo is not None)):
             pressed.setEnabled(possible_now and not self.card_shown)  # one button for a key
             pressed.key.setVisible(not self.card_shown)
+        self.cards.show_session(opened, snapshot, self)
         keep = CLOSE if self._earlier is not None else KEEP_AND_START if can.start else KEEP
-        self.card.offer(can, keep, has_space=snapshot.card is None and snapshot.stage != m.FINISHED)
+        self.card.offer(can, keep, has_space=self.cards.notice is None)
         if self._asked_by is not None:
             button, waits = self._asked_by
             button.setText(waits)
@@ -398,7 +394,6 @@ class RunPage(Page):
             self._write(shown)
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
-        self.cards.show_session(opened, snapshot, self)
 
     def _show_card(self, opened: m.Opened) -> None:
         """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""

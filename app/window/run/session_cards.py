@@ -32,7 +32,7 @@ UNBLIND = Ask(
     own="Who asks",
 )  # fmt: skip
 RESTED = "Go on when the participant is ready."
-STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Resumed, it goes on where it stands."
+STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Started again, it goes on from there."
 
 
 class SessionCards(Cards):
@@ -68,8 +68,8 @@ class SessionCards(Cards):
         super().take_focus()
 
     def press_main(self) -> bool:
-        """The space bar: the notice's first button. Whether there is a card that stands in the way of a start."""
-        if self.question is None and self.notice is not None:
+        """The space bar: the notice's first button, but for one that no trial follows. Whether a card is in the way."""
+        if self.question is None and self.notice is not None and self.notice.kind != m.FAILED:
             self.notice.enter()
         return self.question is not None or self.notice is not None
 
@@ -107,8 +107,10 @@ class SessionCards(Cards):
             again = m.Open(opened.participant, resume=True)
             buttons = [("Open folder", lambda: page.folder_asked.emit(Path(opened.folder)))]
             if not snapshot.in_memory:  # else that would be lost
-                buttons.insert(0, ("Start again and resume  Enter", lambda: page.setup_asked.emit(None, again)))
-            return OverlayCard("The session has stopped", STOPPED, buttons, self._parent)
+                buttons.insert(0, ("Start again  Enter", lambda: page.setup_asked.emit(None, again)))
+            notice = OverlayCard("The session has stopped", STOPPED, buttons, self._parent)
+            notice.kind = m.FAILED
+            return notice
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
         text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."

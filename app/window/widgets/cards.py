@@ -219,7 +219,3 @@ class Cards:
         """Take the question away if it is one of these."""
         if self.question is not None and self.question.kind in kinds:
             self.leave()
-
-    def press_main(self) -> bool:
-        """The space bar: whether there is a card that stands in the way of a start."""
-        return self.question is not None

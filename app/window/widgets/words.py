@@ -49,7 +49,7 @@ ENDINGS = {
 }  # fmt: skip
 
 RESUME = "Start again and resume the session"
-SERVER_DIED = f"The session server has stopped: the brakes are off and the recordings are kept. {RESUME}."
+KEPT = "What had reached its file is kept."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 
@@ -64,11 +64,10 @@ def server_died(last: m.Snapshot) -> str:
     """What a session server that is gone leaves behind. last: the newest that it has sent."""
     if last.stage == m.FAILED and last.notice:  # it said so itself
         return last.notice
-    lost = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else ""
+    kept = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else KEPT
     if last.running is None:
-        return f"The session server has stopped, and the brakes are off. {lost} {RESUME}." if lost else SERVER_DIED
+        return f"The session server has stopped: the brakes are off. {kept} {RESUME}."
     run, again = ("a practice trial", "it") if last.practice else (f"run {last.running.run}", "its trial")
-    kept = lost or "What had reached its file is kept."
     stopped = f"The session server has stopped in the middle of {run}: the brakes are off."
     return f"{stopped} {kept} {RESUME}: {again} comes again."
 
