@@ -85,10 +85,11 @@ class AtTheKeyboard(Printed):
 
     def __init__(self) -> None:
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        threading.Thread(target=self._read, name="keyboard", daemon=True).start()
+        self._keyboard = threading.Thread(target=self._read, name="keyboard", daemon=True)
+        self._keyboard.start()
 
     def _read(self) -> None:
-        for line in sys.stdin:
+        for line in sys.stdin or ():  # None: the program was started without one
             self._lines.put(line)
 
     def ask(self, step: "Step") -> None:
@@ -97,6 +98,8 @@ class AtTheKeyboard(Printed):
             self._lines.get()
 
     def is_ready(self) -> bool:
+        if not self._keyboard.is_alive() and self._lines.empty():
+            raise InputError("standard input has ended: nobody can say here that a step is done")
         return not self._lines.empty()
 
 

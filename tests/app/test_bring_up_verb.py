@@ -13,6 +13,8 @@ from emulated import ROOT, Emulated
 from refusals import refusal
 
 from app.cli import main
+from app.verbs.bring_up import AtTheKeyboard
+from core.files import InputError
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,15 @@ def test_an_interrupt_leaves_the_board_without_current_and_no_record(emulated: E
     truth = emulated.order()
     assert not any(truth["currents_mA"]) and truth["state"] in ("IDLE", "FAULT")
     assert not list((tmp_path / "bring-up").glob("*"))
+
+
+@pytest.mark.parametrize("stdin", [io.StringIO(), None])
+def test_a_keyboard_that_has_ended_is_said_where_a_step_waits_for_it(stdin: io.StringIO | None, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "stdin", stdin)
+    keyboard = AtTheKeyboard()
+    keyboard._keyboard.join()
+    with pytest.raises(InputError, match="standard input has ended"):
+        keyboard.is_ready()
 
 
 CARD = """
