@@ -22,7 +22,7 @@ from core.drawn_path import DRAWING
 from core.files import InputError, Pair
 from experiments.protocol_writer import POINTS, path_through, points_of
 
-POINT_PX, POINT_GAP_PX, PARAMETER_PX = 78, 8, 72  # wide, at a text size of 1: -93.969 and 10000 have room
+POINT_PX, PARAMETER_PX = 78, 72  # wide, at a text size of 1: -93.969 and 10000 have room
 SIGN_PX, LINE_PX = 26, 30  # wide, a button of one sign; high, a field
 
 
@@ -169,10 +169,10 @@ class PathRows(EntryRows):
 
     def fill_rows(self) -> None:
         self.points: list[list[NumberField]] = []  # of each path: x and y of its points
-        most = max((len(points_of(e)) for e in self.entries if e.get("kind") != DRAWING), default=0)
-        heads = holder(Flow(*(point_pair(*map(point_head, "xy")) for _ in range(most)), gap=POINT_GAP_PX))
-        heads.setFixedHeight(point_head("x").sizeHint().height())  # of the first line of points
-        self._grid.addWidget(heads, 0, 1)
+        if any(entry.get("kind") != DRAWING for entry in self.entries):
+            heads = point_pair(*(text_label(f"{axis} mm", "quiet", theme.SMALL) for axis in "xy"))
+            heads.setFixedHeight(heads.sizeHint().height())
+            self._grid.addWidget(heads, 0, 1, Qt.AlignmentFlag.AlignLeft)  # of the first point: how many fit varies
         for place, entry in enumerate(self.entries):
             name = text_label(f"{entry.get('number', place + 1)}  {entry.get('kind')}")
             name.setFixedHeight(theme.text_px(LINE_PX))
@@ -180,7 +180,7 @@ class PathRows(EntryRows):
             if entry.get("kind") == DRAWING:
                 self._grid.addWidget(wrapped_label(str(entry.get("file", ""))), place + 1, 1)
             else:
-                self._grid.addLayout(Flow(*self._fields(place, entry), gap=POINT_GAP_PX), place + 1, 1)
+                self._grid.addLayout(Flow(*self._fields(place, entry), gap=8), place + 1, 1)
             more = ("+", self._lengthen, "Another point at the end"), ("−", self._shorten, "Remove the last point")
             longer = more if entry.get("kind") == "polyline" else ()
             self.close_row(place, (place + 1, 2), *(sign(text, partial(do, place), hint) for text, do, hint in longer))
@@ -191,7 +191,6 @@ class PathRows(EntryRows):
             for axis, value in zip("xy", point, strict=True):
                 field = NumberField(f"{axis} of point {number} of path {place + 1}")
                 field.show_value(in_mm(value))
-                field.setFixedWidth(theme.text_px(POINT_PX))
                 field.setToolTip(f"Point {number}: {axis}, mm")
                 field.changed.connect(lambda _: self._typed(place))
                 fields.append(field)
@@ -244,13 +243,10 @@ class PathRows(EntryRows):
 
 
 def point_pair(x: QWidget, y: QWidget) -> QWidget:
+    """What belongs to one point, as wide as its fields."""
+    for part in (x, y):
+        part.setFixedWidth(theme.text_px(POINT_PX))
     return holder(row(x, y, spacing=2))
-
-
-def point_head(axis: str) -> QWidget:
-    head = text_label(f"{axis} mm", "quiet", theme.SMALL)
-    head.setFixedWidth(theme.text_px(POINT_PX))
-    return head
 
 
 def sign(text: str, do: Callable[[], object], hint: str) -> QPushButton:
