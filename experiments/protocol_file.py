@@ -104,7 +104,7 @@ class Consent(Table, frozen=True):
 
     text: Text
     agree: Text = "I agree to take part"
-    decline: Text = "I do not take part"
+    decline: Text = "I do not want to take part"
 
 
 class Export(Table, frozen=True):

@@ -25,7 +25,8 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import from_home
+from app.window.widgets.words import GAIN, from_home
+from experiments.plan import grouped
 from experiments.protocol import Protocol
 
 NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
@@ -37,13 +38,12 @@ CITATION = (
 #: algorithm -> what a hand feels of it
 FELT = {
     "none": "All brakes are off: the hand feels only friction and mass.",
-    "sdof": "One brake at a time is locked, the one that leaves the handle the direction nearest to the path: the hand "
-    "is led along a line of the device.",
+    "sdof": "Single degree of freedom: one brake at a time is locked, so that the handle can move along one line only. "
+    "It is the brake whose line leads best to the path and along it.",
     "proportional": "The brakes together resist every motion away from the path, in proportion to its speed: the "
     "larger the gain, the stiffer.",
     "reflect": "The brakes show a force from elsewhere, such as that of a wall, as far as brakes can.",
 }
-GAP = "With a gap, nothing acts while the handle is that near to the path."
 KEYS_PX = 960  # wide, groups side by side
 BESIDE_PX, FOOT_PX = 44, 200  # what else a card needs: wide, high
 
@@ -75,7 +75,7 @@ class SettingsCard(OverlayCard):
             "Text": (self.text_size, "Also by Ctrl + and Ctrl -."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "Of the next start, unless --data-dir names another."),
+            "Data folder": (folder, "From the next start on, unless phd is started with --data-dir."),
         })  # fmt: skip
         self.inside.addLayout(lines)
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
@@ -107,7 +107,7 @@ def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
             told.setFixedWidth(theme.text_px(NAME_PX))
         told.setMinimumHeight(0 if isinstance(part, QLabel) else part.sizeHint().height())  # level with a field
         beside.addWidget(told, down, 0, Qt.AlignmentFlag.AlignTop)
-        hints = [wrapped_label(hint, "quiet", theme.SMALL)] if hint else []
+        hints = [wrapped_label(hint, "caution" if hint == NO_SOUND else "quiet", theme.SMALL)] if hint else []
         beside.addLayout(column(part, *hints, spacing=4), down, 1)
     return beside
 
@@ -147,8 +147,11 @@ def controllers_help(protocol: Protocol) -> dict[str, str]:
     """Controller of the protocol -> what it does."""
     found = {}
     for number, preset in protocol.controllers.items():
-        gap = f" {GAP}" if preset.named.get("gap_m") else ""
-        found[f"{number}  {preset.name}"] = FELT.get(preset.kind, preset.words) + gap
+        gain, gap_m = preset.value(GAIN), preset.value("gap_m")
+        text = FELT.get(preset.kind, preset.words)
+        text += f" Here it is {grouped(gain)} N s/m." if gain and preset.kind in FELT else ""
+        text += f" Within {1e3 * gap_m:g} mm of the path nothing acts." if gap_m else ""
+        found[f"{number}  {preset.name}"] = text
     return found
 
 
@@ -158,7 +161,7 @@ def files_help(data_folder: str) -> dict[str, str]:
     return {
         "Sessions": data_folder,
         "Each session": "sub-01/ses-01: session.json (plan and protocol), journal.jsonl, trials.csv, trials/ with one "
-        "recording a trial.",
+        "recording for each trial.",
         "Settings": kept.fileName() if kept else "not kept",
         "Program": str(Path(__file__).resolve().parents[2]),
         "Export": "Home, Your data, Export: BIDS-Motion or CSV, into a new folder.",

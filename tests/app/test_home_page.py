@@ -235,7 +235,9 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     shown.until(lambda: "No board is connected" in page.why.text())
     assert not page.start.isEnabled() and page.start.isVisible()
     assert {check.text for check in page.checks.shown}.isdisjoint({"simulated", "mouse"}), "they are not the board's"
+    assert not page.ports.connect_typed.isEnabled(), "no port is typed"
     shown.type(page.ports.port, "/tmp/port")
+    assert page.ports.connect_typed.isEnabled()
     QTest.keyClick(page.ports.port, Qt.Key.Key_Return)
     chosen = shown.setup._replace(link="/tmp/port")
     assert shown.setups == [(chosen, None)]
@@ -387,7 +389,7 @@ def test_consent_comes_before_the_form_and_who_declines_is_asked_nothing_else(sh
     page.show_opened(opened(""))
     page.show_snapshot(before())
     shown.click(page.start)
-    assert "You may stop." in shown.texts() and page.consent.agree.text() == "Yes"
+    assert "You may stop." in shown.texts() and "Consent of 01" in shown.texts() and page.consent.agree.text() == "Yes"
     shown.click(page.consent.decline)
     (declined,) = shown.sent
     assert declined.participant == "01" and not declined.consent[0] and declined.form == {} and not declined.blind

@@ -144,7 +144,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         field.changed.emit(value)
     assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.TEXT_SIZE: "1.0"}
     for entry, says in zip(
-        main.help.menu().actions(), ("start the next trial", "One brake at a time", "session.json", "Reed"), strict=True
+        main.help.menu().actions(), ("start the next trial", "one brake at a time", "session.json", "Reed"), strict=True
     ):
         entry.trigger()
         settle(main)

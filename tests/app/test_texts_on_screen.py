@@ -184,7 +184,7 @@ def bring_up(screens: Screens) -> None:
 def consent(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
-    home.consent.show_consent(Consent("You may stop at any time, without giving a reason."))
+    home.consent.show_consent(Consent("You may stop at any time, without giving a reason."), "Consent of 01")
     home.stack.setCurrentWidget(home.asking)
 
 

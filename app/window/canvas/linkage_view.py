@@ -221,9 +221,12 @@ class LinkageView(ForceView):
 #: layer -> its key, what it shows
 LAYERS = {
     FIELD: ("F", "The desired direction of motion, everywhere"),
-    DIRECTIONS: ("D", "The way that each brake alone would leave the tip; strong: nearest to the desired direction"),
+    DIRECTIONS: (
+        "D",
+        "How the handle can move while one brake alone is locked; bold: nearest to the desired direction",
+    ),
     REACHABLE: ("W", "The forces that the brakes can exert against the present motion"),
-    TRAIL: ("T", "The way of the handle in this trial"),
+    TRAIL: ("T", "Where the handle has been in this trial"),
     LINKAGE: ("L", "Arms, brakes and their values"),
     WHOLE: ("Z", "The whole device, not only the paths and 10 cm around them"),
 }

@@ -3,7 +3,7 @@
 from functools import partial
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
@@ -32,10 +32,11 @@ class BoardPorts(QWidget):
         self._looking = Watch(self, lambda: (scan_ports, self._found, self._mine), self._show_found)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(self._connect_typed)
+        self.port.textChanged.connect(lambda _: self._show_typed())
         self.again = button("Look again", self._look_anew)
         self._rows = column()
         self.connect_typed = button("Connect", self._connect_typed)
-        self.setLayout(column(self._rows, row((self.port, 1), self.connect_typed, self.again)))
+        self.setLayout(column(self._rows, row((self.port, 1), self.again, self.connect_typed)))
         self._fill()
 
     def show_link(self, port: str, checks: tuple[m.Check, ...] = (), opening: str = "") -> None:
@@ -72,17 +73,21 @@ class BoardPorts(QWidget):
             if found.port == self._opening:
                 show_wait(connect, OPENING)
             self._rows.addLayout(row_of(found.port, wrapped_label(found.words, "quiet"), connect))
-        typed = self._opening not in ("", *(board.port for board in self._found))
-        self.connect_typed.setText(OPENING if typed else "Connect")
-        self.connect_typed.setEnabled(not self._opening)
+        self._show_typed()
         if not self._found and not self._mine:
             self._rows.addWidget(wrapped_label("No board answers on USB. Plug one in, or type its port.", "quiet"))
+
+    def _show_typed(self) -> None:
+        """The button beside the port that is typed: dead while none is, or while one is being opened."""
+        typed = self._opening not in ("", *(board.port for board in self._found))
+        self.connect_typed.setText(OPENING if typed else "Connect")
+        self.connect_typed.setEnabled(bool(self.port.text()) and not self._opening)
 
     def _connect_typed(self) -> None:
         if self.port.text():
             self.connect_asked.emit(self.port.text())
 
 
-def row_of(port: str, words: QLabel, do: QPushButton) -> QVBoxLayout:
-    """A port, which may have a long name; below it how it is, and what can be done."""
-    return column(OneLine(port, size=theme.NORMAL), row((words, 1), do), spacing=2)
+def row_of(port: str, words: QLabel, do: QPushButton) -> QHBoxLayout:
+    """A port, which may have a long name, with how it is below; beside both what can be done."""
+    return row((column(OneLine(port, size=theme.NORMAL), words, spacing=2), 1), do)

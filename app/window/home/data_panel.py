@@ -103,7 +103,7 @@ class DataPanel(Panel):
         if folder != self._folder:
             self._folder, self.overview = folder, None
             self.recent.add(str(folder))
-            self.where.setText(f"In {from_home(folder)}")
+            self.where.setText(f"Data folder: {from_home(folder)}")
             self._looking.forget()
             self._looking.look()
 
@@ -173,13 +173,12 @@ class DataPanel(Panel):
         done = text_label(f"{session.done} of {session.planned}")
         if session.problem or session.declined:
             done.setText("cannot be read" if session.problem else "does not take part")
+            bar.hide()
         name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        if session.declined:
-            bar.hide()
         head = row(name, main, self._more(session, is_open), spacing=6)
         lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
-        if session.lacking and not session.declined:
+        if session.lacking and not (session.problem or session.declined):
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)
             lines.addWidget(lacking)

@@ -135,7 +135,7 @@ class HomePage(Page):
         choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),
-            ("Device", self.link, ()), ("", self.ports, ()), ("", self.devices, ()),
+            ("Device", self.link, ()), ("", self.ports, ()), ("Model", self.devices, ()),
             ("Hand", self.hand, ((self.hand_words, 1),)), ("Participant", self.participant, (self.standing, 1)),
             ("", self.form, ()), ("Blind", self.blind, ()), ("Plan", self.plan, ()),
         )  # fmt: skip
@@ -446,14 +446,14 @@ class HomePage(Page):
     def _ask_consent(self) -> None:
         """Let the participant read what they agree to: on their own screen where there is one, else here."""
         assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
+        title = f"Consent of {self.participant.text()}"
         if self.participant_answers:
             self.consent_asked.emit(self.loaded.protocol.consent)
             text = "The participant reads it and answers on the other screen."
-            title, cancel = f"Consent of {self.participant.text()}", ("Cancel  Esc", self._show_columns)
-            self.cards.put(OverlayCard(title, text, [cancel], self), CONSENT)
+            self.cards.put(OverlayCard(title, text, [("Cancel  Esc", self._show_columns)], self), CONSENT)
         else:
             self._show_columns()
-            self.consent.show_consent(self.loaded.protocol.consent)
+            self.consent.show_consent(self.loaded.protocol.consent, title)
             self.stack.setCurrentWidget(self.asking)
 
     def answer_consent(self, agrees: bool) -> None:

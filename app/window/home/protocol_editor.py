@@ -71,7 +71,7 @@ class ProtocolEditor(Panel):
         for key, field in self.fields.items():
             field.changed.connect(lambda value, key=key: self._put(key, from_text(key, value, self._get(key))))
         self.drawing, self.summary = PathDrawing(), wrapped_label("", bold=True)
-        self.plan = printed("No plan yet")
+        self.plan = printed("No plan yet", wrap=True)
         self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save as …", self._save, "main")
         self.devices, self.controllers, self.paths = DeviceTicks(), ControllerRows(), PathRows()
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
@@ -94,7 +94,7 @@ class ProtocolEditor(Panel):
         self._add_list("Devices", "devices", self.devices, button("Add a file …", self._add_device, small))
         self._add_list("Controllers", "controller", self.controllers, button("Add", self.controllers.add_new, small))
         add_drawing = button("Add a file …", self._add_drawing, small)
-        self._add_list("Paths, in mm", "path", self.paths, *draw, add_drawing)
+        self._add_list("Paths", "path", self.paths, *draw, add_drawing)
         for title in ("Trials", "People"):
             self._add_heading(title)
             for line in self._lines[title]:
@@ -294,6 +294,7 @@ def preview(text: str, folder: Path) -> tuple[str, str, np.ndarray]:
     InputError if it cannot be run.
     """
     protocol = read_protocol(text, folder, WHERE)
+    plan = print_plan(protocol, "01").partition("\n\n")[2]  # its first line says again what the summary says
     x, y = np.meshgrid(np.arange(-0.6, 0.61, 0.01), np.arange(-0.2, 0.81, 0.01))
     free = np.logical_and.reduce([tip_is_free(device.mechanism, x, y) for device in protocol.devices])
-    return plan_summary(protocol), print_plan(protocol, "01"), np.column_stack((x[free], y[free]))
+    return plan_summary(protocol), plan, np.column_stack((x[free], y[free]))

@@ -169,17 +169,21 @@ class PathRows(EntryRows):
 
     def fill_rows(self) -> None:
         self.points: list[list[NumberField]] = []  # of each path: x and y of its points
+        if any(entry.get("kind") != DRAWING for entry in self.entries):
+            heads = point_pair(*(text_label(f"{axis} mm", "quiet", theme.SMALL) for axis in "xy"))
+            heads.setFixedHeight(heads.sizeHint().height())
+            self._grid.addWidget(heads, 0, 1, Qt.AlignmentFlag.AlignLeft)  # of the first point: how many fit varies
         for place, entry in enumerate(self.entries):
             name = text_label(f"{entry.get('number', place + 1)}  {entry.get('kind')}")
             name.setFixedHeight(theme.text_px(LINE_PX))
-            self._grid.addWidget(name, place, 0, Qt.AlignmentFlag.AlignTop)
+            self._grid.addWidget(name, place + 1, 0, Qt.AlignmentFlag.AlignTop)
             if entry.get("kind") == DRAWING:
-                self._grid.addWidget(wrapped_label(str(entry.get("file", ""))), place, 1)
+                self._grid.addWidget(wrapped_label(str(entry.get("file", ""))), place + 1, 1)
             else:
-                self._grid.addLayout(Flow(*self._fields(place, entry), gap=8), place, 1)
+                self._grid.addLayout(Flow(*self._fields(place, entry), gap=8), place + 1, 1)
             more = ("+", self._lengthen, "Another point at the end"), ("−", self._shorten, "Remove the last point")
             longer = more if entry.get("kind") == "polyline" else ()
-            self.close_row(place, (place, 2), *(sign(text, partial(do, place), hint) for text, do, hint in longer))
+            self.close_row(place, (place + 1, 2), *(sign(text, partial(do, place), hint) for text, do, hint in longer))
 
     def _fields(self, place: int, entry: dict[str, Any]) -> list[QWidget]:
         self.points.append(fields := [])
@@ -187,11 +191,10 @@ class PathRows(EntryRows):
             for axis, value in zip("xy", point, strict=True):
                 field = NumberField(f"{axis} of point {number} of path {place + 1}")
                 field.show_value(in_mm(value))
-                field.setFixedWidth(theme.text_px(POINT_PX))
                 field.setToolTip(f"Point {number}: {axis}, mm")
                 field.changed.connect(lambda _: self._typed(place))
                 fields.append(field)
-        return [holder(row(x, y, spacing=2)) for x, y in zip(fields[::2], fields[1::2], strict=True)]
+        return [point_pair(x, y) for x, y in zip(fields[::2], fields[1::2], strict=True)]
 
     def draw(self, kind: str, points: Sequence[Pair]) -> None:
         """A path was drawn through these points (m)."""
@@ -237,6 +240,13 @@ class PathRows(EntryRows):
         if len(points := points_of(self.entries[place])) > POINTS["polyline"]:
             self._reshape(place, points[:-1])
             self.show_entries(self.entries)
+
+
+def point_pair(x: QWidget, y: QWidget) -> QWidget:
+    """What belongs to one point, as wide as its fields."""
+    for part in (x, y):
+        part.setFixedWidth(theme.text_px(POINT_PX))
+    return holder(row(x, y, spacing=2))
 
 
 def sign(text: str, do: Callable[[], object], hint: str) -> QPushButton:

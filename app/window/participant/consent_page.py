@@ -9,7 +9,7 @@ from app.window.widgets.parts import Panel, button, column, row, scrolled, wrapp
 from experiments.protocol_file import Consent
 
 WIDE_PX = 980  # at most
-AROUND_PX = 240  # high, what is above and below the text
+AROUND_PX = 280  # high, what is above and below the text
 
 
 class ConsentPage(QWidget):
@@ -19,6 +19,7 @@ class ConsentPage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self.title = wrapped_label("", size=theme.HEAD, bold=True)
         self.text = wrapped_label("", size=theme.HEAD)
         self.decline = button("", lambda: self.answered.emit(False))
         self.agree = button("", lambda: self.answered.emit(True))
@@ -30,9 +31,12 @@ class ConsentPage(QWidget):
         sheet = Panel()
         sheet.setLayout(column(self.area, answers, spacing=32, margins=(40, 32, 40, 32)))
         sheet.setMaximumWidth(WIDE_PX)
-        self.setLayout(row(1, (column(1, sheet, 1), 100), 1, margins=(40, 32, 40, 32)))
+        self.setLayout(row(1, (column(1, self.title, sheet, 1, spacing=12), 100), 1, margins=(40, 32, 40, 32)))
 
-    def show_consent(self, consent: Consent) -> None:
+    def show_consent(self, consent: Consent, title: str = "") -> None:
+        """title: the experimenter's, above what the participant reads."""
+        self.title.setText(title)
+        self.title.setVisible(bool(title))
         self.text.setText(consent.text.strip())
         self.decline.setText(consent.decline)
         self.agree.setText(consent.agree)

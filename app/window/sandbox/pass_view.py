@@ -15,7 +15,7 @@ MARGIN_M = 0.03  # around the path, at least: the hand has its whole force 2 cm 
 GAP = "gap"
 #: layer -> its key, what it shows
 LAYERS = {
-    TRAIL: ("T", "The way of the handle in this pass"),
+    TRAIL: ("T", "Where the handle has been in this pass"),
     FORCES: ("F", "The forces of your hand and of the brakes"),
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),

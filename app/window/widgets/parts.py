@@ -53,9 +53,10 @@ def text_label(text: str = "", name: str = "", size: int = theme.NORMAL, bold: b
     return label
 
 
-def printed(hint: str = "") -> QPlainTextEdit:
+def printed(hint: str = "", wrap: bool = False) -> QPlainTextEdit:
     """A text in columns, to be read. hint: what stands in its place while there is none."""
-    text = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+    mode = QPlainTextEdit.LineWrapMode.WidgetWidth if wrap else QPlainTextEdit.LineWrapMode.NoWrap
+    text = QPlainTextEdit(readOnly=True, placeholderText=hint, lineWrapMode=mode)
     text.setFont(theme.mono())
     return text
 
