@@ -171,11 +171,11 @@ class MainWindow(QWidget):
             head.addSpacing(6)
             head.addWidget(pressed)
         self._foot = stack(  # the banner has the gaps about the footer, too
-            holder(row(self.footer, margins=(0, 8, 0, theme.GAP))),
-            holder(row(self.preflight.banner, margins=(0, 2, 0, 2))),
+            holder(row(self.footer, margins=(0, 14, 0, theme.GAP))),
+            holder(row(self.preflight.banner, margins=(0, 3, 0, 7))),
         )
         pages = column(head, (self._stack, 1), spacing=8)
-        self.setLayout(column((pages, 1), self._foot, margins=(theme.GAP, 6, theme.GAP, 0)))
+        self.setLayout(column((pages, 1), self._foot, spacing=0, margins=(theme.GAP, 6, theme.GAP, 0)))
         self.follow_text()
 
     def follow_text(self) -> None:

@@ -100,6 +100,7 @@ def asked(key: Qt.Key, modifier=ALT, over: int = 22) -> Callable[[Screens], None
     def show(screens: Screens) -> None:
         screens.hear(opened(), running(over - 1), ready(over) if key != Qt.Key.Key_A else running(over))
         screens.press(key, modifier=modifier)
+        screens.hear()  # a frame
 
     return show
 
