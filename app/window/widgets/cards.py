@@ -45,7 +45,7 @@ EXCLUDE = Ask(
     "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
     (
         "the pointer left the window", "the participant was distracted", "the device was disturbed",
-        "the participant did another task",
+        "the task was not followed",
     ),
 )  # fmt: skip
 
