@@ -239,17 +239,27 @@ def grouped(number: float) -> str:
     return f"{number:,.0f}".replace(",", "\u202f") if abs(number) >= 1e3 else f"{number:g}"
 
 
-def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
-    """Trials and duration of a session: shortest breaks, everything else at the assumed pace."""
-    configurations = len(protocol.devices)
-    each = len(plan) // configurations
-    breaks = sum(break_after(protocol, done, each - done) for done in range(1, each)) * configurations
-    practised = configurations * protocol.practice_trials
-    trials = len(plan) + practised
+def time_left_s(
+    protocol: Protocol, plan: Sequence[PlannedTrial], waiting: Sequence[PlannedTrial], trial_s: float = TRIAL_S
+) -> float:
+    """How long the trials that still wait take, at this pace, with practice, shortest breaks and re-rigs."""
+    whole, left = (Counter(trial.configuration for trial in trials) for trials in (plan, waiting))
+    breaks = sum(
+        break_after(protocol, done, whole[device] - done)
+        for device in left
+        for done in range(whole[device] - left[device] + 1, whole[device])
+    )
+    practised = protocol.practice_trials * sum(left[device] == whole[device] for device in left)  # those not begun
     rest_s = protocol.breaks.least_s if protocol.breaks else 0.0
-    seconds = trials * TRIAL_S + breaks * rest_s + (configurations - 1) * RERIG_S
+    return (len(waiting) + practised) * trial_s + breaks * rest_s + max(len(left) - 1, 0) * RERIG_S
+
+
+def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
+    """Trials and duration of a session: everything at the assumed pace."""
+    practised = len(protocol.devices) * protocol.practice_trials
     practice = f" and {practised} of practice" if practised else ""
-    return f"{counted(len(plan), 'trial')}{practice}, about {math.ceil(seconds / 60.0)} min"
+    whole_min = math.ceil(time_left_s(protocol, plan, plan) / 60.0)
+    return f"{counted(len(plan), 'trial')}{practice}, about {whole_min} min"
 
 
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:

@@ -311,7 +311,7 @@ class Snapshot(NamedTuple):
     card: StepCard | None = None  # what is to be done before the next trial
     step: str = DONE  # that the device on the bench is doing: CONNECT, HOME, ZERO
     sandbox: SandboxState | None = None  # None: Try is not open
-    seconds_left: float | None = None  # of the whole session, estimated from the trials so far
+    seconds_left: float | None = None  # of the whole session, estimated; None: none is open
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
     not_written: str = ""  # why not all of the session is on the disk, and what to do; "": all is
     moved: tuple[str, str] | None = None  # of a session that goes on elsewhere: data folder, participant

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
 from experiments.inputs import is_person
-from experiments.plan import PlannedTrial, break_after
+from experiments.plan import TRIAL_S, PlannedTrial, time_left_s
 from experiments.session.files import cell, open_trials, place
 from experiments.session.journal import (
     ANSWERS,
@@ -112,18 +112,11 @@ class SessionProgress:
         have = "has" if len(without) == 1 else "have"
         return f"The plan is done, but {len(without)} of its {len(session.plan)} trials {have} no result: {named}."
 
-    def seconds_left(self) -> float | None:
-        """Estimated time of the rest of the session: median trial length and planned breaks; None: not known yet."""
-        if not self._lengths:
-            return None
-        session, waiting = self.session, open_trials(self.session.plan, self.session.rows)
-        breaks = 0
-        for configuration in {trial.configuration for trial in waiting}:
-            whole = sum(trial.configuration == configuration for trial in session.plan)
-            left = sum(trial.configuration == configuration for trial in waiting)
-            breaks += sum(break_after(session.protocol, done, whole - done) for done in range(whole - left + 1, whole))
-        rest_s = session.protocol.breaks.least_s if session.protocol.breaks else 0.0
-        return statistics.median(self._lengths) * len(waiting) + breaks * rest_s
+    def seconds_left(self) -> float:
+        """Estimated time of the rest of the session, at the median pace of its trials; before them at the assumed."""
+        session = self.session
+        pace_s = statistics.median(self._lengths or [TRIAL_S])
+        return time_left_s(session.protocol, session.plan, open_trials(session.plan, session.rows), pace_s)
 
     def trial_ended(self, row: TrialRow) -> None:
         """Note when a trial ended, and how long it took."""

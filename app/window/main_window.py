@@ -171,11 +171,11 @@ class MainWindow(QWidget):
             head.addSpacing(6)
             head.addWidget(pressed)
         self._foot = stack(  # the banner has the gaps about the footer, too
-            holder(row(self.footer, margins=(0, 8, 0, theme.GAP))),
-            holder(row(self.preflight.banner, margins=(0, 2, 0, 2))),
+            holder(row(self.footer, margins=(0, 14, 0, theme.GAP))),
+            holder(row(self.preflight.banner, margins=(0, 3, 0, 7))),
         )
         pages = column(head, (self._stack, 1), spacing=8)
-        self.setLayout(column((pages, 1), self._foot, margins=(theme.GAP, 6, theme.GAP, 0)))
+        self.setLayout(column((pages, 1), self._foot, spacing=0, margins=(theme.GAP, 6, theme.GAP, 0)))
         self.follow_text()
 
     def follow_text(self) -> None:
@@ -327,19 +327,33 @@ class MainWindow(QWidget):
         if self.snapshot.can_allow:
             self.send(m.AllowBrakes())
 
-    def escape(self, cause: str) -> None:
-        """One thing: close what is asked; else leave a text field, or what a page has open, unless a trial runs; else
-        brakes off, where a session is open.
+    def _to_close(self) -> Callable[[], object] | None:
+        """What Esc does before it is brakes off: close what is asked; else, unless a trial runs, what a page has open,
+        or leave a text field.
         """
-        running = self.snapshot.stage == m.RUNNING
-        if self.cards.leave() or ((self.shown == RUN or not running) and self.pages[self.shown].cancel()):
-            return
-        typing = self.focusWidget()
-        if isinstance(typing, QLineEdit) and not running:
-            typing.clearFocus()
-            return
-        if self.snapshot.stage not in (m.PREPARING, m.NO_SESSION) and not self.snapshot.brakes_off:
+        running, typing = self.snapshot.stage == m.RUNNING, self.focusWidget()
+        close = self.cards.to_close()
+        if close is None and (self.shown == RUN or not running):
+            close = self.pages[self.shown].to_close()
+        if close is None and isinstance(typing, QLineEdit) and not running:
+            close = typing.clearFocus
+        return close
+
+    def _escape_is_brakes_off(self) -> bool:
+        off = self.snapshot.brakes_off or self.snapshot.stage in (m.PREPARING, m.NO_SESSION)
+        return not off and self._to_close() is None
+
+    def escape(self, cause: str) -> None:
+        """One thing: close what is open, else brakes off, where a session is open."""
+        if self._escape_is_brakes_off():
             self.client.brakes_off(cause)
+        elif (close := self._to_close()) is not None:
+            close()
+
+    def show_time(self, now_s: float) -> None:
+        """60 times a second: what only the clock changes, and what Esc does now."""
+        self.pages[self.shown].show_time(now_s)
+        self.preflight.brakes.show_key(self._escape_is_brakes_off())
 
     # ------------------------------------------------------------------------------------------- what the server sends
 

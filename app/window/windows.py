@@ -219,7 +219,7 @@ class Windows(QObject):
             self._show_ticks(ticks)
         self.participant.show_time()
         self.participant.view.follow_pointer()
-        self.main.pages[self.main.shown].show_time(time.perf_counter())
+        self.main.show_time(time.perf_counter())
         if not alive and not self.main.dead:
             self.main.show_dead(words.server_died(self.main.snapshot))
             self.participant.show_dead()

@@ -291,7 +291,8 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     assert len(ringed(page.plots[2])) == 1
     page.show_page(POOLED)
     assert page.own_keys()["Left"] == "0.1 s back"
-    assert page.cancel() and not page.side.isVisible() and not page.cancel() and not ringed(page.plots[0])
+    page.to_close()()
+    assert not page.side.isVisible() and page.to_close() is None and not ringed(page.plots[0])
     assert page.own_keys() == {}, "the player is not there"
 
 

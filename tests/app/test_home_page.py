@@ -149,13 +149,13 @@ def test_what_was_changed_in_one_protocol_is_not_lost_unasked_where_another_is_t
     page, editor = shown.page, shown.page.editor
     shown.click(page.edit)
     shown.type(editor.fields["name"], "mine")
-    shown.page.cancel()
+    shown.page.to_close()()
     page.take_protocol("curves")
     shown.click(page.edit)
     assert page.stack.currentWidget() is page.columns and "Paper protocol, a copy, has changes" in shown.texts()
     page.cards.question.buttons[0].click()
     assert page.stack.currentWidget() is editor and editor.content["name"] == "mine"
-    page.cancel()
+    page.to_close()()
     shown.click(page.edit)
     page.cards.question.buttons[1].click()
     assert editor.content["name"] == "curves" and not editor.changed
@@ -418,7 +418,8 @@ def test_consent_is_asked_on_the_participants_own_screen_where_there_is_one(show
     asked.clear()
     shown.click(page.start)
     assert asked[0].text == "You may stop." and "on the other screen" in shown.texts()
-    assert page.cancel() and asked[-1] is None
+    page.to_close()()
+    assert asked[-1] is None and page.to_close() is None
     shown.click(page.start)
     page.answer_consent(True)
     assert page.start.text() == "Start session   01 · 60 trials" and "agreed" in page.standing.text()

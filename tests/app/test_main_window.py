@@ -38,7 +38,7 @@ from app.window.run.session_cards import REDO
 from app.window.widgets import memory, theme, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.plots import Graph
-from app.window.widgets.preflight import Checklist
+from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Checklist
 from app.window.widgets.work import VerbProcess
 from core import tick_log
 from core.files import InputError
@@ -166,17 +166,31 @@ def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(scree
     assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
-def test_escape_closes_what_is_asked_or_leaves_a_note_and_only_the_next_one_is_brakes_off(screens: Screens) -> None:
-    screens.hear(opened(), running())
+def test_escape_closes_what_is_open_first_and_the_red_button_names_it_only_when_it_is_brakes_off(screens) -> None:
+    def red(*messages: object) -> str:
+        return screens.hear(*messages).preflight.brakes.text()
+
+    assert red(opened(), running()) == OFF_BY_KEY
+    wide = screens.main.preflight.brakes.width()
     screens.press(KEY.Key_A, modifier=ALT)
+    assert red() == OFF
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
     assert screens.client.off_causes == [] and screens.run.cards.question is None
-    screens.hear(ready(3))
+    assert red() == red(ready(3)) == OFF_BY_KEY
     screens.press(KEY.Key_N, modifier=ALT)
+    assert red() == OFF
     screens.press(KEY.Key_Escape, screens.run.panel.note)
-    assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus()
+    assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus() and red() == OFF_BY_KEY
+    screens.main.show_keys()
+    assert red() == OFF
+    screens.press(KEY.Key_Escape)
+    assert red() == OFF_BY_KEY
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1
+    for said, text in ((ready(3, brakes_off="Esc"), ALLOW), (ready(3, stage=m.FAILED), ARE_OFF), (before(), OFF)):
+        assert red(said) == text
+        settle(screens.main)
+        assert screens.main.preflight.brakes.width() == wide, "nothing beside it moves"
 
 
 def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
@@ -413,6 +427,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
         assert screens.main.preflight.banner.text() == "The disk is full."
     assert screens.main.preflight.banner.isVisible()
+    assert not screens.main.preflight.brakes.isEnabled()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
     assert screens.press(KEY.Key_Space) == []

@@ -9,11 +9,14 @@ from msgspec.structs import asdict, replace
 from protocols import PAPER, changed, protocol_of, short
 
 from app.cli import main
+from app.session_server.session_progress import SessionProgress
+from app.window.widgets.words import minutes
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
 from experiments.plan import break_after, grouped, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
+from experiments.session.session import Participant, Session
 
 
 def test_the_papers_protocol_is_the_experiment_of_section_v():
@@ -58,6 +61,15 @@ def test_a_summary_counts_trials_and_minutes_before_anyone_sits_down():
     assert plan_summary(replace(single, devices=single.devices[:1], paths={1: single.paths[1]})) == (
         "1 device × 5 controllers × 1 path = 5 trials and 2 of practice, about 2 min"
     )
+
+
+def test_a_session_that_begins_has_as_many_minutes_left_as_home_has_said(tmp_path):
+    broken = protocol_of(changed(PAPER.text, practice_trials="2") + "[breaks]\nafter_trials = 7\nleast_s = 60.0\n")
+    for number, protocol in enumerate((PAPER, broken)):
+        session = Session(tmp_path / f"data{number}", Participant("01", "mouse"), protocol, sync=False)
+        left = SessionProgress(session).seconds_left()
+        session.close()
+        assert plan_summary(protocol).endswith(minutes(left).removesuffix(" left"))
 
 
 def test_what_is_asked_for_stands_in_place_of_what_the_file_says():

@@ -17,6 +17,7 @@ from app.ipc import messages as m
 from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
+from app.window.run.run_page import INSTRUCTED
 from app.window.widgets import theme
 from core import tick_log
 from experiments.inputs import MOUSE, OPERATOR
@@ -262,7 +263,7 @@ def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages
     window.show()
     instructed(screens, how)
     screens.client.sent.clear()
-    assert start.text() == "Next page" and screens.run.small.text() == "Space: next page"
+    assert start.text() == "Next page" and screens.run.small.text() == INSTRUCTED.small
     assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
     for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
         turn()

@@ -59,7 +59,8 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
         assert screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
         assert screens.run.small.text() == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
         screens.hear(ready(over))
-        assert screens.run.small.text() in promises and screens.participant.view.shown.small in promises
+        assert screens.run.small.text() == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
+        assert screens.participant.view.shown.small in promises and screens.run.large.text() == "Ready"
 
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
@@ -296,7 +297,7 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
     grid = screens.run.panel.grid
     assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
-    assert screens.run.large.text() == "Stopped"
+    assert screens.run.small.text().startswith("Participant reads: Stopped")
 
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
@@ -337,14 +338,14 @@ def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Scr
     for status in ("done", "stopped", "timeout"):
         practised = result(PLAN[0]._replace(block=0), status)
         screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
-        assert screens.run.large.text() == ENGLISH_WORDS[status] and not screens.run.card_shown
+        assert ENGLISH_WORDS[status] in screens.run.small.text() and not screens.run.card_shown
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
     protocol = paper(language="de", language_text=language_text("de", FOLDER))
     german = protocol.sentences
     screens.hear(opened(protocol=protocol), ready(1))
-    assert screens.participant.view.shown.large == screens.run.large.text() == "Gut gemacht"
+    assert screens.participant.view.shown.large == "Gut gemacht" and "Gut gemacht" in screens.run.small.text()
     screens.hear(ready(1, stage=m.QUESTIONS))
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
@@ -365,7 +366,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial_or_keeps_the_n
 
 def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
     screens.hear(opened(), ready(3, stage="a text", card=m.StepCard("Text", "", participant="Think of a line")))
-    assert screens.participant.view.shown.large == screens.run.large.text() == "Think of a line"
+    assert screens.participant.view.shown.large == "Think of a line" == screens.run.small.text()[-15:]
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:

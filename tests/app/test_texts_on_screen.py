@@ -32,11 +32,13 @@ from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
+from app.session_server.preflight import check_device
 from app.window.analyse import analyse_page
 from app.window.home.home_page import BOARD
 from app.window.main_window import SMALLEST
 from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, TRY
+from core.faults import cause
 from experiments.protocol_file import Consent
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
@@ -54,6 +56,7 @@ ALT = Qt.KeyboardModifier.AltModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
 FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 UNEVEN = {"clock": {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 60}, "lost_links": 3, "begun_anew": 2}
+BAD_ENCODER = check_device(False, cause("bad-encoder"))
 NOT_HOMED = m.Check("Device", m.DUE, "not homed yet", "The session begins with homing the encoders.")
 RUN_STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
@@ -74,7 +77,7 @@ RUN_STATES = {
         ready(9, not_written=GONE, checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE))),
     ),
     "paused": (opened(), ready(9, paused=True)),
-    "brakes off": (opened(), ready(9, brakes_off="the watchdog of the board")),
+    "brakes off": (opened(), ready(9, brakes_off=cause("watchdog"))),
     "re-rig": (opened(), ready(30, stage=m.RERIG)),
     "break": (opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)),
     "questions": (opened(), ready(10, stage=m.QUESTIONS)),
@@ -97,6 +100,7 @@ def asked(key: Qt.Key, modifier=ALT, over: int = 22) -> Callable[[Screens], None
     def show(screens: Screens) -> None:
         screens.hear(opened(), running(over - 1), ready(over) if key != Qt.Key.Key_A else running(over))
         screens.press(key, modifier=modifier)
+        screens.hear()  # a frame
 
     return show
 
@@ -174,7 +178,7 @@ def ports(screens: Screens) -> None:
 
 
 def bring_up(screens: Screens) -> None:
-    results = ("Limits", "passed", "All are those of the file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
+    results = ("Limits", "passed", "As in the device file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
     steps = ("Limits", "Brakes", "Emergency stop", "Supply after the emergency stop", "Brakes at their joints")
     shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results, steps)
     device(ready(3, checks=WELL), status(bring_up=shown))(screens)
@@ -203,7 +207,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),
     "device, uneven": device(m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])), status(UNEVEN)),
     "device, lost": device(ready(3, checks=LOST), None),
-    "device, off": device(ready(3, checks=LOST, brakes_off="an encoder's signal is bad"), status()),
+    "device, off": device(ready(3, checks=(BAD_ENCODER, *WELL[1:]), brakes_off=cause("bad-encoder")), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "closing": closing,

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from app.ipc import messages as m
 from core import tick_log
 from experiments.analysis.trials_table import TrialRow
-from experiments.plan import PlannedTrial, make_plan, plan_hash
+from experiments.plan import PlannedTrial, make_plan, plan_hash, time_left_s
 from experiments.protocol import Protocol, load_protocol
 
 PAPER = load_protocol()
@@ -114,7 +114,7 @@ def ready(over: int = 0, **changes) -> m.Snapshot:
     """Ready for the next trial, after so many of the plan; or what comes before it, by its stage."""
     rows = tuple(result(trial, error=0.001 + 0.0001 * trial.run) for trial in PLAN[:over])
     coming = PLAN[over] if over < len(PLAN) else None
-    left = 15.0 * (len(PLAN) - over) if over else None
+    left = time_left_s(PAPER, PLAN, PLAN[over:])
     snapshot = m.Snapshot(m.READY, rows, coming, None, tip=TIP, checks=GREEN, seconds_left=left)
     newest = changes.get("rows", rows)[-1] if changes.get("rows", rows) else None
     return snapshot._replace(card=CARDS.get(changes.get("stage")), newest=newest)._replace(**changes)

@@ -56,7 +56,7 @@ class Screens:
         """As after the start of another session server, with nothing open."""
         self.windows._timer.stop()
         self.participant.hide()
-        while self.main.cards.leave() or self.run.cancel():
+        while self.main.cards.leave() or self.run.cards.leave():
             pass
         self.client = self.windows.client = FakeClient()
         self.main.show_client(self.client, None)

@@ -169,14 +169,9 @@ class AnalysePage(Page):
     def end(self) -> None:
         self.side.end()
 
-    def cancel(self) -> bool:
-        """Esc closes what is asked, else the trial beside the charts."""
-        if self.cards.leave():
-            return True
-        if not self.side.isVisible():
-            return False
-        self.close_trial()
-        return True
+    def to_close(self) -> Callable[[], object] | None:
+        """What is asked, else the trial beside the charts."""
+        return self.cards.to_close() or (self.close_trial if self.side.isVisible() else None)
 
     def keys(self) -> dict[str, Callable[[], object]]:
         of_trial = {"start": self.side.play_or_pause, "exclude": self.exclude} if self.side.isVisible() else {}

@@ -75,7 +75,7 @@ class BringUpPanel(QWidget):
         self.begin.setVisible(not goes_on)
         self.begin.setEnabled(self._usable and bool(self.name.text().strip()))
         self.go_on.setVisible(shown.confirmed)
-        self.end.setText("Break off" if goes_on else "Close")
+        self.end.setText("Stop the check" if goes_on else "Close")
         self.list.setVisible(bool(shown.steps))
         checks = [m.Check(title, STATES[state], saw, advice) for title, state, saw, advice in shown.results]
         if goes_on:

@@ -47,6 +47,7 @@ STEPS = {
     ENCODERS: ("Home the encoders …", m.HOME, "Hold the handle in its jig at {}, then go on."),
     FORCE: ("Take the zero …", m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
 }
+LINES_PX = (660, 400)  # the rows at most
 NEW_BENCH = "New bench"
 CHECKED = "Check it step by step once it is wired."
 
@@ -83,10 +84,12 @@ class DevicePage(Page):
             lines.addWidget(text_label(name, bold=True), down, 1)
             lines.addWidget(words, down, 2, 1, 1 if pressed else 2)
             if pressed is not None:
-                lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)  # each row has its share
-            lines.setRowStretch(down, 1)
+                lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)
+            lines.setRowStretch(down, 1)  # each row has its share
+        self._lines = holder(lines)
         state = Panel()
-        state.setLayout(column(self.title, (scrolled(holder(lines)), 1), self.why, spacing=8, margins=PANEL_MARGINS))
+        state.setLayout(column(self.title, (scrolled(self._lines), 1), self.why, spacing=8, margins=PANEL_MARGINS))
+        self.follow_text()
         self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
         panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
@@ -94,6 +97,10 @@ class DevicePage(Page):
         top = row((self._left, 5), (seen, 4), spacing=theme.GAP)
         self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1)))
+
+    def follow_text(self) -> None:
+        """In a large window the rows and their buttons stay together."""
+        self._lines.setMaximumSize(theme.text_px(LINES_PX[0]), theme.text_px(LINES_PX[1]))
 
     def _grid_of(self, names: tuple[str, ...]) -> QGridLayout:
         lines = grid(8, 4, stretched=1)
@@ -118,8 +125,8 @@ class DevicePage(Page):
         super().show_snapshot(snapshot)
         self._refresh()
 
-    def cancel(self) -> bool:
-        return self.cards.leave()
+    def to_close(self) -> Callable[[], object] | None:
+        return self.cards.to_close()
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         status = pulse.device

@@ -18,7 +18,8 @@ from core.mechanism import JOINTS
 from experiments.protocol import Protocol, home_of
 
 FOLLOWS = (
-    "Move the handle: the picture must follow. Ringed letters have an encoder; the arrow is the force of the hand."
+    "Move the handle: the picture must follow. Joints with an encoder have a ringed letter; the dashed ring is the "
+    "jig, the arrow the force of the hand."
 )
 UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring."
 STANDS = "A trial is running: this is the device before it. The Run page shows it now."

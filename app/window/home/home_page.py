@@ -216,10 +216,9 @@ class HomePage(Page):
         self.participant.setFocus()  # Enter starts
         self.participant.selectAll()
 
-    def cancel(self) -> bool:
+    def to_close(self) -> Callable[[], object] | None:
         asked = self.cards.question is not None or self.stack.currentWidget() is not self.columns
-        self._show_columns()
-        return asked
+        return self._show_columns if asked else None
 
     def unsaved(self) -> str:
         return f"what was changed in the editor ({self.editor.title.text()})" if self.editor.changed else ""

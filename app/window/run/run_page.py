@@ -65,6 +65,8 @@ BEFORE = (
     "While it runs: path error, force of the hand, currents of the brakes, speed, energy, and how late the loop is. "
     "After it: its card, to keep, repeat or exclude it."
 )
+AFTER = "Click a trial of the plan to see its card again."
+INSTRUCTED = words.Shown("Instructions", "Participant reads them. Space: next page")
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 
 
@@ -74,7 +76,7 @@ class RunPage(Page):
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.panel = SessionPanel()
-        #: what the participant reads, in large words, and the workspace under it
+        #: where the session stands and what the participant reads, and the workspace under it
         self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
         self.workspace = Workspace()
         keep_room(self.workspace)
@@ -97,7 +99,8 @@ class RunPage(Page):
         self._opened_s = time.perf_counter()  # when the session was opened here
         self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
         live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
-        self._right = stack(live, self.card, panel("The trial", wrapped_label(BEFORE, "quiet"), 1))
+        self.about = wrapped_label(BEFORE, "quiet")
+        self._right = stack(live, self.card, panel("The trial", self.about, 1))
         whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
         self._stack = stack(whole, self.questions)
         self.setLayout(row(self._stack))
@@ -195,8 +198,8 @@ class RunPage(Page):
         self.send(m.Note(text))
         self.cards.take_focus()
 
-    def cancel(self) -> bool:
-        return self.cards.leave()
+    def to_close(self) -> Callable[[], object] | None:
+        return self.cards.to_close()
 
     def show_answers(self, values: dict[str, int | None]) -> None:
         self.questions.show_values(values)
@@ -385,13 +388,11 @@ class RunPage(Page):
             button, waits = self._asked_by
             button.setText(waits)
         self.workspace.set_blind(snapshot.blind)
+        self.about.setText(AFTER if snapshot.stage in (m.FINISHED, m.FAILED) else BEFORE)
         if snapshot.running is None:
-            shown = words.between(snapshot, opened, hand_is_mouse(opened))
-            if snapshot.stage == m.FAILED or advice(snapshot):
-                shown = words.not_ready(snapshot, shown)
-            elif self.participant_reads:
-                shown = shown._replace(small=words.language_of(opened)["page_space"])
-            self._write(shown)
+            read, wrong = words.between(snapshot, opened), bool(advice(snapshot))
+            instructed = self.participant_reads and not wrong and snapshot.stage != m.FAILED
+            self._write(INSTRUCTED if instructed else words.to_experimenter(snapshot, read, wrong))
         self.traces.set_blind(snapshot.blind)
         self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
 

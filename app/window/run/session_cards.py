@@ -27,8 +27,8 @@ SKIP = Ask(
     ("the participant asked", "short of time", "a fault in this condition"),
 )  # fmt: skip
 UNBLIND = Ask(
-    "unblind", "Open the key?",
-    "The controllers become visible here and in the tables. The journal keeps who asked.", "Open",
+    "unblind", "Show the controllers?",
+    "Their names become visible here and in the tables. The journal keeps who asked.", "Show",
     own="Who asks",
 )  # fmt: skip
 RESTED = "Go on when the participant is ready."
@@ -120,7 +120,7 @@ class SessionCards(Cards):
             text += f" {lacking} of {len(opened.plan)} {have} no result: × (aborted), – (skipped) or e (excluded)."
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
-            buttons.append(("Open the key …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
+            buttons.append(("Show the controllers …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))
         buttons.append(("Next participant", lambda: self._next_participant(page)))
         return OverlayCard("Session complete", text, buttons, self._parent)
 

@@ -45,7 +45,7 @@ EXCLUDE = Ask(
     "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
     (
         "the pointer left the window", "the participant was distracted", "the device was disturbed",
-        "another task was done",
+        "the task was not followed",
     ),
 )  # fmt: skip
 
@@ -209,6 +209,10 @@ class Cards:
         if not isinstance(before, QLineEdit):  # one who was typing types on
             self.take_focus()
         return True
+
+    def to_close(self) -> Callable[[], object] | None:
+        """What Esc does to a question; None: there is none."""
+        return self.leave if self.question is not None else None
 
     def take_focus(self) -> None:
         """Give the keyboard to the card that is up."""

@@ -68,9 +68,9 @@ class Page(QWidget):
     def end(self) -> None:
         """Another page comes to the front."""
 
-    def cancel(self) -> bool:
-        """Esc: close what is asked on this page; whether there was something."""
-        return False
+    def to_close(self) -> Callable[[], object] | None:
+        """What Esc does to close what is asked or open on this page; None: there is nothing."""
+        return None
 
     def show_time(self, now_s: float) -> None:
         """60 times a second while the page is at the front; now_s: monotonic clock."""

@@ -110,17 +110,22 @@ class Banner(Panel):
         self.words.setText(shown)
 
 
-OFF, ALLOW = "Brakes off  Esc", "Allow brakes"
+OFF, OFF_BY_KEY, ALLOW, ARE_OFF = TEXTS = "Brakes off", "Brakes off  Esc", "Allow brakes", "Brakes are off"
 
 
 class BrakesButton(QPushButton):
-    """As wide as the longer of its two texts needs it, so that nothing beside it moves."""
+    """As wide as the longest of its texts needs it, so that nothing beside it moves."""
 
     def __init__(self) -> None:
         super().__init__(OFF, objectName="brakes", focusPolicy=NO_FOCUS)
 
+    def show_key(self, acts: bool) -> None:
+        """Name Esc while it takes the brakes off."""
+        if self.text() in (OFF, OFF_BY_KEY):
+            self.setText(OFF_BY_KEY if acts else OFF)
+
     def sizeHint(self) -> QSize:
-        width = {text: self.fontMetrics().size(Qt.TextFlag.TextShowMnemonic, text).width() for text in (OFF, ALLOW)}
+        width = {text: self.fontMetrics().size(Qt.TextFlag.TextShowMnemonic, text).width() for text in TEXTS}
         return super().sizeHint() + QSize(max(width.values()) - width[self.text()], 0)
 
 
@@ -167,10 +172,10 @@ class Preflight(QWidget):
             self.follow_text()
         wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
         self.banner.show_text("\n".join(wrong))
-        off = bool(snapshot.brakes_off)
-        theme.set_style(self.brakes, "brakes-off" if off else "brakes")
-        self.brakes.setText(ALLOW if off else OFF)
-        self.brakes.setEnabled(not off or snapshot.can_allow)
+        off, failed = bool(snapshot.brakes_off), snapshot.stage == m.FAILED
+        theme.set_style(self.brakes, "brakes-off" if off or failed else "brakes")
+        self.brakes.setText(ARE_OFF if failed else ALLOW if off else OFF)
+        self.brakes.setEnabled(not failed and (not off or snapshot.can_allow))
         self.brakes.setToolTip(
             "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
         )

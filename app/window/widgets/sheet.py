@@ -33,6 +33,7 @@ QPushButton#main:enabled { background: $accent_ground; border-color: $accent; }
 QPushButton#main:focus { border-color: $text; }
 QPushButton#brakes { background: $bad_ground; border-color: $bad; color: $bad_text; padding: 6px 10px; }
 QPushButton#brakes-off { background: $bad; border-color: $bad; color: $on_bad; padding: 6px 10px; }
+QPushButton#brakes-off:disabled { background: $panel; border-color: $line; color: $brake_off; }
 QPushButton#key { text-align: left; }
 QPushButton#key:checked, QPushButton#segment:checked { background: $accent_ground;
     border-color: $accent; }
@@ -55,7 +56,7 @@ QLineEdit, QComboBox, QPlainTextEdit { background: $ground; border: 1px solid $l
     padding: 5px 8px; selection-background-color: $accent_ground; placeholder-text-color: $quiet; }
 QComboBox::drop-down { border: none; width: 22px; }
 QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus { border-color: $accent; }
-QLineEdit:disabled, QComboBox:disabled { color: $quiet; }
+QLineEdit:disabled, QComboBox:disabled { color: $quiet; background: $panel; placeholder-text-color: $brake_off; }
 QComboBox QAbstractItemView { background: $panel; border: 1px solid $line;
     selection-background-color: $accent_ground; }
 QScrollArea { border: none; background: transparent; }

@@ -1,5 +1,6 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
+import math
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -41,6 +42,11 @@ STAGES = {
     m.PREPARING: ("preparing", "preparing_how"), m.NO_SESSION: ("welcome", "start_soon"),
     m.RERIG: ("change", "change_how"), m.BREAK: ("break", "break_how"), m.QUESTIONS: ("questions", ""),
     m.FINISHED: ("finished", "finished_how"), m.FAILED: ("failed", "failed_how"),
+}  # fmt: skip
+#: stage -> what the experimenter reads in large letters
+HEADS = {
+    m.PREPARING: "One moment", m.NO_SESSION: "No session", m.RERIG: "Not ready", m.BREAK: "Break",
+    m.QUESTIONS: "Questions", m.FINISHED: "Finished", m.FAILED: "Stopped",
 }  # fmt: skip
 #: status of a trial -> key of the language
 ENDINGS = {
@@ -148,9 +154,11 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 # ---------------------------------------------------------------------------------------------- for the experimenter
 
 
-def not_ready(snapshot: m.Snapshot, read: Shown) -> Shown:
-    """The lines while something is wrong. read: those of the participant, who is told less."""
-    large = "Stopped" if snapshot.stage == m.FAILED else "Brakes off" if snapshot.can_allow else "Not ready"
+def to_experimenter(snapshot: m.Snapshot, read: Shown, wrong: bool) -> Shown:
+    """The lines while no trial runs: where the session stands, and what the participant reads, who is told less."""
+    large = HEADS.get(snapshot.stage, "Paused" if snapshot.paused else "Ready")
+    if snapshot.stage != m.FAILED and (wrong or (large == "Ready" and snapshot.trial_blocker)):
+        large = "Brakes off" if snapshot.can_allow else "Not ready"
     return Shown(large, f"Participant reads: {' · '.join(filter(None, read))}")
 
 
@@ -173,7 +181,7 @@ def minutes(seconds: float | None) -> str:
     """About how long: "about 14 min left"; empty while that is unknown."""
     if seconds is None:
         return ""
-    return f"about {max(round(seconds / 60.0), 1)} min left"
+    return f"about {max(math.ceil(seconds / 60.0), 1)} min left"
 
 
 def clock(seconds: float) -> str:
