@@ -28,7 +28,7 @@ class Bars(QStyledItemDelegate):
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
-        box = QRectF(self._table.visualRect(index)).adjusted(20.0, 0.0, 0.0, 0.0)
+        box = QRectF(self._table.visualRect(index)).adjusted(20.0, 0.0, -3.0, 0.0)
         number_px = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
         number = QRectF(box.right() - number_px, box.top(), number_px, box.height())
         painter.setFont(font(theme.NORMAL))
@@ -65,8 +65,7 @@ class PassTable(QTableWidget):
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         head.setSectionsClickable(False)
-        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")
-        self.setStyleSheet("QTableWidget::item { padding-left: 3px; }")  # level with the heads
+        head.setStyleSheet("QHeaderView { padding: 0; } QHeaderView::section { padding: 2px 3px; }")  # level with cells
         head.setMinimumSectionSize(40)
         head.hide()  # until there is a pass
         for across in (0, 1, 2, 6):
