@@ -32,7 +32,6 @@ from core.device import Device
 from core.files import InputError
 from core.path import build_path, outline
 from core.simulator.simulated_device import SimulatedDevice
-from core.simulator.simulation import MR
 from core.tick_log import APPROACH, PHASE
 from core.workspace import tip_is_free
 from experiments.analysis.metrics import Metrics, trial_metrics
@@ -207,7 +206,7 @@ class Sandbox:
         if self.real:
             return ONLY_SIMULATED
         fixed = () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
-        return fixed if self._protocol.assumptions.simulated_fidelity == MR else (*fixed, "backlash_deg")
+        return fixed if self._protocol.assumptions.simulated_fidelity == "mr" else (*fixed, "backlash_deg")
 
     @property
     def comes_home(self) -> bool:
