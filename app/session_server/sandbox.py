@@ -205,7 +205,8 @@ class Sandbox:
         """The settings that cannot be changed with this device and hand."""
         if self.real:
             return ONLY_SIMULATED
-        return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
+        fixed = () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
+        return fixed if self._protocol.assumptions.simulated_fidelity == "mr" else (*fixed, "backlash_deg")
 
     @property
     def comes_home(self) -> bool:

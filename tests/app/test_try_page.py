@@ -16,8 +16,9 @@ from app.ipc import messages as m
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas.force_view import BRAKES, FORCES, HAND
 from app.window.sandbox.dials import DIALS, Dial
-from app.window.sandbox.pass_view import FOOT_PX
+from app.window.sandbox.pass_view import FOOT_PX, GAP
 from app.window.sandbox.try_page import BACK, TryPage
+from app.window.widgets import theme
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
@@ -160,7 +161,10 @@ def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(hel
     assert enabled() == {"blend_width_m", "gap_m"} and not held.page.controls.segments["device"].isEnabled()
     assert "next pass" in held.page.controls.warning.text()
     held.page.keys()["start"]()
-    assert held.sent[-1] == m.Start() and held.page.start.isVisible()
+    assert m.Start() not in held.sent and not held.page.start.isEnabled() and held.page.start.isVisible(), "a pass runs"
+    held.page.show_snapshot(before(sandbox=tried(by_start=True).sandbox))
+    held.page.keys()["start"]()
+    assert held.sent[-1] == m.Start()
 
 
 def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_has(held: Held) -> None:
@@ -175,6 +179,30 @@ def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_h
     assert (wall.isEnabled(), wall.value.text()) == (True, "2\u202f000 N/m")
     wall.slider.setValue(wall.dial.slider_position(500.0))
     assert held.last() == settings.with_parameters(wall_N_m=500.0)
+
+
+def test_the_layer_of_the_gap_is_dead_where_there_is_no_gap(held: Held) -> None:
+    for gap_m in (0.0, 0.005):
+        held.page.show_snapshot(tried(INITIAL.with_parameters(gap_m=gap_m)))
+        assert held.page.workspace.buttons[GAP].isEnabled() == (gap_m > 0.0)
+
+
+def test_what_to_do_is_written_in_full_size_at_every_text_size(held: Held) -> None:
+    held.resize(1342, 637)
+    for size in theme.TEXT_SIZES:
+        theme.set_text_size(size)
+        try:
+            settle(held.page)
+            assert held.page.large.width() >= theme.text_width("Move to the start", theme.LARGE, bold=True), size
+        finally:
+            theme.set_text_size(1.0)
+
+
+def test_the_controllers_of_the_paper_have_their_passes_in_sight_in_a_small_window(held: Held) -> None:
+    held.resize(1256, 575)
+    held.page.show_snapshot(tried(INITIAL, *(ended(number, number) for number in range(1, 6))))
+    settle(held.page)
+    assert not held.page.table.verticalScrollBar().isVisible()
 
 
 def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held) -> None:

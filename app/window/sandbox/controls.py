@@ -34,10 +34,19 @@ from experiments.plan import grouped
 from experiments.protocol import Protocol
 
 RIGHT_PX, NAME_PX, VALUE_PX = 390, 112, 92  # wide
-SENSING = (
-    "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their counts, the "
-    "velocity as the slope over the last 15 ms, all of it 1 ms late."
-)
+#: setting -> what it is
+HINTS = {
+    "rules": "How the controller decides. Literal: the paper's rules to the letter, which can hold you fast at rest. "
+    "Settled: the same rules with thresholds against that.",
+    "sensing": "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their "
+    "counts, the velocity as the slope over the last 15 ms, all of it 1 ms late.",
+    "gap_m": "So far from the path nothing guides.",
+    "gain_N_s_m": "How much the brakes brake for each m/s across the desired direction.",
+    "blend_width_m": "From this distance on you are guided straight to the path; nearer, more and more along it.",
+    "spring_N_m": "How stiff the spring is by which the pointer pulls the handle.",
+    "brake_strength": "How strong the simulated brakes are, of what they really have.",
+    "backlash_deg": "So far a joint turns freely before its brake grips; only brakes simulated in full (mr) have it.",
+}
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
 
@@ -109,14 +118,16 @@ class Controls(QScrollArea):
             name, segments = text_label(field.capitalize()), Segments(among, field.capitalize())
             segments.changed.connect(partial(self._turn, field))
             segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            for one in (name, segments):
+                one.setToolTip(HINTS.get(field, ""))
             parts.append(row(name, segments))
             self._names.append(name)
             self.segments[field] = segments
-        self.segments["sensing"].setToolTip(SENSING)
         parts.append(Panel("line"))
         for dial in dials_of(protocol):
             dial_row = self.dials[dial.name] = DialRow(dial)
             self._names.append(dial_row.name)
+            dial_row.setToolTip(HINTS.get(dial.name, ""))
             dial_row.changed.connect(partial(self._turn, dial.name))
             parts.append(dial_row)
         self.warning = wrapped_label("", "caution")
@@ -124,7 +135,7 @@ class Controls(QScrollArea):
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
         foot = row(self.changes, self.reset)
-        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=5))
+        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=4))
         self.follow_text()
 
     def follow_text(self) -> None:

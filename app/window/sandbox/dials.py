@@ -96,10 +96,15 @@ class DialRow(QWidget):
         self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.value_at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.setLayout(row(self.name, self.slider, self.value))
+        policy = self.slider.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.slider.setSizePolicy(policy)
+        self.slider.hide()  # until there is a value
 
     def show_value(self, setting: float) -> None:
         """The value that is set; a slider in hand stays where it is."""
         shown = setting * self.dial.scale
+        self.slider.show()
         self.value.setText(f"{grouped(float(f'{shown:.4g}'))} {self.dial.unit}")
         if not self.slider.isSliderDown():
             with QSignalBlocker(self.slider):

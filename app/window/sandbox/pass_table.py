@@ -18,7 +18,7 @@ from experiments.protocol import Protocol
 
 
 class Bars(QStyledItemDelegate):
-    """A measure, and a bar beside it where passes compare."""
+    """A measure below its head, and a bar before it where passes compare."""
 
     def __init__(self, table: QTableWidget) -> None:
         super().__init__(table)
@@ -28,16 +28,16 @@ class Bars(QStyledItemDelegate):
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
-        box = QRectF(self._table.visualRect(index)).adjusted(6.0, 0.0, -14.0, 0.0)
+        box = QRectF(self._table.visualRect(index)).adjusted(20.0, 0.0, -3.0, 0.0)
         number_px = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
-        number = QRectF(box.left(), box.top(), number_px, box.height())
+        number = QRectF(box.right() - number_px, box.top(), number_px, box.height())
         painter.setFont(font(theme.NORMAL))
         painter.setPen(shade(COLOURS.text if share is not None else COLOURS.quiet))
         painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
         if share is not None and box.width() > 80.0:
-            left, longest = number.right() + 10.0, box.width() - number.width() - 10.0
+            longest = box.width() - number.width() - 10.0
             for width, ground in ((longest, COLOURS.line), (share * longest, colour)):
-                painter.fillRect(QRectF(left, box.center().y() - 3.0, width, 7.0), shade(ground))
+                painter.fillRect(QRectF(box.left(), box.center().y() - 3.0, width, 7.0), shade(ground))
 
 
 #: of a Pass: measure, head, scale, digits
@@ -65,8 +65,7 @@ class PassTable(QTableWidget):
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         head.setSectionsClickable(False)
-        head.setStyleSheet("QHeaderView::section { padding: 2px 0; }")
-        self.setStyleSheet("QTableWidget::item { padding-left: 3px; }")  # level with the heads
+        head.setStyleSheet("QHeaderView { padding: 0; } QHeaderView::section { padding: 2px 3px; }")  # level with cells
         head.setMinimumSectionSize(40)
         head.hide()  # until there is a pass
         for across in (0, 1, 2, 6):
@@ -74,10 +73,11 @@ class PassTable(QTableWidget):
         bars = Bars(self)
         for across in range(3, 3 + len(MEASURES)):
             self.setItemDelegateForColumn(across, bars)
+            self.horizontalHeaderItem(across).setTextAlignment(Qt.AlignmentFlag.AlignRight)
         self.follow_text()
 
     def follow_text(self) -> None:
-        self.verticalHeader().setDefaultSectionSize(theme.text_px(24))
+        self.verticalHeader().setDefaultSectionSize(theme.text_px(22))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self.setColumnHidden(2, self.width() < theme.text_px(640))

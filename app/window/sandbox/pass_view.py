@@ -16,7 +16,7 @@ GAP = "gap"
 #: layer -> its key, what it shows
 LAYERS = {
     TRAIL: ("T", "Where the handle has been in this pass"),
-    FORCES: ("F", "The forces of your hand and of the brakes"),
+    FORCES: ("W", "The forces of your hand and of the brakes"),
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
@@ -59,10 +59,11 @@ class PassView(ForceView):
             painter.setPen(pen(COLOURS.caution, 1.0, 0.5))
             painter.setBrush(shade(COLOURS.caution, 0.10))
             painter.drawPath(stroker.createStroke(way).simplified())
-        right, low = self.width() - 20.0, self.height() - 14.0
-        painter.setPen(pen(COLOURS.quiet, 1.5))
-        painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
-        write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)
+        if self.path is not None:
+            right, low = self.width() - 20.0, self.height() - 14.0
+            painter.setPen(pen(COLOURS.quiet, 1.5))
+            painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
+            write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)
         super().paint_under_path(painter)
 
     def paint_under_handle(self, painter: QPainter) -> None:

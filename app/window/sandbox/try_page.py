@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QGridLayout, QWidget
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import BRAKES, FORCE_COLOUR, FORCES, HAND, INSET_PX, Layered, RefreshClock
-from app.window.sandbox.controls import Controls
+from app.window.sandbox.controls import RIGHT_PX, Controls
 from app.window.sandbox.pass_table import PassTable
-from app.window.sandbox.pass_view import LAYERS, PassView
+from app.window.sandbox.pass_view import GAP, LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.keys import add_key
 from app.window.widgets.page import Page
@@ -23,12 +24,13 @@ from core import tick_log
 from experiments.protocol import Protocol
 
 FIGURE, WIDEST_FIGURE = 22, "88.8 mm"  # px, of a figure; a longer one is written smaller
+BESIDE_PX = 120  # of the page, between and beside head, figures, inset and controls
 NAMES, FORCE_PX = {HAND: "your hand", BRAKES: "brakes"}, 170  # of the forces; wide, each of their read-outs at most
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 NO_PASS = "No pass yet · each gets a row here, to compare"
-COMPARED = "With bars · passes in which only the guidance differs"
+COMPARED = "Bars compare passes with the same settings"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -73,6 +75,7 @@ class TryPage(Page):
         over.setHorizontalSpacing(26)
         figures = (self.error, text_label("from the line", "quiet")), (self.time, text_label("this pass", "quiet"))
         to_its_line = Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop
+        self.figures = [label for labels in figures for label in labels]
         for across, labels in enumerate(((self.large, self.small), *figures)):
             for down, label in enumerate(labels):
                 over.addWidget(label, down, across, to_its_line[down])
@@ -103,6 +106,18 @@ class TryPage(Page):
             figure.setFixedWidth(math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True)))
         for force in self.forces.values():
             force.setMaximumWidth(theme.text_px(FORCE_PX))
+        self._fit_head()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self._fit_head()
+        super().resizeEvent(event)
+
+    def _fit_head(self) -> None:
+        """The figures give way where they would leave too little room for the line that says what to do."""
+        beside = theme.text_px(RIGHT_PX) + INSET_PX + BESIDE_PX + self.error.width() + self.time.width()
+        fits = self.width() - beside >= theme.text_width(BACK.large, theme.LARGE, bold=True)
+        for label in self.figures:
+            label.setVisible(fits)
 
     # ------------------------------------------------------------------------------------------- user actions
 
@@ -132,14 +147,18 @@ class TryPage(Page):
             self.send(m.SetSandbox(self.controls.settings))
 
     def _start(self) -> None:
-        if self.snapshot.sandbox is not None and self.snapshot.sandbox.by_start:
+        if self.start.isEnabled() and self.start.isVisible():
             self.send(m.Start())
 
     def _set(self) -> None:
         """Send a changed setting, a little later, and show the gap at once."""
         if not self._timer.isActive():
             self._timer.start()
+        self._show_gap()
+
+    def _show_gap(self) -> None:
         self.canvas.show_gap(self.controls.gap_m)
+        self.workspace.buttons[GAP].setEnabled(self.canvas.gap_m > 0.0)
 
     def _clear(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.passes:
@@ -180,6 +199,7 @@ class TryPage(Page):
         theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.save.setEnabled(now is not None)
         self.start.setVisible(now is not None and now.by_start)
+        self.start.setEnabled(snapshot.running is None and not snapshot.brakes_off)
         self.bring.setVisible(not self.opened.real_device and words.hand_is_mouse(self.opened))
         self.bring.setEnabled(now is not None)
         if now is None:
@@ -195,7 +215,7 @@ class TryPage(Page):
             self._theirs = now.settings
             self._show_place(self.opened, now.settings, snapshot.tip)
             self.controls.show_settings(settings, now)
-            self.canvas.show_gap(self.controls.gap_m)
+            self._show_gap()
             if snapshot.running is None:
                 self._show_status(off or (READY if now.by_start else Shown("One moment", snapshot.trial_blocker)))
                 if snapshot.stage == m.PREPARING:  # nobody knows yet where it is

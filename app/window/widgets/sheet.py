@@ -40,6 +40,7 @@ QPushButton#key:checked, QPushButton#segment:checked { background: $accent_groun
 QPushButton#segment { padding: 6px 8px; }
 QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
 QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
+QPushButton#toggle:disabled { background: transparent; color: $brake_off; border-color: $line; }
 QPushButton#tab { background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
     padding: 8px 7px; color: $quiet; }
 QPushButton#tab:checked { color: $text; border-bottom-color: $accent; }
