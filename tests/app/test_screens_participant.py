@@ -350,7 +350,7 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
                 reach.append(np.vstack([drawn, *seen, *obstacles]))
             (left, top), (right, bottom) = np.vstack(reach).min(axis=0), np.vstack(reach).max(axis=0)
             assert min(left, top, width - right, TEXT_TOP * height - bottom) >= margin, (name, width, height)
-            is_full = right - left > 0.95 * width or bottom - top > 0.9 * TEXT_TOP * height
+            is_full = right - left > 0.92 * width or bottom - top > 0.9 * TEXT_TOP * height
             assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
             assert not is_full or width > 1.7 * height or name not in ("paper", "curves")
 
