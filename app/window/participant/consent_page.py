@@ -29,7 +29,8 @@ class ConsentPage(QWidget):
         answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
         self.sheet = sheet = Panel()
         sheet.setLayout(column(self.area, answers, spacing=32, margins=(40, 32, 40, 32)))
-        self.setLayout(row(1, (column(1, sheet, 1), 100), 1, margins=(40, 32, 40, 32)))
+        self._page = row(1, (column(1, sheet, 1), 100), 1, margins=(40, 32, 40, 32))
+        self.setLayout(self._page)
 
     def show_consent(self, consent: Consent) -> None:
         self.text.setText(consent.text.strip())
@@ -48,7 +49,7 @@ class ConsentPage(QWidget):
         self.text.setFont(theme.font(round(TEXT_SHARE * height)))
         for answer in (self.decline, self.agree):
             answer.setFont(theme.font(round(BUTTON_SHARE * height), bold=True))
-        self.layout().activate()
+        self._page.activate()
         needed = self.text.heightForWidth(self.area.viewport().width())
         self.area.setFixedHeight(max(min(needed, round((1.0 - AROUND_SHARE) * height)), 1))
 
