@@ -310,7 +310,7 @@ def _by_run(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
         if len(near) >= LEAST_IN_A_BOX:
             curve.append((float(run), float(np.median(near))))
     last = max((row.run for row in rows), default=1)
-    return chart._replace(x_title="Run", span=(0.0, last + 1.0), curve=tuple(curve))
+    return chart._replace(x_title="Trial", span=(0.0, last + 1.0), curve=tuple(curve))
 
 
 def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
@@ -389,10 +389,11 @@ def legend(chart: Chart, view: View) -> list[str]:
     parts.append(f"A point is one {point}.")
     if counts := {placed.box.n for placed in chart.boxes}:
         parts.append(f"{min(counts)}{'' if len(counts) == 1 else f' to {max(counts)}'} {point}s per box.")
+        parts.append(f"Box: middle half and median; whiskers: within {WHISKER:g} box lengths.")
     if chart.points and chart.ticks and len(chart.boxes) < len({(p.controller, p.look) for p in chart.points}):
         parts.append(f"Boxes need at least {LEAST_IN_A_BOX} {point}s.")
     if chart.curve:
-        parts.append(f"Line: median of {2 * WINDOW_RUNS + 1} runs.")
+        parts.append(f"Line: median of {2 * WINDOW_RUNS + 1} trials.")
     if chart.others:
         parts.append("Grey: trials that do not count.")
     return parts

@@ -223,15 +223,21 @@ class Evidence(NamedTuple):
             return f"{about} ({self.why})"
         _, middle, low, high = (100.0 * value for value in self.found)
         interval = f" ({fixed(low, 0, '+')} to {fixed(high, 0, '+')})" if math.isfinite(low) and low < high else ""
-        size = f"{significant(metric.scale * self.unit)} {metric.shown_unit}"
-        return f"{about} {fixed(middle, 0, '+')} %{interval} of the uncontrolled {size}"
+        size, apart = (significant(metric.scale * value * self.unit) for value in (1.0, self.found.middle))
+        share = f"{apart} {metric.shown_unit}, that is {fixed(middle, 0, '+')} %{interval} of the"
+        return f"{about}: {share} {self.statistic} without control, {size} {metric.shown_unit}"
+
+    @property
+    def statistic(self) -> str:
+        """What is compared, by its name; boxes have no interval of people."""
+        return "mean" if self.found and self.found.people else "length of the box" if self.claim.spread else "median"
 
     @property
     def judged(self) -> str:
         """The numbers, what was needed, and why that is not met."""
         least = percent(self.matters)
-        needed = {BELOW: f"at least {least} lower", AT_MOST: f"at most {least} higher"}
-        text = f"{self.text}; needed: {needed.get(self.claim.kind, f'within {least}, either way')}"
+        needed = {BELOW: f"-{least} or lower", AT_MOST: f"+{least} or lower"}
+        text = f"{self.text}; needed: {needed.get(self.claim.kind, f'within ±{least}')}"
         if self.found is None or self.answer:
             return text
         if self.answer is None:

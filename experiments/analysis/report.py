@@ -37,7 +37,7 @@ from experiments.analysis.trials_table import (
 from experiments.recording.atomic_files import write_new_files
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
-SIMULATED = "The operators are simulated: read it as what this model says, not as people."
+SIMULATED = "The participants are simulated: all of this is about the model, not about people."
 
 
 def write_report(

@@ -35,7 +35,10 @@ SEED, RESAMPLES = 1, 2000  # of the bootstrap
 #: 5 %.
 LEAST_PEOPLE = 6
 LEVEL = 0.95
-_WORDS = ("Nobody is", "One person is", "Two people are", "Three people are", "Four people are", "Five people are")
+_WORDS = (
+    "Nobody is", "One participant is", "Two participants are", "Three participants are", "Four participants are",
+    "Five participants are",
+)  # fmt: skip
 Cell = tuple[str, str, int | str]  # participant, configuration, controller
 Scores = dict[Cell, float]
 ByController = dict[int, dict[str, float]]  # controller -> participant -> mean

@@ -251,7 +251,7 @@ def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
         assert picture.evidence == said and bool(said) == ("needed" in finding.sentence)
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    assert "Two people" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
+    assert "Two participants" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
     (data / STUDY).write_text("{}")  # as a study of simulated operators leaves it
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)

@@ -238,7 +238,9 @@ def test_the_interval_of_the_mean_is_students(differences):
     assert found.middle == pytest.approx(np.mean(differences))
 
 
-@pytest.mark.parametrize("people, who", [(1, "One person is"), (3, "Three people are"), (5, "Five"), (6, ""), (9, "")])
+@pytest.mark.parametrize(
+    "people, who", [(1, "One participant is"), (3, "Three participants are"), (5, "Five"), (6, ""), (9, "")]
+)
 def test_the_report_says_for_whom_and_what_so_few_people_cannot_show(people, who, tmp_path):
     """Below six they are a description. All differ the same way in every pair: a star where Holm over ten pairs allows
     it, else a sentence why not.
@@ -294,7 +296,7 @@ def test_several_studies_stand_side_by_side_with_the_reasons():
     assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
     assert "- 6, does not hold: 2 of 2 fail. Path error, SDOF with gap against SDOF, " in table
     assert "**literal**" in table and "**settled**" not in table
-    assert "Three people" in side_by_side({"few": study(people=3)})
+    assert "Three participants" in side_by_side({"few": study(people=3)})
 
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):

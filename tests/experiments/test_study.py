@@ -123,7 +123,7 @@ def test_the_last_lines_of_study_and_analyze_are_the_warnings_of_the_report(stud
     assert main(["analyze", str(study), "--out", str(tmp_path / "out")]) == 0
     report = (study / "report" / "report.md").read_text()
     warnings = [line.strip("*") for line in report.splitlines() if line.startswith("**")]
-    assert len(warnings) == 2 and "One person is too few" in warnings[0] and "simulated" in warnings[1]
+    assert len(warnings) == 2 and "One participant is too few" in warnings[0] and "simulated" in warnings[1]
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2:] == [f"warning: {warning}" for warning in warnings]
     assert sum(line in lines[-2:] for line in lines) == 4

@@ -94,6 +94,7 @@ class AnalysePage(Page):
         for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
         self.summary, self.message = text_label("", "quiet", theme.SMALL), OneLine()
+        self.summary.setContentsMargins(0, 5, 0, 5)  # as high as the chips beside it
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -129,10 +130,10 @@ class AnalysePage(Page):
         head = row(self.tabs, 1, self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        foot = row(self.folder_button, self.message, self.bar, self.cancel_button, self.summary)
+        foot = row(self.folder_button, self.message, self.bar, self.cancel_button)
         left = column((self.stack, 1), foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
-        filters = Flow(*chips, self.logarithmic, self.timeouts, gap=14)
+        filters = Flow(*chips, self.logarithmic, self.timeouts, self.summary, gap=14)
         self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
 
     # what the main window hands over
@@ -284,7 +285,7 @@ class AnalysePage(Page):
         left = left_out(rows, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
         for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
-        self.legend.setText("<br>".join(filter(None, lines)))
+        self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
         for plot, chart in zip(self.plots, shown, strict=False):
             plot.show_chart(chart, view.logarithmic)
         for plot in self.plots:

@@ -43,6 +43,7 @@ AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
 COMPARE = "Compare with …"
+WHOLE_TIME = "The clock begins with the approach; Duration is the movement."
 Values = Mapping[str, float | None]  # measure -> value
 
 
@@ -162,7 +163,9 @@ class TrialView(Panel):
         ]  # fmt: skip
         own = row.own if row is not None else {}  # by their names, which end in their units
         self.measures.setToolTip("\n".join([*lines, *(f"{name}: {value:.3g}" for name, value in own.items())]))
-        self.note_that(f"This trial is excluded: {trial.excluded}." if trial.excluded else "", bad=True)
+        self.note_that(
+            f"This trial is excluded: {trial.excluded}." if trial.excluded else WHOLE_TIME, bad=bool(trial.excluded)
+        )
         self.exclude.setVisible(not self._whole and row is not None and row.status in COUNTED)
         self._set_up_workspace(trial)
         self.traces.show_trial(trial)
@@ -253,7 +256,7 @@ class TrialView(Panel):
             self.workspace.view.show_numbers(now)
         self.clock.setText(f"{self.played_s:.2f} / {trial.t[-1]:.2f} s")
         word_of = trial.decisions[int(now[tick_log.DECISION])]
-        self.decision.setText("" if trial.blind else f"Decision: {word_of}")
+        self.decision.setText("" if trial.blind else f"Controller: {word_of}")
 
     def _stop(self) -> None:
         self._timer.stop()

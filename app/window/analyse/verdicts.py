@@ -17,6 +17,7 @@ from app.window.widgets.parts import (
     column,
     grid,
     holder,
+    row,
     scrolled,
     text_label,
     wrapped_label,
@@ -29,8 +30,11 @@ VERDICT = {
     HOLDS: ("✓", COLOURS.good), FAILS: ("✗", COLOURS.bad),
     CANNOT_TELL: ("?", COLOURS.caution), DEPENDS: ("◐", COLOURS.caution),
 }  # fmt: skip
-HEADS = "Verdict", "The paper's statement", "−100 to +100 %", "The difference that decides"
-ABOUT = "Dot and line: a difference and its interval, in % of the size without control. Green: where it must lie."
+HEADS = "Verdict", "The paper's statement", "", "The difference that decides"
+ABOUT = (
+    "Dot and line: a difference and its interval, in % of the size without control. Green: where it must lie.\n"
+    "An arrow: it goes on beyond the scale, to the numbers at the right."
+)
 DIFFERENCE_PX = 170, 18  # wide, and high, of a difference
 VERDICT_PX = 132
 
@@ -124,6 +128,8 @@ def _findings(found: Sequence[Finding]) -> tuple[Part, ...]:
     lines.setColumnStretch(3, 2)
     for across, head in enumerate(HEADS):
         lines.addWidget(text_label(head, "quiet", theme.SMALL), 0, across)
+    left, zero, right = (text_label(text, "quiet", theme.SMALL) for text in ("−100 %", "0", "+100 %"))
+    lines.addLayout(row(left, 1, zero, 1, right), 0, 2)
     for finding in found:
         down, (mark, colour) = lines.rowCount(), VERDICT[finding.verdict]
         verdict = wrapped_label(f"{mark} {finding.verdict}", bold=True)

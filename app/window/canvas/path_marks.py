@@ -72,10 +72,10 @@ def _paint_heads(painter: QPainter, points: np.ndarray, size: float) -> None:
         painter.drawPolyline(QPolygonF([tip - left, tip, tip - right]))
 
 
-def paint_hold(painter: QPainter, start: QPointF, radius: float, share: float) -> None:
+def paint_hold(painter: QPainter, start: QPointF, radius: float, share: float, wide: float = HOLD_PX) -> None:
     """A sweep around the ring at the start, for the share of the hold that is over."""
-    reach = radius + 0.5 * HOLD_PX + 1.0
-    painter.setPen(pen(COLOURS.start_ring, HOLD_PX))
+    reach = radius + 0.5 * wide + 1.0
+    painter.setPen(pen(COLOURS.start_ring, wide))
     painter.setBrush(Qt.BrushStyle.NoBrush)
     box = QRectF(start.x() - reach, start.y() - reach, 2.0 * reach, 2.0 * reach)
     painter.drawArc(box, 90 * 16, -round(share * 360 * 16))

@@ -8,8 +8,9 @@ from app.window.widgets import theme
 from app.window.widgets.parts import Panel, button, column, row, scrolled, wrapped_label
 from experiments.protocol_file import Consent
 
-WIDE_PX = 980  # at most
-AROUND_PX = 280  # high, what is above and below the text
+WIDE_SHARE = 0.8  # of the width, at most
+TEXT_SHARE, BUTTON_SHARE = 0.042, 0.03  # of the height: the letters of the text and of the answers
+AROUND_SHARE = 0.4  # of the height: what is above and below the text
 
 
 class ConsentPage(QWidget):
@@ -20,18 +21,17 @@ class ConsentPage(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.title = wrapped_label("", size=theme.HEAD, bold=True)
-        self.text = wrapped_label("", size=theme.HEAD)
+        self.text = wrapped_label("")
         self.decline = button("", lambda: self.answered.emit(False))
         self.agree = button("", lambda: self.answered.emit(True))
         for answer in (self.decline, self.agree):
-            answer.setFont(theme.font(theme.TITLE, bold=True))
             answer.setMinimumHeight(48)
         self.area = scrolled(self.text)
         answers = row((self.decline, 1), (self.agree, 1), spacing=theme.GAP)
-        sheet = Panel()
+        self.sheet = sheet = Panel()
         sheet.setLayout(column(self.area, answers, spacing=32, margins=(40, 32, 40, 32)))
-        sheet.setMaximumWidth(WIDE_PX)
-        self.setLayout(row(1, (column(1, self.title, sheet, 1, spacing=12), 100), 1, margins=(40, 32, 40, 32)))
+        self._page = row(1, (column(1, self.title, sheet, 1, spacing=12), 100), 1, margins=(40, 32, 40, 32))
+        self.setLayout(self._page)
 
     def show_consent(self, consent: Consent, title: str = "") -> None:
         """title: the experimenter's, above what the participant reads."""
@@ -48,8 +48,16 @@ class ConsentPage(QWidget):
 
     def _fit(self) -> None:
         """The answers stand right under the text; one that is too long for the page is scrolled."""
+        height = self.height()
+        self.sheet.setFixedWidth(round(WIDE_SHARE * self.width()))
+        self.text.setFont(theme.font(round(TEXT_SHARE * height)))
+        for answer in (self.decline, self.agree):
+            answer.setFont(theme.font(round(BUTTON_SHARE * height), bold=True))
+        self._page.activate()
         needed = self.text.heightForWidth(self.area.viewport().width())
-        self.area.setFixedHeight(max(min(needed, self.height() - AROUND_PX), 1))
+        self.area.setFixedHeight(max(min(needed, round((1.0 - AROUND_SHARE) * height)), 1))
+
+    follow_text = _fit
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

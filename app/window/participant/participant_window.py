@@ -14,12 +14,13 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import way_of
 from app.window.canvas.layers import SPACING_M, joints_at
 from app.window.canvas.marks import paint_arms
-from app.window.canvas.path_marks import FROM_AFAR, Sizes, paint_hold
+from app.window.canvas.path_marks import FROM_AFAR, Sizes, paint_disc, paint_hold
 from app.window.canvas.plane import Plane
 from app.window.participant.consent_page import ConsentPage
 from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import Tones
 from app.window.widgets import theme, words
+from app.window.widgets.parts import PART
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import Shown, hand_is_mouse
 from core import tick_log
@@ -32,10 +33,12 @@ from experiments.plan import PlannedTrial
 from experiments.protocol_file import Consent
 
 LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metres
+SMALL_ROOM = 0.07  # of the height: what all quiet lines have under the large one
 LINE = 1.2  # of the size of its letters: how high a line is
 TEXT_TOP, TEXT_ALONE = 0.81, 0.40  # of the height: where the text begins, under the path and without one
-EDGE_SHARE = 0.02  # of the height, above and under the rings of all paths; of the paths' width, beside them, at least
+EDGE_SHARE = 0.035  # of the height, above and under the rings of all paths; of the paths' width, beside them, at least
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
+RIM_PX = 3.0  # around the handle
 ARM_SHARE = 0.7  # of the radius of the handle: how wide an arm is
 LEAST_SHARE = 0.45  # of the size of the marks, in a small window
 LEFT_EARLY_S = 1.5  # the hint that the start was left too early stands at least so long
@@ -103,10 +106,10 @@ class ParticipantView(Plane):
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
         top = (TEXT_TOP if len(self.outline) else TEXT_ALONE) * height
         left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
-        for text, share, bold, colour in (
-            (self.shown.large, LARGE_SHARE / text_size, True, COLOURS.text),
-            (self.shown.small, SMALL_SHARE, False, COLOURS.quiet),
-        ):
+        small = list(filter(None, self.shown.small.rpartition(PART)[::2]))  # feedback, and what comes next
+        small_share = min(SMALL_SHARE, SMALL_ROOM / (LINE * text_size * max(len(small), 1)))
+        quiet = ((text, small_share, False, COLOURS.quiet) for text in small)
+        for text, share, bold, colour in ((self.shown.large, LARGE_SHARE / text_size, True, COLOURS.text), *quiet):
             size = round(share * height)
             line = QRectF(left, top, width, LINE * size * text_size)
             while size > 1 and theme.text_width(text, size, bold) > width - 2.0 * EDGE_SHARE * height:
@@ -118,11 +121,13 @@ class ParticipantView(Plane):
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
-            paint_hold(painter, self.to_screen(self.outline[0]), self.rings_px[0], self.held)
+            paint_hold(painter, self.to_screen(self.outline[0]), self.rings_px[0], self.held, 2.0 * self.sizes.ring_pen)
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
             wide = ARM_SHARE * self.sizes.handle
             paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, wide, 0.25 * wide)
+        if self.tip is not None:  # a rim, so that it is found on the line, which has its colour
+            paint_disc(painter, self.to_screen(self.tip), self.handle_px + RIM_PX, COLOURS.canvas)
         if self._device is not None:
             self._paint_text(painter)  # above the arms
 
@@ -168,6 +173,7 @@ class ParticipantWindow(QWidget):
         self.leaving = False
         self._rest_until_s, self._told = 0.0, (False, False)
         self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
+        self.setObjectName("participant")
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions, self.consent):
             self._stack.addWidget(widget)

@@ -9,6 +9,7 @@ QFrame#panel { background: $panel; border: 1px solid $line; border-radius: ${rad
 QFrame#canvas { background: $canvas; border: 1px solid $line; border-radius: ${radius}px; }
 QFrame#card { background: $panel; border: 1px solid $edge; border-radius: ${radius}px; }
 QWidget#clear { background: transparent; }
+QWidget#participant, QWidget#participant > QWidget { background: $canvas; }
 QFrame#line { background: $line; border: none; max-height: 1px; min-height: 1px; }
 QFrame#pill { background: $panel; border: 1px solid $line; border-radius: 15px; }
 QFrame#pill-bad { background: $bad_ground; border: 1px solid $bad; border-radius: 15px; }
@@ -38,6 +39,7 @@ QPushButton#key { text-align: left; }
 QPushButton#key:checked, QPushButton#segment:checked { background: $accent_ground;
     border-color: $accent; }
 QPushButton#segment { padding: 6px 8px; }
+QPushButton#segment:checked:disabled { background: $panel; color: $quiet; border-color: $edge; }
 QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
 QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
 QPushButton#toggle:disabled { background: transparent; color: $brake_off; border-color: $line; }
