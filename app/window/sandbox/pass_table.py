@@ -73,7 +73,8 @@ class PassTable(QTableWidget):
         bars = Bars(self)
         for across in range(3, 3 + len(MEASURES)):
             self.setItemDelegateForColumn(across, bars)
-            self.horizontalHeaderItem(across).setTextAlignment(Qt.AlignmentFlag.AlignRight)
+            right, role = Qt.AlignmentFlag.AlignRight, Qt.ItemDataRole.TextAlignmentRole
+            self.model().setHeaderData(across, Qt.Orientation.Horizontal, right, role)
         self.follow_text()
 
     def follow_text(self) -> None:

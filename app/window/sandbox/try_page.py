@@ -30,7 +30,7 @@ SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
 NO_PASS = "No pass yet · each gets a row here, to compare"
-COMPARED = "Bars compare passes with the same settings"
+COMPARED = "Bars compare · passes with the same settings"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
