@@ -235,6 +235,7 @@ class MainWindow(QWidget):
         for other, tab in self.tabs.items():
             tab.setChecked(other == name)
         self._stack.setCurrentWidget(page)
+        self.cards.come_forward()
         page.begin(what)
 
     def _show_participant(self) -> None:

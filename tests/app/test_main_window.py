@@ -183,6 +183,10 @@ def test_escape_closes_what_is_open_first_and_the_red_button_names_it_only_when_
     assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus() and red() == OFF_BY_KEY
     screens.main.show_keys()
     assert red() == OFF
+    screens.main.show_page(TRY)
+    card = screens.main.cards.question
+    assert card.parentWidget().childAt(card.geometry().center()) in (card, *card.findChildren(QWidget)), "it is covered"
+    screens.main.show_page(RUN)
     screens.press(KEY.Key_Escape)
     assert red() == OFF_BY_KEY
     screens.press(KEY.Key_Escape)

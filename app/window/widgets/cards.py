@@ -214,6 +214,11 @@ class Cards:
         """What Esc does to a question; None: there is none."""
         return self.leave if self.question is not None else None
 
+    def come_forward(self) -> None:
+        """Lie over what was brought to the front since."""
+        if self.question is not None:
+            self.question.raise_()
+
     def take_focus(self) -> None:
         """Give the keyboard to the card that is up."""
         if self.question is not None:
