@@ -135,7 +135,7 @@ class Controls(QScrollArea):
         hint = "All of these as the protocol has them, for this guidance, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
         foot = row(self.changes, self.reset)
-        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=4))
+        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=3))
         self.follow_text()
 
     def follow_text(self) -> None:
