@@ -46,12 +46,12 @@ def compile_kernels() -> bool:
     compiling = VerbProcess(lambda _: waiting.quit())  # failed: the session server compiles, and says why it cannot
     in_terminal = ProgressBar("setting up for this computer, once")
 
-    def show(share: float) -> None:
+    def show(thousandths: int) -> None:
         if not compiling.stopped:  # else it would open again
-            bar.setValue(round(99 * share))
-            in_terminal(share)
+            bar.setValue(round(0.099 * thousandths))
+            in_terminal(1e-3 * thousandths)
 
-    show(0.0)
+    show(0)
     compiling.progressed.connect(show)
     for closed in (bar.canceled, bar.rejected):
         closed.connect(lambda: compiling.stop())

@@ -594,7 +594,7 @@ def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp,
         def go_on(self) -> None:
             (bar,) = (window for window in qapp.topLevelWidgets() if isinstance(window, QProgressDialog))
             bar.close()
-            self.progressed.emit(0.5)
+            self.progressed.emit(500)
             seen.append(bar.isVisible())
             self.done.emit(InputError("it was ended early"))
 

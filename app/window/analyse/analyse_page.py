@@ -113,8 +113,8 @@ class AnalysePage(Page):
         self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
         files = "The charts as PNG, SVG and PDF, the trials as CSV: Ctrl+E"
         self.export_button = button("Export", self.export, "main", files)
-        self.export_task, self.bar = VerbProcess(self._exported), QProgressBar(textVisible=False)
-        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(100.0 * share)))
+        self.export_task, self.bar = VerbProcess(self._exported), QProgressBar(textVisible=False, maximum=1000)
+        self.export_task.progressed.connect(self.bar.setValue)
         self.cancel_button = button("Cancel", lambda: self.export_task.stop(wait=True), "small")
         self.bar.setFixedSize(160, 8)
         self.folder_button = button("Open folder", lambda: self.folder_asked.emit(self._job.folder), "small")

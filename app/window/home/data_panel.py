@@ -84,7 +84,7 @@ class DataPanel(Panel):
         self.cancel = button("Cancel", self.export_task.stop, "small")
         self.show_export = button("Show", lambda: self._page.folder_asked.emit(self._out), "small")
         self._rows = column(spacing=8, margins=(0, 0, 4, 0))
-        self.export_task.progressed.connect(lambda share: self.bar.setValue(round(1000 * share)))
+        self.export_task.progressed.connect(self.bar.setValue)
         self._lay_out()
 
     def _lay_out(self) -> None:

@@ -85,7 +85,7 @@ class Watch(BackgroundTask):
 class VerbProcess(BackgroundTask):
     """A verb of `phd`, or another module's `main`, in a process of its own; its result is what it prints."""
 
-    progressed = Signal(float)  # the share done
+    progressed = Signal(int)  # thousandths of it that are done
 
     def __init__(self, done: Callable[[Any], object]) -> None:
         super().__init__(done)
@@ -119,7 +119,7 @@ class VerbProcess(BackgroundTask):
                 text = line.decode(errors="replace")
                 share = text.removeprefix(f"{PROGRESS} ")
                 if share != text:
-                    self.progressed.emit(float(share))
+                    self.progressed.emit(round(1000.0 * float(share)))
                 else:
                     trouble = text.strip() or trouble
             text = process.stdout.read().decode()
