@@ -351,8 +351,8 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
     data, folder = shown.page.data, shown.setup.data_dir
     closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
-    shares: list[float] = []
-    data.export_task.progressed.connect(shares.append)
+    thousandths: list[int] = []
+    data.export_task.progressed.connect(thousandths.append)
 
     def export(says: str) -> None:
         data.export("csv", tmp_path)
@@ -362,7 +362,8 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
 
     (tmp_path / "data-csv-1").mkdir()
     export(f"Exported to {tmp_path / 'data-csv-2'}")
-    assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists() and shares[-1] == 1.0
+    assert data.show_export.isVisible() and (tmp_path / "data-csv-2" / "trials.csv").exists()
+    assert thousandths[-1] == 1000
     data.show_folder(tmp_path / "none")
     export("Nothing was exported: ")
     assert "there is no such folder" in shown.texts() and not data.show_export.isVisible()
