@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import LEFT, PageDriver, texts
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
@@ -13,6 +14,7 @@ from app.ipc import messages as m
 from app.window.device.device_page import SIMULATED, DevicePage
 from app.window.device.device_view import FOLLOWS, STANDS, UNHOMED
 from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
+from app.window.widgets import theme
 
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
@@ -203,6 +205,8 @@ def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_a
     page: DevicePage,
 ) -> None:
     assert page.view.isVisible() and page.view.tip == status().tip and page.view.caption.text() == FOLLOWS
+    page.view.grab()
+    assert theme.pen(theme.COLOURS.accent, 2.0).style() == Qt.PenStyle.SolidLine, "dashes of the jig in others' lines"
     page.show_pulse(told(status(device="three-brake")))
     assert page.view.instant.device.name == "three-brake", "another device with its handle at the same place"
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))

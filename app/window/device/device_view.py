@@ -3,7 +3,7 @@
 import math
 
 from PySide6.QtCore import QMarginsF, QPointF
-from PySide6.QtGui import QPainter
+from PySide6.QtGui import QPainter, QPen
 
 from app.ipc import messages as m
 from app.window.canvas import marks
@@ -62,7 +62,7 @@ class DeviceView(SmallView):
             return
         status, places = self._status, now.joints
         at = {joint: self.to_screen(place) for joint, place in places.items()}
-        line = theme.pen(COLOURS.accent, 2.0)
+        line = QPen(theme.pen(COLOURS.accent, 2.0))  # its own: the other one is kept for everybody
         line.setDashPattern([3.0, 3.0])
         paint_circle(painter, self.to_screen(self._jig), JIG_PX, line)
         letters = {joint: joint for joint in JOINTS if joint in status.encoders}
