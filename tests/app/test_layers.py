@@ -131,8 +131,9 @@ def test_an_import_against_the_layers_breaks_a_contract(tmp_path: Path) -> None:
 def test_the_citation_names_this_version_and_the_paper_as_the_readme_does() -> None:
     cited = (ROOT / "CITATION.cff").read_text()
     with (ROOT / "pyproject.toml").open("rb") as file:
-        version = tomllib.load(file)["project"]["version"]
+        project = tomllib.load(file)["project"]
     title = re.search(r'the paper "([^"]+)"', " ".join((ROOT / "README.md").read_text().split()))[1]
-    assert re.search(r"(?m)^version: (.*)$", cited)[1] == version
+    assert re.search(r"(?m)^version: (.*)$", cited)[1] == project["version"]
     assert f"title: {title}\n" in cited
-    assert "license" not in cited
+    assert re.search(r"(?m)^license: (.*)$", cited)[1] == project["license"] == "BSD-3-Clause"
+    assert (ROOT / "LICENSE").read_text().startswith("BSD 3-Clause License")
