@@ -31,9 +31,6 @@ FAULTS = {
     "over-speed": FaultWords(
         "a joint turned faster than its limit", f"Let go of the handle, look at the encoders' couplings, {ALLOW}."
     ),
-    "too-hot": FaultWords(
-        "a motor's winding is at {most:g} degC by its model", "Let it cool for a minute, then allow the brakes."
-    ),
     "bad-encoder": FaultWords("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
     "force-saturated": FaultWords(
         "the force sensor is at the end of its range",

@@ -23,8 +23,6 @@ from core.faults import after, cause, cause_of
 from core.files import InputError
 from core.mechanism import JOINTS
 from hardware.handshake import check_hello, limits_of, rewire_emulated, shortened, wired_to
-from hardware.haply import HAPLY
-from hardware.haply.device import HaplyDevice
 from hardware.own_driver import DRIVER, own_device
 from hardware.sensing.board_clock import FreshnessWatch
 from hardware.sensing.encoders import load_kernels
@@ -482,13 +480,11 @@ class SerialDevice:
 
 
 def device_at(device: Device, where: str) -> RealDevice:
-    """The real device that a text asks for: a port, "PORT netft:HOST", "haply:PORT", or a driver's file.
+    """The real device that a text asks for: a port, "PORT netft:HOST", or a driver's file.
 
     It is not opened yet.
     """
     if where.startswith(DRIVER):
         return own_device(device, where)
-    if where.startswith(HAPLY):
-        return HaplyDevice(device, where.removeprefix(HAPLY))
     port, _, host = where.partition(f" {NET_FT}")
     return SerialDevice(device, port, host)

@@ -18,7 +18,6 @@ from core.files import InputError
 from experiments.inputs import MOUSE
 from experiments.protocol import home_of, load_protocol
 from experiments.recording.atomic_files import refusing
-from hardware.haply import HAPLY
 from hardware.own_driver import own_failure
 
 if TYPE_CHECKING:
@@ -191,8 +190,6 @@ def link_port(args: argparse.Namespace) -> str:
         raise InputError(
             "--link: must be serial:PORT, socket://HOST:NUMBER or driver:FILE.py: only a real device is brought up"
         )
-    if port.startswith(HAPLY):
-        raise InputError("--link: bring-up checks boards with brakes and drivers of your own, no Haply (docs/haply.md)")
     return port
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import re
-import tempfile
 from pathlib import Path
 
 import shtab
@@ -13,7 +12,6 @@ from core.control.own_file import read_own
 from core.device import SHIPPED_FOLDER, shipped_devices
 from core.files import InputError
 from core.own_files import read_own_text
-from experiments.protocol import load_protocol
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
@@ -52,14 +50,6 @@ def new_verb(args: argparse.Namespace) -> None:
     device = re.sub(r'(?m)^name = ".*"$', f'name = "{DEVICE}"', text, count=1)
     files = {path.name: path.read_bytes() for path in TEMPLATES.iterdir() if path.suffix != ".py"}
     files[f"{DEVICE}.toml"] = device.encode()
-    with tempfile.TemporaryDirectory() as folder:
-        write_new_files({Path(folder, name): content for name, content in files.items()})
-        try:
-            load_protocol(Path(folder, "experiment.toml"))
-        except InputError:
-            raise InputError(
-                f"--device: {args.device} does not reach the paths of a new experiment: copy a protocol of its own"
-            ) from None
     make_empty_folder(args.dir, "an experiment begins in a new or empty folder")
     write_new_files({args.dir / name: content for name, content in files.items()})
     print(f"{args.dir}: begin with {args.dir / 'README.md'}")

@@ -14,7 +14,6 @@ from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
 from experiments.plan import print_plan
 from experiments.protocol import Protocol, load_protocol
-from hardware.haply import HAPLY
 from hardware.own_driver import DRIVER, load_driver
 
 #: for --help: mouse (pulls the handle by a spring)
@@ -37,10 +36,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
         help=f"whose hand moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
     )  # fmt: skip
     option(
-        "--link", default="sim", metavar="sim|serial:PORT|haply:PORT|driver:FILE.py",
+        "--link", default="sim", metavar="sim|serial:PORT|driver:FILE.py",
         help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
-        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), "
-        "haply:PORT: a Haply 2diy, whose motors stand for brakes, or "
+        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), or "
         "driver:FILE.py: hardware of another kind, by a driver of its own",
     )  # fmt: skip
     option(
@@ -124,20 +122,14 @@ def port_of(args: argparse.Namespace) -> str:
         if args.force:
             raise InputError("--force: goes with --link serial:PORT (a driver of your own reads its own sensor)")
         return f"{DRIVER}{Path(args.link.removeprefix(DRIVER)).absolute()}"
-    kind = HAPLY if args.link.startswith(HAPLY) else ""
-    if kind and args.force:
-        raise InputError("--force: goes with --link serial:PORT (a Haply's driver estimates the force of the hand)")
-    port = args.link if is_address(args.link) else args.link.removeprefix(kind or "serial:")
+    port = args.link if is_address(args.link) else args.link.removeprefix("serial:")
     if not port or (port == args.link and not is_address(port)):
-        raise InputError(
-            f"--link: must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}"
-        )
-    if "://" in port and (kind or not is_address(port)):
-        wanted = "a Haply is at a serial port" if kind else "an address must be socket://HOST:NUMBER"
-        raise InputError(f"--link: {wanted}, not {port!r}")
+        raise InputError(f"--link: must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py, not {args.link!r}")
+    if "://" in port and not is_address(port):
+        raise InputError(f"--link: an address must be socket://HOST:NUMBER, not {port!r}")
     if args.input != MOUSE:
         raise InputError(f"--input {args.input}: on the bench the force sensor measures what the hand does")
-    return kind + port
+    return port
 
 
 def checked_link(port: str, force: str) -> str:
@@ -149,10 +141,9 @@ def checked_link(port: str, force: str) -> str:
     if port.startswith(DRIVER):
         load_driver(port)
         return port
-    found = find_port(port.removeprefix(HAPLY))  # "auto" is looked for again for each device
+    found = find_port(port)  # "auto" is looked for again for each device
     if is_missing(found):
-        kind = HAPLY if port.startswith(HAPLY) else "serial:"
-        raise InputError(f"--link {kind}{found}: there is no such port (phd devices lists those there are)")
+        raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
     if not force:
         return port
     from hardware.sensing.net_ft import check_force

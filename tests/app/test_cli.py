@@ -74,7 +74,7 @@ def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
     assert files(folder) == before
 
 
-LINKS = "must be sim, serial:PORT, haply:PORT, socket://HOST:NUMBER or driver:FILE.py"
+LINKS = "must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py"
 WRONG_ARGUMENTS = {
     "no verb of that name": (["fly"], "invalid choice: 'fly'"),
     "option without a verb": (["--bogus"], r"unrecognized arguments: --bogus \(see phd run --help\)"),
@@ -123,11 +123,8 @@ WRONG_ARGUMENTS = {
         ["run", "--link", "serial:x", "--input", "operator", "--print-plan"],
         "--input operator: on the bench the force sensor",
     ),
-    "Haply at an address": (["run", "--link", "haply:socket://b:9"], "--link: a Haply is at a serial port, not 'sock"),
-    "no Haply": (["run", "--link", "haply:/dev/none"], "--link haply:/dev/none: there is no such port"),
     "no port": (["run", "--link", "serial:/dev/none"], r"serial:/dev/none: there is no such port \(phd devices lists"),
     "bring-up, simulated": (["bring-up", "--link", "sim", "--by", "A"], "only a real device is brought up"),
-    "bring-up, Haply": (["bring-up", "--link", "haply:/dev/none", "--by", "A"], "--link: bring-up checks boards with"),
     "bring-up, no port": (["bring-up", "--link", "serial:/dev/none", "--by", "A"], "there is no such port"),
     "bring-up, device": (
         ["bring-up", "--link", "serial:/dev/none", "--by", "A", "--device", "nowhere.toml"], r"nowhere\.toml",

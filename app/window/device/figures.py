@@ -38,10 +38,6 @@ COUNTED = {
         "Of these, because this computer's clock stood still: {}.",
         "Do not suspend the computer, or pause a virtual machine, while the device is in use.",
     ),
-    "guarded": (
-        "Torques made smaller so that no motor gives energy: {}.",
-        "A brake slipped for it: move on.",
-    ),
     "board_time_back": ("Jumps back of the board's clock: {}.", "Its firmware must count microseconds in 64 bits."),
 }
 STATES = {
