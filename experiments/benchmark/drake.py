@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from core.mechanism import JOINTS
-from core.ten_coordinates import bodies_of, coordinates
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
+from experiments.benchmark.ten_coordinates import bodies_of, coordinates
 
 #: N m s/rad. Larger: nothing changes, the solver's own softness is left. Smaller: a locked joint creeps faster.
 DAMPING = 1e6

@@ -15,8 +15,8 @@ from types import ModuleType
 import numpy as np
 
 from core.mechanism import JOINTS
-from core.ten_coordinates import bodies_of, coordinates
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
+from experiments.benchmark.ten_coordinates import bodies_of, coordinates
 
 _POINT = 1e-10  # kg m2; a body must have some inertia: the handle is a point mass but for this
 _MODEL = """

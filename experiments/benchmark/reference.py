@@ -20,8 +20,19 @@ from scipy.optimize import brentq
 
 from core.device_file import BrakeFile
 from core.mechanism import JOINTS
-from core.ten_coordinates import CD, ED, HANDLE, THETA_AE, THETA_BC, Solution, bodies_of, coordinates, rates, solve
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
+from experiments.benchmark.ten_coordinates import (
+    CD,
+    ED,
+    HANDLE,
+    THETA_AE,
+    THETA_BC,
+    Solution,
+    bodies_of,
+    coordinates,
+    rates,
+    solve,
+)
 
 #: Tolerances of DOP853. Looser: the reference is no better than what it judges. Tighter: below what doubles carry.
 RTOL, ATOL = 1e-12, 1e-14

@@ -7,7 +7,7 @@ from devices import S1, S4, FiveBar, slope, switching, yields
 from core.device import without_backlash
 from core.simulator.hand import wave_hand
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
-from core.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
+from experiments.benchmark.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
 
 START = (0.05, 0.40)
 SCENES = ("S1", "S2", "S4")

@@ -13,7 +13,7 @@ from core.simulator.simulation import Simulation
 from core.simulator.state import pack_mechanism
 from core.simulator.stick_slip import FREE, STILL
 from core.simulator.stick_slip_mode import finish, set_costs, update_kinematics
-from core.ten_coordinates import (
+from experiments.benchmark.ten_coordinates import (
     CD,
     ED,
     HANDLE,
