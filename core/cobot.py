@@ -1,4 +1,4 @@
-"""Cobots: castors that are steered, where a brake would slip. One wheel at the handle (unicycle), or three on a body.
+"""Cobots: castors that are steered, where a brake would slip, up to three on a body.
 
 A castor rolls along its axis and never sideways, so all castors together leave the body one way to go: the twist whose
 centre of rotation lies on every axle. A servo turns each castor about its hub, which moves nothing: the wheels' force
@@ -26,7 +26,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from core.files import Pair, Table
+from core.files import Table
 from core.kernels import kernel
 from core.ranges import CobotInertia, CobotMass, Place, Rate
 from core.records import new_record
@@ -37,7 +37,7 @@ PARALLEL = 1e-9  # sine to the wall below which a motion counts as along it
 
 COBOT = np.dtype(
     [
-        ("wheels", "i8"),  # 0: there is none
+        ("wheels", "i8"),
         ("hub", "f8", (MOST_WHEELS, 2)),  # m, in the body, from its centre of mass
         ("mass", "f8"),  # kg
         ("inertia", "f8"),  # kg m2 about the centre of mass; without effect where no torque acts on one wheel there
@@ -76,20 +76,12 @@ class CobotFile(Table, frozen=True):
 def new_cobot(file: CobotFile, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     """A cobot at rest at a pose (m, rad), its castors along the body's x axis."""
     record = new_record(COBOT)
-    place(record[0], file.hubs_m, file.mass_kg, file.inertia_kg_m2, file.steering_rate_max_rad_s, pose)
+    wheels = len(file.hubs_m)
+    record["wheels"], record["mass"], record["inertia"] = wheels, file.mass_kg, file.inertia_kg_m2
+    record["rate_max"], record["pose"] = file.steering_rate_max_rad_s, pose
+    record["hub"][0, :wheels] = file.hubs_m
+    record["twist"], record["axis"] = (1.0 / math.sqrt(file.mass_kg), 0.0, 0.0), (1.0, 0.0)
     return record
-
-
-def place(
-    record: np.record, hubs: tuple[Pair, ...], mass: float, inertia: float, rate_max: float,
-    pose: tuple[float, float, float],
-) -> None:  # fmt: skip
-    """Fill a COBOT record: at rest at a pose, its castors along the body's x axis."""
-    record["wheels"], record["mass"], record["inertia"], record["rate_max"] = len(hubs), mass, inertia, rate_max
-    record["hub"][: len(hubs)] = hubs
-    record["pose"], record["speed"] = pose, 0.0
-    record["twist"], record["axis"] = (1.0 / math.sqrt(mass), 0.0, 0.0), (1.0, 0.0)
-    record["work"] = record["side_force"] = 0.0
 
 
 @kernel

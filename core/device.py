@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from core.device_file import ELBOWS, BrakeFile, Castor, DeviceFile, Link, Sensing, parse_brake, read_brake_text
+from core.device_file import ELBOWS, BrakeFile, DeviceFile, Link, Sensing, parse_brake, read_brake_text
 from core.files import (
     InputError,
     Pair,
@@ -30,7 +30,6 @@ from core.workspace import brake_rows, free_tips, why_impossible
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "devices"
 COBOT_FOLDER = Path(__file__).resolve().parent / "cobots"
-UNICYCLE = "unicycle"  # the shipped device with a castor in place of brakes: for simulation, not for a bench
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
 #: m. Our choice: bases closer than this count as one axis (g_E and g_C are then parallel to rounding).
@@ -54,7 +53,6 @@ class Device:
     sensing: Sensing | None
     calibration: np.ndarray | None  # (6, 6) of the force sensor
     calibration_text: str | None  # its file in full
-    castor: Castor | None  # in place of brakes
     file: DeviceFile
     brake_files: dict[str, BrakeFile]  # letter of the joint -> its brake's file, as changed by `with_brakes`
 
@@ -69,9 +67,7 @@ def load_device(name_or_path: str | Path, folder: Path | None = None, unknown: s
 
     InputError, which `unknown` begins where there is neither.
     """
-    path = COBOT_FOLDER / f"{UNICYCLE}.toml"
-    if str(name_or_path) != UNICYCLE:
-        path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), unknown)
+    path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), unknown)
     return device_of(read_text(path), path.parent, str(path), {})
 
 
@@ -127,16 +123,15 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         mechanism=mechanism,
         brakes=build_brakes(brakes),
         braked=file.braked,
-        force_normalised_N=file.castor.grip_N if file.castor else force_normalised(file, mechanism, brakes),
+        force_normalised_N=force_normalised(file, mechanism, brakes),
         labels={joint: joint for joint in file.braked} | {j: coupling.label for j, coupling in file.coupled.items()},
-        command_unit=units.pop() if units else "A",
+        command_unit=units.pop(),
         assumed=is_assumed(file.provenance) or any(brake.assumed for brake in brakes.values()),
         text=text,
         brake_texts=dict(brake_texts),
         sensing=file.sensing,
         calibration=_calibration(file, calibration_text, where),
         calibration_text=calibration_text,
-        castor=file.castor,
         file=file,
         brake_files=brakes,
     )
@@ -144,8 +139,6 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:
     """The device with each of its brake files changed. Its numbers then count as assumed."""
-    if not device.braked:
-        return device
     files = {joint: change(brake) for joint, brake in device.brake_files.items()}
     return replace(
         device,

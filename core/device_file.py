@@ -36,8 +36,6 @@ from core.ranges import (
     LagTime,
     Length,
     Place,
-    Push,
-    Rate,
     Torque,
 )
 from core.torque_table import torque_curve, why_no_table
@@ -348,13 +346,6 @@ class Sensing(Table, frozen=True):
     home_m: Place | None = None  # where a jig holds the handle while the encoders are homed
 
 
-class Castor(Table, frozen=True):
-    """A steered castor under the handle, in place of brakes (core/cobot.py: unicycle)."""
-
-    steering_rate_max_rad_s: Rate
-    grip_N: Push  # sideways force that the wheel is taken to hold; the model does not skid, it warns
-
-
 class DeviceFile(Table, frozen=True):
     """The keys of a device file."""
 
@@ -365,7 +356,6 @@ class DeviceFile(Table, frozen=True):
     couplings: Couplings = Couplings()
     limits: HardStops = HardStops()
     sensing: Sensing | None = None
-    castor: Castor | None = None
     provenance: str = ""  # where the numbers come from (`is_assumed`), marked wherever they are shown
 
     def __post_init__(self) -> None:
@@ -377,17 +367,11 @@ class DeviceFile(Table, frozen=True):
                 f"sensing.force.inertia_beyond_kg ({force.inertia_beyond_kg:g}) is part of mass.tip_kg "
                 f"({self.mass.tip_kg:g}) and cannot exceed it"
             )
-        if not self.braked and not self.castor:
+        if not self.braked:
             raise ValueError("brakes must name at least one of the joints A, E, B, C")
         for joint in self.coupled:
             if joint not in self.braked:
                 raise ValueError(f"couplings.{joint}: there is no brake {joint} in brakes that it could carry")
-        m = self.mass
-        links = m.AE.mass_kg, m.ED.mass_kg, m.BC.mass_kg, m.CD.mass_kg, m.joint_E_kg, m.joint_C_kg
-        if self.castor and (self.braked or any(links)):
-            raise ValueError(
-                "castor: the model has the mass of the handle alone (tip_kg), with no brakes and massless links"
-            )
 
     @property
     def braked(self) -> str:

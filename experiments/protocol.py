@@ -274,9 +274,6 @@ def _checked(
         for _, device in devices:
             encoder_counts(device)
     for preset in controllers.values():
-        for named, device in devices:
-            if device.castor and not preset.algorithm.steers:
-                raise InputError(f"{where}: controller {preset.name}: needs brakes, and {named} has a castor")
         if preset.kind == REFLECT and not (file.slave or preset.value(WALL_N_M.name)):
             raise InputError(f"{where}: controller {preset.name}: needs a [slave] or wall_N_m, it has no force to show")
     paths, drawn = _paths(file.path, contents.drawings, where)

@@ -138,8 +138,6 @@ def bring_up(args: argparse.Namespace) -> int:
         raise InputError("--by: must be the name of who signs the record")
     device = load_device(args.device)
     link = checked_link(link_port(args), args.force)
-    if device.castor:
-        raise InputError(f"--device: {device.name} has a castor, which can only be simulated")
     make_folder(args.data_dir)
     watch_compiling()
     home = home_of(device, load_protocol().paths)

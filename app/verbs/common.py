@@ -101,9 +101,6 @@ def low_gain(text: str) -> float | str:
 def devices_of(args: argparse.Namespace) -> list:
     """The devices of --device. InputError if one cannot be read, or two have one name."""
     devices = [load_device(device) for device in args.device or DEFAULT_DEVICES]
-    for device in devices:
-        if device.castor:
-            raise InputError(f"--device: {device.name} has a castor, no brakes: it runs in studies and sessions")
     names = [device.name for device in devices]
     if len(set(names)) < len(names):
         raise InputError(f"--device: two devices have the same name ({', '.join(names)})")

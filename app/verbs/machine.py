@@ -122,8 +122,6 @@ def emulate(args: argparse.Namespace) -> None:
     faults = [read_fault(text) for text in args.fault]
     every = dict.fromkeys([DEFAULT_DEVICES[-1], *shipped_devices()])
     devices = list(map(load_device, [args.device] if args.device else every))
-    if devices[0].castor:
-        raise InputError(f"--device: {devices[0].name} has a castor, which can only be simulated")
     path_file = Segment(tuple(args.path[:2]), tuple(args.path[2:])) if args.path else load_protocol().paths[1]
     path = build_path(path_file, "--path")
     tip = (path.x0, path.y0)

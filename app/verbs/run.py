@@ -72,9 +72,6 @@ def run(args: argparse.Namespace) -> int | None:
         return None
     link = checked_link(port, args.force)
     display = ScreenCheck("open a window on")
-    for device in protocol_of(args).devices if link else ():
-        if device.castor:
-            raise InputError(f"--link: {device.name} has a castor, which can only be simulated")
     devices = tuple(map(absolute_or_name, args.device)) if args.device else None
     setup = Setup(
         data_dir_of(args).absolute(), absolute_or_name(args.protocol), devices, args.rules, args.low_gain, args.seed,

@@ -36,7 +36,6 @@ class Algorithm(NamedTuple):
     parameters: tuple[Parameter, ...]
     own: tuple[str, ...]  # words of its own decisions; those with {J} make four, one for each joint
     decide: Callable[..., int]  # kernel (controller, field, tick): writes the tick's currents; the decision
-    steers: bool = False  # it can steer a castor in place of brakes
 
     @property
     def decisions(self) -> tuple[str, ...]:
@@ -88,8 +87,7 @@ LOCK_BACK = 8
 LOCK_BACK_NONE_SELECTED = 9
 LOCK_OBSTACLE = 10
 LOCK_TOO_LATE = 11  # as LOCK_OBSTACLE, but the guard cannot promise that the tip stops
-STEER = 12  # the castor of a device without brakes is steered along beta
-OWN = 13  # from here on: an algorithm's own decisions
+OWN = 12  # from here on: an algorithm's own decisions
 
 SHARED: tuple[str, ...] = (
     "none",
@@ -104,7 +102,6 @@ SHARED: tuple[str, ...] = (
     "lock: moving back, none selected",
     "lock: obstacle",
     "lock: obstacle, too late to be sure",
-    "steer",
 )
 
 #: ticks without control on purpose, near the path

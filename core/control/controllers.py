@@ -60,7 +60,7 @@ def no_control(controller, field, tick):
 ALGORITHMS: dict[str, Algorithm] = {
     algorithm.kind: algorithm
     for algorithm in (
-        Algorithm("none", (), (), no_control, steers=True),
+        Algorithm("none", (), (), no_control),
         sdof.ALGORITHM,
         proportional.ALGORITHM,
         reflect.ALGORITHM,

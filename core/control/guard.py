@@ -128,8 +128,6 @@ def why_no_guard(settings: Around, name: str, device: Device, places: np.ndarray
         return ""
     if not settings.obstacles:
         return "there is no obstacle to guard"
-    if not device.brakes.present.any():
-        return f"{name} has no brakes to lock"
     if (held := least_held(device.mechanism, device.brakes, places)) <= settings.guard.push_N:
         return f"push_N ({settings.guard.push_N:g}) must be less than the {held:.1f} N that {name} holds {at}"
     return ""

@@ -1,7 +1,6 @@
 """SDOF velocity control (Section IV-B, Fig. 13): of the paths a single locked brake would leave, the best one.
 
-Locking brake i leaves the tip one way to go, its local SDOF path p_i, at right angles to the force of that brake. A
-castor in place of brakes leaves any way that it is steered to: the best one is then beta itself (our choice).
+Locking brake i leaves the tip one way to go, its local SDOF path p_i, at right angles to the force of that brake.
 """
 
 import math
@@ -11,7 +10,6 @@ from core.control.algorithm import (
     LOCK_NO_VALID,
     OWN,
     RELEASE_NO_VALID,
-    STEER,
     Algorithm,
     actuate,
     lock,
@@ -66,9 +64,6 @@ def decide(controller, field, tick):
     """SDOF velocity control (Section IV-B): the normalised force on the brake with the nearest valid path."""
     i = nearest_valid_brake(tick.brakes, tick.g, field, controller.rules)
     if i < 0:
-        present = tick.brakes.present
-        if present[0] + present[1] + present[2] + present[3] == 0.0:
-            return STEER
         if pushes_away(tick.seen, field, controller.rules):
             lock(tick)
             return LOCK_NO_VALID
@@ -77,4 +72,4 @@ def decide(controller, field, tick):
     return OWN + i
 
 
-ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",), decide, steers=True)
+ALGORITHM = Algorithm("sdof", (GAP_M,), ("sdof {J}",), decide)

@@ -191,7 +191,7 @@ class Movement:
     # Measures of `METRICS` that take more than a line; their meaning stands there. None: there is nothing to measure.
 
     def switches_per_second(self) -> float | None:
-        if self.duration_s <= 0.0 or not self._recording.braked:
+        if self.duration_s <= 0.0:
             return None
         on = np.zeros(len(self.tip), dtype=np.int8)  # a bit for each brake
         for bit, joint in enumerate(self._recording.braked):
@@ -205,7 +205,7 @@ class Movement:
         return None if np.isnan(spent).any() else float(spent[-1] - spent[0]) / way
 
     def chatter(self) -> float | None:
-        if self.duration_s <= 0.0 or not self._recording.braked or not self._controlled:
+        if self.duration_s <= 0.0 or not self._controlled:
             return None
         currents = self._columns(*(f"current_{joint}_A" for joint in self._recording.braked))
         return int(np.count_nonzero(np.abs(np.diff(currents, axis=0)) > CHANGE_A)) / self.duration_s

@@ -51,7 +51,7 @@ def to_metadata(device: Device) -> dict[str, Any]:
 
 
 def from_metadata(metadata: Mapping[str, Any]) -> Braking | None:
-    """The device of a recording; None: it has no brakes, or an earlier version recorded it. InputError: damaged."""
+    """The device of a recording; None: an earlier version recorded it. InputError: damaged."""
     if not (about := metadata.get(KEY)):
         return None
     low, high, free = np.zeros(4), np.zeros(4), np.full(4, np.inf)

@@ -14,7 +14,7 @@ from pyarrow import csv as pa_csv
 from core.cobot import COBOT, UNSTEERED, CobotFile, advance, advance_at_wall, new_cobot, path_goal, velocity
 from core.control.rule_sets import SETTLED, Rules
 from core.control.velocity_field import PIECE, Seen, field_at, new_memory
-from core.device import COBOT_FOLDER, UNICYCLE, load_device
+from core.device import COBOT_FOLDER
 from core.files import InputError, Positive, Table, from_plain, is_assumed, parse_toml, read_text, shipped_or_file
 from core.kernels import kernel
 from core.path import Path as PathAhead
@@ -111,13 +111,6 @@ def is_cobot_scene(path: Path) -> bool:
 
 def load_cobot(reference: str, folder: Path, where: str) -> CobotFile:
     """A shipped cobot by its name, or a cobot file by its path."""
-    if reference == UNICYCLE:
-        device = load_device(UNICYCLE)
-        assert device.castor is not None
-        return CobotFile(
-            name=device.name, mass_kg=device.mechanism.tip_mass, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),),
-            steering_rate_max_rad_s=device.castor.steering_rate_max_rad_s, provenance=device.file.provenance,
-        )  # fmt: skip
     path = shipped_or_file(reference, COBOT_FOLDER, folder, f"{where}: unknown cobot")
     return parse_toml(read_text(path), CobotFile, str(path))
 

@@ -170,8 +170,6 @@ def read_scene(path: str | Path, text: str | None = None) -> Scene:
         device = load_device(file.device, path.parent)
     except InputError as error:
         raise InputError(f"{path}: device: {error}") from None
-    if device.castor:
-        raise InputError(f"{path}: device: {device.name} has a castor, no brakes: name it as cobot in place of device")
     if file.brake_model == "signed":
         device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s

@@ -78,8 +78,6 @@ def replay(
     protocol, row = trial.stored.protocol, trial.row
     number, device = choose_controller(trial, other.controller), choose_device(trial, other.device)
     preset, own = protocol.controllers[number], protocol.device(row.configuration)
-    if device.castor and not preset.algorithm.steers:
-        raise InputError(f"controller {preset.name}: needs brakes, and {device.name} has a castor")
     if out is not None:
         refuse_existing_files([out])
     is_own_device = (device.text, device.brake_texts) == (own.text, own.brake_texts)

@@ -8,7 +8,6 @@
     SLAVE    a teleoperated slave follows the tip, and the force that it sends arrives: `reflect` is to show it
     DECIDE   the controller, during `move` only: brakes are off in every other phase; its velocity field goes to LOG
     SETTLE   the simulated device: currents to the brakes, which of them stick and which slip
-             a castor in place of brakes: it is steered along the field, or turns freely
     LOG      one row
     STEP     the simulated device moves on by a tick
 
@@ -27,7 +26,6 @@ import numpy as np
 
 from core import tick_log as log
 from core.brake import lagged_yield, time_constant, torque_gain
-from core.cobot import COBOT
 from core.control.algorithm import OFF, Controller, Tick, release
 from core.control.controllers import decide
 from core.control.velocity_field import HOLDS, NEAREST, NO_FIELD, PIECE, SIDE, TRAVEL, WANTED, seen_in
@@ -46,7 +44,6 @@ from core.stops import stop_gap
 from core.tick_log import APPROACH, END, HOLD, MOVE, TICK_S
 from experiments.protocol import TrialRules
 from experiments.slave import SLAVE, follow_master, set_slave
-from experiments.trial.castor import move_with_castor, turn_castor
 from experiments.trial.encoder_sensing import EncoderSensing, see
 from experiments.trial.operator import Moment, begin_approach, operate
 
@@ -119,7 +116,6 @@ RUN = np.dtype(
         ("real", "i8"),  # 1: a real device; its rows come with its samples in them
         ("bench", BENCH),
         ("slave", SLAVE),
-        ("cobot", COBOT),  # the castor in place of brakes, if there is one
         # what changes
         ("tick", "i8"),
         ("phase", "i8"),
@@ -199,7 +195,7 @@ def run_ticks(trial, rows):
             begin(trial)
         if run.real != 0:
             sense(trial, row)
-        seen, castor_work = state, 0.0
+        seen = state
         if sensors.on != 0:
             seen = trial.sensing.seen[0]
             see(model.mechanism, state, sensors, seen)
@@ -214,17 +210,13 @@ def run_ticks(trial, rows):
             follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(trial, seen, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
-        if run.cobot.wheels != 0:
-            castor_work = turn_castor(data.hand, state, run, t, row)
-        elif run.real == 0:
+        if run.real == 0:
             apply(model, state, run.current)
             resolve(model, data, t)
         log_row(trial, t, row)
         log_shown(trial, row)
         log_obstacle(trial, row)
-        if run.cobot.wheels != 0:
-            move_with_castor(model.mechanism, data, run.cobot, castor_work)
-        elif run.real == 0:
+        if run.real == 0:
             step_device(trial, t)
         run.tick += 1
         run.phase_tick += 1

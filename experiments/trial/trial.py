@@ -23,7 +23,6 @@ from experiments.assumptions import Assumptions
 from experiments.plan import PlannedTrial
 from experiments.protocol import TrialRules, middle_of
 from experiments.trial import tick
-from experiments.trial.castor import set_castor, skid_warnings
 from experiments.trial.detour import way_round
 from experiments.trial.encoder_sensing import EncoderSensing, decision_noise, new_sensing, sensed
 from experiments.trial.normals import Normals
@@ -221,9 +220,6 @@ class SimulatedTrial(Trial):
         super().__init__(on, path, planned, conditions)
         if person is not None and generator is not None:
             self._take_operator(on_path(person, path), generator, conditions.path)
-        if self.device.castor:
-            tip, arm_kg = device.state["tip"][0], device.hand.grips["mass"][0]
-            set_castor(self._run["cobot"][0], self.device, tip, arm_kg)
         self.start = device.recorded_start()
 
     def _take_operator(self, person: Person, generator: np.random.Generator | Normals, path: PathFile) -> None:
@@ -239,7 +235,4 @@ class SimulatedTrial(Trial):
         self._run["substeps"][0] = substeps
 
     def _device_report(self) -> dict[str, Any]:
-        report = self.simulation.end_record()
-        if self.device.castor:
-            report["warnings"] += skid_warnings(self._run["cobot"][0], self.device.castor)
-        return report
+        return self.simulation.end_record()

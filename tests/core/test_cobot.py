@@ -20,10 +20,10 @@ from core.records import new_record
 STEP = 1e-3
 HUBS = ((0.30, 0.0), (-0.15, 0.26), (-0.15, -0.26))
 SCOOTER = CobotFile(name="scooter", mass_kg=30.0, inertia_kg_m2=2.0, hubs_m=HUBS, steering_rate_max_rad_s=20.0)
-UNICYCLE = CobotFile(
-    name="unicycle", mass_kg=4.0, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),), steering_rate_max_rad_s=30.0
+ONE_CASTOR = CobotFile(
+    name="one castor", mass_kg=4.0, inertia_kg_m2=1.0, hubs_m=((0.0, 0.0),), steering_rate_max_rad_s=30.0
 )
-BOTH = pytest.mark.parametrize("file", [UNICYCLE, SCOOTER], ids=lambda file: file.name)
+BOTH = pytest.mark.parametrize("file", [ONE_CASTOR, SCOOTER], ids=lambda file: file.name)
 
 
 def moving(file, vx, vy, w=0.0):
@@ -170,7 +170,7 @@ def test_no_hand_within_the_stated_push_passes_the_wall_and_all_come_near_it(fil
 
 
 def test_a_hand_beyond_the_stated_push_is_not_promised_anything():
-    record = moving(UNICYCLE, 0.0, -0.5)
+    record = moving(ONE_CASTOR, 0.0, -0.5)
     record["pose"][0, 1] = 0.001
     assert not stops_short(record[0], np.array((0.0, 0.0, 0.0, 1.0)), 30.0, STEP, 2000)
 
@@ -188,13 +188,16 @@ def test_steered_along_a_path_the_heading_is_brought_near_and_the_way_is_the_pat
 
 
 def test_a_hand_that_pushes_away_still_comes_to_the_path_and_keeps_half_its_force_along_it():
-    record, push = new_cobot(UNICYCLE), np.array((5.0, 5.0))
+    record, push = new_cobot(ONE_CASTOR), np.array((5.0, 5.0))
     assert path_goal(record[0], towards(0.0, -1.0), (5.0, -5.0, 0.0), 0.0, 1.0, STEP) == (0.0, -1.0, 0.0)
     x, y, _ = path_goal(record[0], towards(0.0, -1.0), (*push, 0.0), 0.0, 1.0, STEP)
     assert (x, y) == pytest.approx(np.array((0.75, -0.25)) / np.hypot(0.75, 0.25)) and push @ (x, y) > 2.5
-    slowing = path_goal(moving(UNICYCLE, 0.2, -0.2)[0], towards(0.6, -0.8), (-5.0, 5.0, 0.0), 0.0, 1.0, STEP)
+    slowing = path_goal(moving(ONE_CASTOR, 0.2, -0.2)[0], towards(0.6, -0.8), (-5.0, 5.0, 0.0), 0.0, 1.0, STEP)
     assert slowing == (0.6, -0.8, 0.0), "a hand that only slows it down is let on along beta"
-    assert path_goal(moving(UNICYCLE, -0.2, 0.0)[0], towards(0.0, -1.0), (*push, 0.0), 0.0, 1.0, STEP)[:2] == (1.0, 0.0)
+    assert path_goal(moving(ONE_CASTOR, -0.2, 0.0)[0], towards(0.0, -1.0), (*push, 0.0), 0.0, 1.0, STEP)[:2] == (
+        1.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize(

@@ -198,6 +198,13 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 PATH, WALL = ((EXAMPLES / f"{name}.toml").read_text() for name in ("scooter", "scooter-wall"))
+ONE_CASTOR = """
+name = "one castor"
+mass_kg = 3.0
+inertia_kg_m2 = 1.0
+hubs_m = [[0.0, 0.0]]
+steering_rate_max_rad_s = 30.0
+"""
 FREE = 'cobot = "scooter"\nduration_s = 1.0\nstep_s = 1e-3\n[force]\n'
 
 
@@ -243,8 +250,9 @@ def test_a_cobot_is_assumed_by_the_rule_of_devices(tmp_path):
         assert summary["assumed"] == (said != "measured")
 
 
-def test_a_unicycle_is_a_cobot_too_and_a_long_scene_is_the_same_in_chunks(tmp_path):
-    (tmp_path / "scene.toml").write_text(FREE.replace("scooter", "unicycle") + "constant = [3.0, 6.0, 0.0]\n")
+def test_a_cobot_may_have_one_castor_and_a_long_scene_is_the_same_in_chunks(tmp_path):
+    (tmp_path / "one.toml").write_text(ONE_CASTOR)
+    (tmp_path / "scene.toml").write_text(FREE.replace("scooter", "one.toml") + "constant = [3.0, 6.0, 0.0]\n")
     scene = read_cobot_scene(tmp_path / "scene.toml")
     whole, run = CobotRun(scene).run_chunk(1001), CobotRun(scene)
     parts = np.concatenate([run.run_chunk(400), run.run_chunk(601)])
@@ -258,7 +266,7 @@ def test_a_unicycle_is_a_cobot_too_and_a_long_scene_is_the_same_in_chunks(tmp_pa
         (FREE.replace("scooter", "skater"), "unknown cobot"),
         (FREE + 'constant = [1, 0, 0]\nfile = "x.csv"\n', "not both"),
         (FREE.replace("step_s = 1e-3", "step_s = 3e-3"), "whole number"),
-        (FREE.replace("scooter", "unicycle") + "constant = [0.0, 0.0, 1.0]\n", "torque must be 0"),
+        (FREE.replace("scooter", "one.toml") + "constant = [0.0, 0.0, 1.0]\n", "torque must be 0"),
         (PATH + WALL[WALL.index("[wall]") :], "not both"),
         (WALL.replace("at_m = [0.0, 0.4]", "at_m = [0.0, -0.4]"), "behind the wall"),
         (WALL.replace("normal = [0.0, -1.0]", "normal = [0.0, 0.0]"), "direction"),
@@ -269,6 +277,7 @@ def test_a_unicycle_is_a_cobot_too_and_a_long_scene_is_the_same_in_chunks(tmp_pa
     ],
 )
 def test_what_cannot_be_simulated_is_refused_in_a_sentence_and_nothing_is_written(tmp_path, capsys, text, reason):
+    (tmp_path / "one.toml").write_text(ONE_CASTOR)
     (tmp_path / "scene.toml").write_text(text)
     assert reason in refusal(capsys, "simulate", tmp_path / "scene.toml", "--out", tmp_path / "motion.csv")
     assert not (tmp_path / "motion.csv").exists()
