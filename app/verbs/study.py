@@ -88,8 +88,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "power", power_verb, "find how many people an experiment needs to tell two controllers apart\n"
         "By the test that phd analyze will use: signed-rank on each person's mean, Holm over all pairs.\n"
-        "From simulated people of several populations, or from a pilot's trials (--from). The number has an interval,\n"
-        "that of hanging on the people it was found from. Leaves DIR/power.csv and DIR/power.png.",
+        "From simulated people of several populations. The number has an interval, that of hanging on the people it\n"
+        "was found from. Leaves DIR/power.csv and DIR/power.png.",
         "phd power paper --between 1 3 --measure path_error_m --out power-1", prints="the summary",
     ).add_argument  # fmt: skip
     option("protocol", metavar="PROTOCOL.toml", help="a file, or a shipped one's name")
@@ -99,22 +99,19 @@ def add(verbs: argparse._SubParsersAction) -> None:
            help="of studies that find the difference (default: 0.8)")  # fmt: skip
     option("--population", nargs="+", metavar="NAME|PATH", help="of simulated people (default: all that are shipped)")
     option("--people", type=whole_number_of(LEAST_SIMULATED, 10_000), metavar="N",
+           default=SIMULATED_PEOPLE,
            help=f"how many to simulate of each population (default: {SIMULATED_PEOPLE})")  # fmt: skip
-    option("--from", dest="pilot", type=Path, metavar="DIR", help="a pilot's folder, in place of simulated people")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
 
 
 def power_verb(args: argparse.Namespace) -> None:
-    if args.pilot and (args.population or args.people):
-        raise InputError("--from: a pilot has its own people; --population and --people are for simulated ones")
     from experiments.study.power import power, question_of
 
     protocol = load_protocol(args.protocol)
     question = question_of(protocol, args.between, args.measure, args.power)
     names = args.population or sorted(path.stem for path in SHIPPED_FOLDER.glob("*.toml"))
-    source = args.pilot or {found.name: found for found in map(load_population, names)}
-    people, simulated = args.people or SIMULATED_PEOPLE, args.pilot is None
-    summary = with_progress("power", power, protocol, question, source, people, args.out, compiles=simulated)
+    populations = {found.name: found for found in map(load_population, names)}
+    summary = with_progress("power", power, protocol, question, populations, args.people, args.out, compiles=True)
     print_result(args, summary, summary_text(summary))
 
 

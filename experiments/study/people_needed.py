@@ -1,14 +1,16 @@
-"""How many people a test needs to find a difference between two controllers, from the scores of some people.
+"""How many people a test needs to find a difference between two controllers, from the scores of many people.
 
 The test is the one of `phd analyze`: each person's mean over their trials, the signed-rank test of the differences
-between two controllers, Holm's correction over all pairs of controllers of that configuration.
+between two controllers, Holm's correction over all pairs of controllers of that configuration. The people of a study
+are drawn from those that are known, each as likely as any other.
+
+Scores are (people, controllers), NaN where a person has none.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,43 +22,6 @@ REDRAWN, STUDIES_REDRAWN = 100, 200  # of the interval: people drawn anew, and s
 TIES_APART = 1e-9  # relative: a person drawn twice makes two equal differences, which the exact test has none of
 
 
-class People(Protocol):
-    """Where the people of a simulated study come from."""
-
-    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
-        """Scores (studies, people, controllers); NaN where a person has none."""
-
-    def redrawn(self, generator: np.random.Generator) -> "People":
-        """As they might have been known from as many other people of the same kind."""
-
-
-@dataclass(frozen=True)
-class Resampled:
-    """Many known people, each as likely as any other."""
-
-    known: np.ndarray  # (people, controllers)
-
-    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
-        return self.known[generator.integers(0, len(self.known), (studies, people))]
-
-    def redrawn(self, generator: np.random.Generator) -> "Resampled":
-        return Resampled(self.known[generator.integers(0, len(self.known), len(self.known))])
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Few known people: those of a pilot. Others are taken as normal about their mean, with their covariance."""
-
-    known: np.ndarray  # (people, controllers), without NaN
-
-    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
-        covariance = np.atleast_2d(np.cov(self.known.T))
-        return generator.multivariate_normal(self.known.mean(axis=0), covariance, (studies, people), method="eigh")
-
-    def redrawn(self, generator: np.random.Generator) -> "Normal":
-        return Normal(self.scores(generator, 1, len(self.known))[0])
-
-
 class Needed(NamedTuple):
     """The least number of people whose study finds the difference with the power that is wanted."""
 
@@ -65,32 +30,37 @@ class Needed(NamedTuple):
     high: int | None
 
 
-def people_needed(people: People, pair: tuple[int, int], power: float, seed: int) -> Needed:
+def people_needed(known: np.ndarray, pair: tuple[int, int], power: float, seed: int) -> Needed:
     """How many people find the difference between two controllers (their places in the scores) with this power."""
     generator = np.random.default_rng(seed)
-    least = _least(people, pair, power, STUDIES, seed)
+    least = _least(known, pair, power, STUDIES, seed)
     others = [
-        _least(people.redrawn(generator), pair, power, STUDIES_REDRAWN, seed + 1 + again) for again in range(REDRAWN)
+        _least(_drawn(known, generator, len(known)), pair, power, STUDIES_REDRAWN, seed + 1 + again)
+        for again in range(REDRAWN)
     ]
     ends = np.quantile(others, (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)), method="closest_observation")
     return Needed(*(None if n > MOST_PEOPLE else int(n) for n in (least, min(ends[0], least), max(ends[1], least))))
 
 
-def _least(people: People, pair: tuple[int, int], power: float, studies: int, seed: int) -> int:
+def _drawn(known: np.ndarray, generator: np.random.Generator, shape: int | tuple[int, int]) -> np.ndarray:
+    return known[generator.integers(0, len(known), shape)]
+
+
+def _least(known: np.ndarray, pair: tuple[int, int], power: float, studies: int, seed: int) -> int:
     """By bisection: power rises with the number of people. MOST_PEOPLE + 1: even so many are too few."""
     low, high = LEAST_PEOPLE, MOST_PEOPLE + 1
     while low < high:
         middle = (low + high) // 2
-        if share_found(people, pair, middle, studies, seed) >= power:
+        if share_found(known, pair, middle, studies, seed) >= power:
             high = middle
         else:
             low = middle + 1
     return low
 
 
-def share_found(people: People, pair: tuple[int, int], n: int, studies: int, seed: int) -> float:
+def share_found(known: np.ndarray, pair: tuple[int, int], n: int, studies: int, seed: int) -> float:
     """The share of simulated studies of n people in which the corrected p of the pair is below 5 %."""
-    scores = people.scores(np.random.default_rng([seed, n]), studies, n)
+    scores = _drawn(known, np.random.default_rng([seed, n]), (studies, n))
     pairs = list(combinations(range(scores.shape[-1]), 2))
     jitter = 1.0 + TIES_APART * np.random.default_rng([seed, n, 1]).random((studies, n))
     found = [signed_rank_chances((scores[..., a] - scores[..., b]) * jitter) for a, b in pairs]

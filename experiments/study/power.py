@@ -1,4 +1,4 @@
-"""`phd power`: how many people an experiment needs, from simulated people or from those of a pilot."""
+"""`phd power`: how many people an experiment needs, from simulated people."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,19 +13,15 @@ from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
-from experiments.analysis.trials_table import TrialRow, csv_bytes, read_table, to_compare
+from experiments.analysis.trials_table import TrialRow, csv_bytes, to_compare
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
-from experiments.session.files import TABLE
 from experiments.study.helpers import cores, process_pool
 from experiments.study.people_needed import (
     MOST_PEOPLE,
     Needed,
-    Normal,
-    People,
-    Resampled,
     people_needed,
     scores_of,
     share_found,
@@ -37,8 +33,7 @@ from experiments.trial.real_trial import load_kernels
 SEED = 1
 CURVE = (6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 70, 100, 140, 200)  # people, of the figure
 CURVE_STUDIES = 400
-SIMULATED = "people are simulated, and most of their numbers assumed: run a pilot, then phd power --from its folder"
-FROM_PILOT = "a pilot's people stand for all: the fewer they were, the wider the interval"
+SIMULATED = "people are simulated, and most of their numbers assumed"
 COLUMNS = ("from", "configuration", "first", "second", "measure", "unit", "power", "people", "low", "high", "shift")
 
 
@@ -54,7 +49,7 @@ class Question(NamedTuple):
 class Answer(NamedTuple):
     """How many people find it, of one kind and in one configuration."""
 
-    source: str  # a population, or the pilot's folder
+    source: str  # a population
     configuration: str
     needed: Needed
     shift: float  # median over people of first minus second, in the measure's unit
@@ -114,20 +109,20 @@ def _trials_of(protocol: Protocol, population: Population, person: int, measure:
     return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 
-def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, question: Question, pilot: bool) -> list[Answer]:
+def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, question: Question) -> list[Answer]:
     """The answer for each configuration, and for all pooled where there are several. InputError: too few people."""
     found = []
     for configuration, table in by_configuration(to_compare(rows), question.measure.name):
-        people, pair, shift = _people_of(table, protocol, question, pilot, f"{source}, {configuration}")
+        people, pair, shift = _people_of(table, protocol, question, f"{source}, {configuration}")
         curve = tuple(share_found(people, pair, n, CURVE_STUDIES, SEED) for n in CURVE)
         found.append(Answer(source, configuration, people_needed(people, pair, question.power, SEED), shift, curve))
     return found
 
 
 def _people_of(
-    table: ByController, protocol: Protocol, question: Question, pilot: bool, where: str
-) -> tuple[People, tuple[int, int], float]:
-    """The people, the places of the two controllers in their scores, and the median of their differences."""
+    table: ByController, protocol: Protocol, question: Question, where: str
+) -> tuple[np.ndarray, tuple[int, int], float]:
+    """The scores of the people, the places of the two controllers in them, and the median of their differences."""
     numbers = {preset: number for number, preset in protocol.controllers.items()}
     controllers = list(table)
     wanted = [numbers[preset] for preset in (question.first, question.second)]
@@ -135,29 +130,16 @@ def _people_of(
     missing = [number for number in wanted if number not in controllers]
     if missing:
         raise InputError(f"{where}: nobody finished a trial with controller {missing[0]}")
-    if pilot:
-        scores = scores[np.isfinite(scores).all(axis=1)]
     a, b = (controllers.index(number) for number in wanted)
     differences = scores[:, a] - scores[:, b]
     differences = differences[np.isfinite(differences)]
     if len(differences) < LEAST_PEOPLE:
         few = f"only {len(differences)} finished trials with both"
         raise InputError(f"{where}: {few}, at least {LEAST_PEOPLE} people must")
-    return (Normal(scores) if pilot else Resampled(scores)), (a, b), float(np.median(differences))
+    return scores, (a, b), float(np.median(differences))
 
 
-def pilot_trials(folder: Path, protocol: Protocol) -> list[TrialRow]:
-    """The trials of a pilot's folder. InputError unless they name the protocol's controllers, not blind."""
-    rows = read_table(folder / TABLE)
-    for row in rows:
-        known = row.controller in protocol.controllers if isinstance(row.controller, int) else False
-        if not known or row.controller_name not in (None, protocol.controllers[int(row.controller)].name):
-            name = row.controller_name or row.controller
-            raise InputError(f"{folder / TABLE}: controller {name!r} is not one of protocol {protocol.name}")
-    return rows
-
-
-def write_power(found: Sequence[Answer], question: Question, protocol: Protocol, out: Path, pilot: bool) -> dict:
+def write_power(found: Sequence[Answer], question: Question, protocol: Protocol, out: Path) -> dict:
     """Write power.csv and power.png into a folder; the summary."""
     first, second = (" ".join(preset.name.split()) for preset in (question.first, question.second))
     about = f'"{first}" against "{second}", {question.measure.short}, protocol {protocol.name}'
@@ -167,8 +149,7 @@ def write_power(found: Sequence[Answer], question: Question, protocol: Protocol,
         what = (first, second, question.measure.name, question.measure.unit, question.power)
         lines.append((each.source, each.configuration, *what, *ends, each.shift))
     measure = question.measure
-    warning = FROM_PILOT if pilot else SIMULATED
-    picture = power_figure(found, question, f"{about}. {warning[0].upper()}{warning[1:]}.")
+    picture = power_figure(found, question, f"{about}. {SIMULATED[0].upper()}{SIMULATED[1:]}.")
     write_new_files({out / "power.csv": csv_bytes(lines), out / "power.png": picture})
     return {
         "out": str(out),
@@ -183,7 +164,7 @@ def write_power(found: Sequence[Answer], question: Question, protocol: Protocol,
             }
             for each in found
         ],
-        "warnings": [warning],
+        "warnings": [SIMULATED],
     }
 
 
@@ -222,36 +203,23 @@ def power_figure(found: Sequence[Answer], question: Question, note: str) -> byte
 def power(
     protocol: Protocol,
     question: Question,
-    people_from: Mapping[str, Population] | Path,
+    populations: Mapping[str, Population],
     people: int,
     out: Path,
     progress: Progress = no_progress,
 ) -> dict:
-    """How many people find the difference; the summary.
-
-    people_from: populations by name, of each of which `people` are simulated, or the folder of a pilot.
-    """
+    """How many people find the difference, of each population by its name; the summary. people: simulated of each."""
     make_empty_folder(out, "results are never overwritten")
     try:
-        found = _answers_of(protocol, question, people_from, people, progress)
-        return write_power(found, question, protocol, out, isinstance(people_from, Path))
+        found: list[Answer] = []
+        for done, (name, population) in enumerate(populations.items()):
+
+            def share_done(share: float, done: int = done) -> None:
+                progress((done + share) / len(populations))
+
+            rows = simulated_trials(protocol, population, people, question.measure, share_done)
+            found += answers(rows, name, protocol, question)
+        return write_power(found, question, protocol, out)
     except BaseException:
         out.rmdir()
         raise
-
-
-def _answers_of(
-    protocol: Protocol, question: Question, people_from: Mapping[str, Population] | Path, people: int,
-    progress: Progress,
-) -> list[Answer]:  # fmt: skip
-    if isinstance(people_from, Path):
-        return answers(pilot_trials(people_from, protocol), str(people_from), protocol, question, True)
-    found: list[Answer] = []
-    for done, (name, population) in enumerate(people_from.items()):
-
-        def share_done(share: float, done: int = done) -> None:
-            progress((done + share) / len(people_from))
-
-        rows = simulated_trials(protocol, population, people, question.measure, share_done)
-        found += answers(rows, name, protocol, question, False)
-    return found

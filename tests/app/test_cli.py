@@ -88,10 +88,6 @@ WRONG_ARGUMENTS = {
     "an empty protocol": (["study", "", "--out", "s"], "unknown protocol ''"),
     "an empty population": (["study", "--population", "", "--out", "s"], "unknown population ''"),
     "an empty sweep": (["study", "--sweep", "", "--out", "s"], "unknown sweep ''"),
-    "no pilot": (
-        ["power", "paper", "--between", "1", "3", "--from", "x", "--out", "y"],
-        "x/trials.csv: the table cannot be read: no such file or directory\n",
-    ),
     "shortened option": (["simulate", "scene.toml", "--ou", "o.csv"], "--out"),
     "scene missing": (["simulate", "no.toml", "--out", "o.csv"], r"no\.toml: cannot be read \(no such file"),
     "scene is a folder": (["simulate", ".", "--out", "o.csv"], "cannot be read"),

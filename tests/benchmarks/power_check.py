@@ -29,7 +29,7 @@ def main() -> None:
     protocol, population = load_protocol(args.protocol, seed=1), load_population(args.population)
     asked = question_of(protocol, args.between, args.measure, POWER)
     rows = simulated_trials(protocol, population, args.people, asked.measure)
-    (answer, *_) = answers(rows, population.name, protocol, asked, pilot=False)
+    (answer, *_) = answers(rows, population.name, protocol, asked)
     print(answer.words)
     n = answer.needed.people
     assert n is not None, "no number to check"

@@ -8,36 +8,17 @@ from protocols import short
 
 from core.files import InputError
 from experiments.analysis.statistics import signed_rank_p
-from experiments.analysis.trials_table import write_table
-from experiments.study.people_needed import (
-    MOST_PEOPLE,
-    Normal,
-    Resampled,
-    people_needed,
-    share_found,
-    signed_rank_chances,
-)
-from experiments.study.power import pilot_trials, power, question_of
-from experiments.study.unrecorded import study_trials
+from experiments.study.people_needed import MOST_PEOPLE, people_needed, share_found, signed_rank_chances
+from experiments.study.power import power, question_of
 from experiments.trial.population import load_population
 
 FOUND = 0.8
 
 
-class Known:
-    """People whose distribution is known: normal, with means that are apart."""
-
-    def __init__(self, *means: float) -> None:
-        self.means, self.covariance = means, 0.5 * (np.eye(len(means)) + 1.0)
-
-    def scores(self, generator: np.random.Generator, studies: int, people: int) -> np.ndarray:
-        return generator.multivariate_normal(self.means, self.covariance, (studies, people))
-
-    def redrawn(self, generator: np.random.Generator) -> "Known":
-        return self
-
-    def some(self, people: int, seed: int) -> np.ndarray:
-        return self.scores(np.random.default_rng(seed), 1, people)[0]
+def people(*means: float, count: int = 4000, seed: int = 0) -> np.ndarray:
+    """The scores of people whose distribution is known: normal, with means that are apart."""
+    covariance = 0.5 * (np.eye(len(means)) + 1.0)
+    return np.random.default_rng(seed).multivariate_normal(means, covariance, count)
 
 
 @pytest.fixture
@@ -67,28 +48,26 @@ def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
 @pytest.mark.usefixtures("few_redrawn")
 @pytest.mark.parametrize("means", [(0.0, 0.8), (0.0, 0.8, 0.4, 0.2)])
 def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(means: tuple[float, ...]):
-    people = Known(*means)
-    named = people_needed(people, (0, 1), FOUND, seed=1)
+    named = people_needed(people(*means), (0, 1), FOUND, seed=1)
     assert named.people and named.low and named.high and named.low <= named.people <= named.high
     spread = 3.0 * np.sqrt(FOUND * (1.0 - FOUND) * (1.0 / 500 + 1.0 / 1000))
-    assert share_found(people, (0, 1), named.people, 500, seed=99) > FOUND - spread
-    assert share_found(people, (0, 1), named.people - 2, 500, seed=99) < FOUND + spread
+    others = people(*means, seed=1)
+    assert share_found(others, (0, 1), named.people, 500, seed=99) > FOUND - spread
+    assert share_found(others, (0, 1), named.people - 2, 500, seed=99) < FOUND + spread
 
 
 @pytest.mark.usefixtures("few_redrawn")
-@pytest.mark.parametrize("kind, known", [(Resampled, 60), (Normal, 10)])
-def test_the_interval_holds_the_true_number(kind: type, known: int):
-    people = Known(0.0, 0.8)
-    true = people_needed(people, (0, 1), FOUND, seed=1).people
+def test_the_interval_holds_the_true_number():
+    true = people_needed(people(0.0, 0.8), (0, 1), FOUND, seed=1).people
     assert true
-    found = [people_needed(kind(people.some(known, seed)), (0, 1), FOUND, seed) for seed in range(8)]
+    found = [people_needed(people(0.0, 0.8, count=60, seed=seed), (0, 1), FOUND, seed) for seed in range(1, 9)]
     inside = sum((needed.low or MOST_PEOPLE) <= true <= (needed.high or MOST_PEOPLE) for needed in found)
     assert inside >= 5, "of 8 intervals of 95 %, fewer come true once in 2,500 runs"
 
 
 @pytest.mark.usefixtures("rough")
 def test_more_people_than_can_be_had_are_no_number():
-    assert people_needed(Known(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
+    assert people_needed(people(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
 
 
 @pytest.mark.usefixtures("rough")
@@ -109,19 +88,12 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
 
 
 @pytest.mark.usefixtures("rough")
-def test_a_pilot_is_read_from_its_table_and_refused_where_it_says_nothing(tmp_path):
+def test_a_question_that_says_nothing_is_refused_and_nothing_is_half_written(tmp_path):
     protocol = short(paths=1)
     asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
-    rows = [row for row, _ in study_trials(protocol, load_population(), 6)]
-    write_table(tmp_path / "trials.csv", rows)
-    assert len(power(protocol, asked, tmp_path, 0, tmp_path / "out")["answers"]) == 3
-    write_table(tmp_path / "trials.csv", [row for row in rows if row.participant < "05"], replacing=True)
     with pytest.raises(InputError, match="only 4 finished trials with both, at least 6"):
-        power(protocol, asked, tmp_path, 0, tmp_path / "few")
+        power(protocol, asked, {"average": load_population()}, 4, tmp_path / "few")
     assert not (tmp_path / "few").exists(), "nothing half-written"
-    other = short(paths=1).controllers
-    with pytest.raises(InputError, match="is not one of protocol"):
-        pilot_trials(tmp_path, type("P", (), {"controllers": {1: other[1]}, "name": "mine"}))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="has no controller 'soft'; it has 1 \"None\""):
         question_of(protocol, ("soft", "1"), "path_error_m", FOUND)
     with pytest.raises(InputError, match="there is no 'speed'"):
