@@ -1,4 +1,4 @@
-"""PHD from Python: devices, scenes, studies and recordings as pandas frames. Needs pandas: pip install ".[notebook]".
+"""PHD from Python: devices, scenes, studies and recordings as pandas frames.
 
     import phd
 

@@ -29,6 +29,8 @@ from experiments.protocol import label
 from experiments.recording.atomic_files import reason_of, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
+    import pandas as pd
+
     from experiments.recording.schema import Recording
 
 #: How a trial ended.
@@ -241,6 +243,11 @@ def csv_bytes(lines: Iterable[Sequence[object]], delimiter: str = ",") -> bytes:
     text = io.StringIO()
     csv.writer(text, delimiter=delimiter, lineterminator="\n").writerows(lines)
     return text.getvalue().encode()
+
+
+def frame_bytes(frame: "pd.DataFrame") -> bytes:
+    """A frame as a table's file holds it."""
+    return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
 def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:

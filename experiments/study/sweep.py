@@ -3,7 +3,6 @@
 How its folder is filled, resumed and spread over workers: `jobs`.
 """
 
-import csv
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
-import numpy as np
 from msgspec.structs import replace
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
@@ -23,7 +21,7 @@ from core.own_files import read_own_text
 from core.tick_log import TICK_S
 from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, frame_bytes
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
@@ -31,8 +29,7 @@ from experiments.protocol import Protocol, load_protocol, presets_of
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
-from experiments.study.sweep_effects import SEED, effect_files, effects, moves_most
-from experiments.study.sweep_ranks import rank_files, rank_sentences, ranks
+from experiments.study.sweep_results import SEED, draw_effects, effects, moves_most, rank_sentences, ranks, read_sweep
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import Population, load_population
 
@@ -280,26 +277,28 @@ def run_sweep(
     """
     finished = run_work(sweep, Path(out), resume, cluster, progress)
     assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
-    with finished.table.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    done, first = [row["status"] == "done" for row in rows], sweep.jobs[0]
-    found = effects(rows, first.varied, first.parameters, (*FIGURES, *first.own))
-    ranked = ranks(rows, first.varied)
+    first = sweep.jobs[0]
+    measures = (*FIGURES, *first.own)
+    trials = read_sweep(finished.table, [*MEASURED[MEASURED.index("status") + 1 :], *(own.name for own in first.own)])
+    found = effects(trials, first.varied, first.parameters, measures)
+    ranked = ranks(trials, first.varied)
     figures = Path(out) / "figures"
-    if (found or ranked) and not figures.exists():
-        files = effect_files(found, sweep.name) if found else {}
-        files |= rank_files(ranked, sweep.name) if ranked else {}
-        write_new_files({figures / name: content for name, content in files.items()})
+    if not figures.exists():
+        files = {"effects.csv": found, "ranks.csv": ranked}
+        results = {figures / name: frame_bytes(frame) for name, frame in files.items() if len(frame)}
+        if len(found):
+            results[figures / "effects.png"] = draw_effects(found, measures, sweep.name)
+        write_new_files(results)
     return {
         "out": str(finished.table),
         "name": sweep.name,
         "jobs": len(sweep.jobs),
         "already_done": finished.already_done,
-        "trials": len(done),
-        "share_done": float(np.mean(done)),
+        "trials": len(trials),
+        "share_done": float((trials["status"] == "done").mean()),
         "parameters": "assumed" if assumed else "as in the files",
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
-        "moves_most": moves_most(found),
+        "moves_most": moves_most(found, measures),
         "ranks": rank_sentences(ranked),
     }

@@ -12,13 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import killed_work
+import numpy as np
 import pandas as pd
 import pytest
 from exports import rows as csv_rows
 from msgspec import structs
 from processes import gone
 from refusals import refusal
-from scipy import stats
+from scipy.stats import rankdata
 from waiting import wait_until
 
 from app.cli import main
@@ -27,7 +28,7 @@ from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import SENSINGS
 from experiments.protocol import load_protocol
 from experiments.study.sweep import load_sweep, run_sweep
-from experiments.study.sweep_ranks import ranks
+from experiments.study.sweep_results import ranks, read_sweep
 
 SMALL = """
 name = "small"
@@ -102,8 +103,8 @@ def test_a_sweep_draws_each_key_against_each_measure_and_names_the_one_that_move
         here = frame[(frame["kind"] == (kind or line["value"])) & (frame[key].astype(str) == line["value"])]
         each = one.scale * here.groupby("operator")[one.name].mean()
         assert float(line["mean"]) == pytest.approx(each.mean())
-        interval = stats.t.interval(0.95, len(each) - 1, each.mean(), stats.sem(each))
-        assert (float(line["low"]), float(line["high"])) == pytest.approx(interval)
+        first = next(other for other in lines if (other["key"], other["measure"]) == (line["key"], line["measure"]))
+        assert float(line["difference"]) == pytest.approx(float(line["mean"]) - float(first["mean"]))
     errors = {
         line["value"]: float(line["mean"])
         for line in lines
@@ -240,39 +241,34 @@ def test_a_sweep_without_controllers_takes_those_of_its_protocol_under_each_seed
     assert arena.columns[arena.columns.index("rules") + 1 :][:2] == ("seed", "sensing")
 
 
-def made_rows(errors, seeds=("1",)):
-    """Rows of a sweep in which the path error (m) of each controller is `errors(seed, person)`."""
-    return [
-        dict.fromkeys(BY_NAME, "") | {
-            "population": "average", "configuration": "pter", "rules": "settled", "kind": name, "seed": seed,
-            "operator": str(person), "status": "done", "controller_name": name, "path_error_m": str(error),
-        }
-        for seed in seeds for person in range(12) for name, error in errors(seed, person).items()
-    ]  # fmt: skip
-
-
-def test_ranks_tie_controllers_whose_order_changes_with_the_seed_or_with_the_people():
-    def errors(seed, person):
-        turn = 1e-3 if seed == "1" else -1e-3
-        shaky = 0.05 if person % 2 else 0.03
-        return {"best": 1e-3, "a": 0.01 + turn, "b": 0.01 - turn, "steady": 0.04, "shaky": shaky, "worst": 0.1}
-
-    found = {rank.controller: rank for rank in ranks(made_rows(errors, ("1", "2")), ("seed",)) if rank.where == "all"}
-    assert {name: rank.place for name, rank in found.items()} == {
-        "best": "1", "a": "2 to 3", "b": "2 to 3", "steady": "4 to 5", "shaky": "4 to 5", "worst": "6"
-    }  # fmt: skip
-    assert found["a"].of_seeds == (3, 2) and found["best"].value == 1.0  # mm
-
-
-def test_the_value_of_a_controller_is_the_median_of_people_and_its_rank_that_of_the_values(whole):
+def test_controllers_rank_by_the_median_of_people_and_half_of_the_people_rank_them_between_the_ends(whole):
     out = whole[1]
-    frame = pd.read_csv(out / "sweep.csv", keep_default_na=False, na_values=[""]).query("status == 'done'")
+    rows = csv_rows(out / "sweep.csv")
     lines = [line for line in csv_rows(out / "figures/ranks.csv") if line["where"] == "all"]
-    for line in lines:
-        one = BY_NAME[line["measure"]]
-        each = frame.groupby(["controller_name", "operator"])[one.name].mean().groupby("controller_name").median()
-        assert float(line["value"]) == pytest.approx(one.scale * each[line["controller"]])
-        order = each.rank(ascending=one.better == "lower", method="first")
-        assert each[line["controller"]] == each[order.index[order == float(line["rank"])]].item()
-    assert {line["controller"] for line in lines} == set(frame["controller_name"])
-    assert any(sentence.startswith("front: ") for sentence in whole[0]["ranks"])
+    names = list(dict.fromkeys(row["controller_name"] for row in rows))
+    assert {line["measure"] for line in lines} >= {"path_error_m", "steerable_share"}
+    for measure in dict.fromkeys(line["measure"] for line in lines):
+        here = {line["controller"]: line for line in lines if line["measure"] == measure}
+        cells = {(name, person): [float(row[measure]) for row in rows
+                                  if (row["controller_name"], row["operator"]) == (name, person) and row[measure]]
+                 for name in here for person in "12"}  # fmt: skip
+        scores = np.array([[np.mean(cells[name, person]) for name in here] for person in "12"])
+        scores *= BY_NAME[measure].scale
+        sign = -1.0 if BY_NAME[measure].better == "higher" else 1.0
+        assert [float(line["value"]) for line in here.values()] == pytest.approx(np.median(scores, axis=0))
+        assert [float(line["rank"]) for line in here.values()] == list(rankdata(sign * np.median(scores, axis=0)))
+        of_each = [rankdata(sign * person) for person in scores]
+        ends = (np.quantile(of_each, 0.25, axis=0, method="lower"), np.quantile(of_each, 0.75, axis=0, method="higher"))
+        for end, wanted in zip(("rank_low", "rank_high"), ends, strict=True):
+            assert [float(line[end]) for line in here.values()] == pytest.approx(wanted)
+    assert {line["controller"] for line in lines} == set(names)
+    assert whole[0]["ranks"][0].startswith("path error: 1 ")
+
+
+def test_of_people_of_several_seeds_each_is_one_and_a_controller_that_nobody_finished_with_has_no_rank(whole):
+    frame = read_sweep(whole[1] / "sweep.csv", list(BY_NAME))
+    frame.loc[frame["controller_name"] == "SDOF", "status"] = "timeout"
+    twice = pd.concat([frame.assign(seed="1"), frame.assign(seed="2")], ignore_index=True)
+    found = ranks(twice, ("seed",)).query("measure == 'path_error_m'")
+    assert set(found["where"]) == {"all"} and set(found["people"]) == {4}
+    assert sorted(found["rank"]) == [1.0, 2.0, 3.0] and "SDOF" not in set(found["controller"])
