@@ -210,11 +210,17 @@ def read_protocol(
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     code = {
-        name: to_come.get(name) or read_own_text(folder, name)
+        name: to_come.get(name) or read_code(folder, name)
         for name in dict.fromkeys([*(controller.algorithm for controller in file.controller), file.measure])
         if name
     }
     return _checked(file, _Contents(text, words, pictures, drawings, code), found, overrides, where)
+
+
+def read_code(folder: Path, name: str) -> str:
+    """The text of a Python file that a file in `folder` names: it stands beside that one, or it is shipped."""
+    is_shipped = not (folder / name).exists() and (SHIPPED_FOLDER / name).exists()
+    return read_own_text(SHIPPED_FOLDER if is_shipped else folder, name)
 
 
 def read_picture(path: Path, where: str) -> bytes:

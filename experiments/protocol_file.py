@@ -186,7 +186,7 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
 
     name: Text
     kind: Annotated[str, choice(*ALGORITHMS)] | None = None
-    algorithm: Text | None = None  # in place of kind: a Python file beside the protocol's
+    algorithm: Text | None = None  # in place of kind: a Python file beside the protocol's, or a shipped one
     parameters: dict[str, NotNegative] = {}  # of that file's algorithm
     number: Count | None = None  # its place in the list where it is left out
 

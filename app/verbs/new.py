@@ -11,7 +11,7 @@ from app.verbs.common import add_verb, print_result, summary_text
 from core.control.own_file import read_own
 from core.device import SHIPPED_FOLDER, shipped_devices
 from core.files import InputError
-from core.own_files import read_own_text
+from experiments.protocol import read_code
 from experiments.recording.atomic_files import make_empty_folder, write_new_files
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
@@ -31,9 +31,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
         verbs, "check-controller", check_controller_verb, "check a controller of your own against the laws of all\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
         "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a law is broken.",
-        "phd check-controller my_damper.py --set damping_N_s_m=300", prints="what was found",
+        "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
     ).add_argument  # fmt: skip
-    option("file", type=Path, metavar="FILE.py", help="declares ALGORITHM as docs/examples/protocols/my_damper.py does")
+    option("file", type=Path, metavar="FILE.py", help="a file of your own, or a shipped one")
     option("--set", action="append", default=[], metavar="NAME=NUMBER", help="a parameter of it (default: its own)")
     option = add_verb(
         verbs, "completion", completion_verb, "print what makes a shell complete the verbs and options of phd\n"
@@ -59,7 +59,7 @@ def check_controller_verb(args: argparse.Namespace) -> int:
     from experiments.study.controller_check import check_controller
 
     given = dict(map(_setting, args.set))
-    text = read_own_text(args.file.parent, args.file.name)
+    text = read_code(args.file.parent, args.file.name)
     watch_compiling()
     found = check_controller(read_own(args.file.stem, text), given)
     print_result(args, found, summary_text(found))

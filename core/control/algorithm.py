@@ -12,7 +12,7 @@ import numpy as np
 
 from core.brake import current_for_torque
 from core.control.rule_sets import Rules
-from core.control.velocity_field import KEPT, Seen
+from core.control.velocity_field import Seen
 from core.kernels import kernel
 from core.mechanism import JOINTS
 
@@ -154,18 +154,6 @@ def actuate(tick, i, force):
         raise IndexError("actuate: there is no such brake")
     torque = torque_for_force(force, tick.g[i, 0], tick.g[i, 1])
     tick.current[i] = current_for_torque(tick.brakes, i, torque)
-
-
-@kernel
-def ask_within(tick, i, least, most):
-    """Command brake i to the torque (N m) within two bounds that is nearest to its last one; returns that torque.
-
-    It is at least 0. Noise of the bounds that is smaller than the distance between them changes no current.
-    """
-    torque = max(min(max(tick.memory[KEPT + i], least), most), 0.0)
-    tick.memory[KEPT + i] = torque
-    tick.current[i] = current_for_torque(tick.brakes, i, torque)
-    return torque
 
 
 @kernel

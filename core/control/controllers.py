@@ -14,16 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.control import (
-    damper,
-    direct_force,
-    least_dissipation,
-    look_ahead,
-    proportional,
-    reflect,
-    sdof,
-    velocity_ratio,
-)
+from core.control import proportional, reflect, sdof
 from core.control.algorithm import (
     GAP_M,
     IN_GAP,
@@ -64,11 +55,6 @@ ALGORITHMS: dict[str, Algorithm] = {
         sdof.ALGORITHM,
         proportional.ALGORITHM,
         reflect.ALGORITHM,
-        velocity_ratio.ALGORITHM,
-        direct_force.ALGORITHM,
-        least_dissipation.ALGORITHM,
-        look_ahead.ALGORITHM,
-        damper.ALGORITHM,
     )
 }
 
@@ -93,7 +79,7 @@ class Preset(NamedTuple):
     """One row of Table I, or of a protocol's own table of controllers."""
 
     name: str
-    kind: str  # of its algorithm; of one in a file of its own, the file's name, "my_damper.py"
+    kind: str  # of its algorithm; of one in a file of its own, the file's name, "damper.py"
     values: tuple[float, ...] = ()  # of the algorithm's parameters, in their order
     own: OwnFile | None = None  # the file
 

@@ -1,4 +1,4 @@
-"""Controllers in files of their own: `algorithm = "my_damper.py"` in a protocol, declared as the shipped ones are.
+"""Controllers in files of their own: `algorithm = "damper.py"` in a protocol, declared as the shipped ones are.
 
 The text of the file travels with its controller (`Preset.own`); how it is run: `core.own_files`.
 """
@@ -19,7 +19,7 @@ from core.kernels.by_address import FAILED, Caller
 from core.own_files import NAME, check_own_name, run_own
 
 MOST_PARAMETERS = 8  # of any algorithm: the kernels take as many numbers of each
-MOST_WORDS = 8  # decisions of its own
+MOST_WORDS = 16  # decisions of its own
 
 
 class OwnFile(NamedTuple):
@@ -51,7 +51,7 @@ def _algorithm(name: str, text: str) -> Algorithm:
     check_own_name(where)
     algorithm = getattr(run_own(name, text), "ALGORITHM", None)
     if not isinstance(algorithm, Algorithm):
-        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), as docs/examples/protocols/my_damper.py has")
+        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), see docs/your-own-controller.md")
     if reason := _why_not(algorithm):
         raise InputError(f"{where}: ALGORITHM: {reason}")
     return algorithm._replace(kind=where)

@@ -11,7 +11,7 @@ with `wall_N_m`, that of a virtual spring: wall_N_m times the distance beyond th
 
 The "coercive force approximation" of later work (Cho, Song, Kim 2005; read by its abstract) shows on a redundant brake
 display a force that it cannot have by one that it can, for smooth wall-following. That is this function with another
-wanted force (`direct_force`); the nearest force is unique, so a smooth f is shown smoothly.
+wanted force (direct_force.py of the arena); the nearest force is unique, so a smooth f is shown smoothly.
 """
 
 import math

@@ -21,8 +21,7 @@ TRAVEL, SIDE, PIECE, WANTED, NEAREST, ROUND = 0, 1, 2, 3, 5, 7
 #: N m), the sense in which each joint turned when the lock began, how far joints have turned back since (in plays),
 #: whether the guard was sure at the last tick, and whether it is at this one (NaN: it did not decide).
 LOCKED, HELD, SENSE, BACK, SURE, HOLDS = 8, 9, 13, 17, 18, 19
-#: What a controller keeps of its last decision (four places): the torque that it wanted of each brake, N m; the
-#: look-ahead, in the first, its brakes as bits.
+#: What a controller in a file of its own keeps from tick to tick (four places; 0 at first), whatever it means by it.
 KEPT = 20
 
 

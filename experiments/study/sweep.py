@@ -17,7 +17,6 @@ from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.own_file import read_own
 from core.device import Device, inline_devices
 from core.files import InputError, NotNegative, Table, choice, parse_toml, read_text, shipped_or_file
-from core.own_files import read_own_text
 from core.tick_log import TICK_S
 from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
@@ -25,7 +24,7 @@ from experiments.analysis.trials_table import TrialRow, frame_bytes
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
-from experiments.protocol import Protocol, load_protocol, presets_of
+from experiments.protocol import Protocol, load_protocol, presets_of, read_code
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
@@ -57,7 +56,7 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
     """One algorithm, shipped or in a file of its own, each parameter with every value that it is to have."""
 
     kind: Annotated[str, choice(*ALGORITHMS)] | None = None
-    algorithm: Text | None = None  # in place of kind: a Python file beside the sweep's
+    algorithm: Text | None = None  # in place of kind: a Python file beside the sweep's, or a shipped one
     parameters: dict[str, Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)]] = {}  # of that file's
 
     def __post_init__(self) -> None:
@@ -81,7 +80,7 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
         """
         values, own = self._values(), None
         if self.algorithm is not None:
-            own = read_own(self.algorithm.removesuffix(".py"), read_own_text(folder, self.algorithm))
+            own = read_own(self.algorithm.removesuffix(".py"), read_code(folder, self.algorithm))
         kind = str(self.algorithm or self.kind)
         combinations = [dict(zip(values, numbers, strict=True)) for numbers in itertools.product(*values.values())]
         return [make_preset(kind, kind, numbers, own) for numbers in combinations]

@@ -8,8 +8,7 @@ from msgspec.structs import replace
 from scipy.optimize import linprog, lsq_linear
 
 from core.control.algorithm import Tick
-from core.control.controllers import ALGORITHMS, DECISIONS, decide, make_controller, make_preset
-from core.control.least_dissipation import least_power
+from core.control.controllers import ALGORITHMS, decide, make_controller
 from core.control.rule_sets import SETTLED
 from core.control.velocity_field import Seen, new_memory
 from core.device import load_device
@@ -19,14 +18,17 @@ from core.simulator.state import pack_brakes
 from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import SENSINGS
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol
+from experiments.protocol import SHIPPED_FOLDER, load_protocol
+from experiments.protocols.least_dissipation import least_power
 from experiments.study.controller_check import laws_of
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
 from experiments.trial.population import load_population
 
 ARENA = load_protocol("arena")
 PATH = line((-0.10, 0.40), (0.10, 0.40))
-NEW = ("velocity-ratio", "direct-force", "least-dissipation", "look-ahead", "damper")
+#: by kind; of two presets of one algorithm the first
+SHIPPED = {preset.kind: preset for preset in reversed(ARENA.controllers.values())}
+IN_FILES = tuple(kind for kind, preset in SHIPPED.items() if preset.own)
 
 
 def one_tick(device, kind, velocity, push, at=(0.02, 0.42)):
@@ -34,17 +36,18 @@ def one_tick(device, kind, velocity, push, at=(0.02, 0.42)):
     simulation = Simulation(device, at, velocity)
     state, brakes = simulation.state[0], pack_brakes(device.brakes, backlash=False)[0]
     tick = Tick(Seen(*at, *velocity, *push), state.g[:4].copy(), state.mass.copy(), brakes, new_memory(), np.zeros(4))
-    controller = make_controller(make_preset("", kind, {}), device.force_normalised_N)
-    return DECISIONS[decide(controller, PATH, tick)[0]], tick, controller
+    controller = make_controller(SHIPPED[kind], device.force_normalised_N)
+    return SHIPPED[kind].decisions[decide(controller, PATH, tick)[0]], tick, controller
 
 
-def test_every_shipped_algorithm_is_in_the_arena():
-    assert {preset.kind for preset in ARENA.controllers.values()} == set(ALGORITHMS)
+def test_every_shipped_algorithm_is_in_the_arena_those_in_files_too():
+    assert set(SHIPPED) - set(IN_FILES) == set(ALGORITHMS)
+    assert set(IN_FILES) == {file.name for file in SHIPPED_FOLDER.glob("*.py")} and len(IN_FILES) == 5
 
 
-@pytest.mark.parametrize("kind", NEW)
+@pytest.mark.parametrize("kind", IN_FILES)
 def test_the_laws_of_every_controller_are_kept_on_every_display(kind):
-    laws = laws_of(ARENA, make_preset(kind, kind, {}))
+    laws = laws_of(ARENA, SHIPPED[kind])
     assert [law for law in laws if law.broken] == []
 
 
@@ -55,14 +58,14 @@ def chatter(kind, sensing):
     for number, device, segment in itertools.product((1, 2), arena.devices, arena.paths):
         person = person_of(load_population(), arena.seed, number)
         planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
-        trial = trial_of(arena, person, number, planned, switched_on(device, arena), make_preset(kind, kind, {}))
+        trial = trial_of(arena, person, number, planned, switched_on(device, arena), SHIPPED[kind])
         found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].value("chatter_per_s"))
     return np.mean(found)
 
 
 @pytest.mark.parametrize("sensing", SENSINGS)
-def test_no_new_controller_chatters_more_than_sdof(sensing):
-    found, most = {kind: chatter(kind, sensing) for kind in NEW}, chatter("sdof", sensing)
+def test_no_controller_in_a_file_chatters_more_than_sdof(sensing):
+    found, most = {kind: chatter(kind, sensing) for kind in IN_FILES}, chatter("sdof", sensing)
     assert {kind: value for kind, value in found.items() if value > most} == {}
 
 
@@ -118,7 +121,7 @@ def test_the_look_ahead_takes_the_pattern_that_an_independent_solver_finds_best(
     device, rng, taken = load_device(name), np.random.default_rng(32), set()
     for _ in range(12):
         velocity, push = rng.normal(size=2) * 0.1, (5.0 + rng.normal(), rng.normal() * 4.0)
-        words, tick, controller = one_tick(device, "look-ahead", velocity, push)
+        words, tick, controller = one_tick(device, "look_ahead.py", velocity, push)
         costs = looked_ahead(tick, controller, 0.02, np.array([0.0, -1.0]), np.array([1.0, 0.0]))
         letters = words.removeprefix("ahead ").replace("no brake", "")
         assert costs[sum(1 << "AEBC".index(joint) for joint in letters)] <= costs.min() + 1e-9
@@ -130,7 +133,7 @@ def test_velocity_ratio_brakes_the_joint_of_two_that_is_too_fast():
     device, rng, braked = load_device("er-two-brake"), np.random.default_rng(33), set()
     for _ in range(100):
         velocity = np.array((rng.uniform(0.0, 0.2), rng.normal() * 0.1))
-        words, tick, _ = one_tick(device, "velocity-ratio", velocity, (5.0, -2.0))
+        words, tick, _ = one_tick(device, "velocity_ratio.py", velocity, (5.0, -2.0))
         angle = 0.5 * np.pi * 0.02 / PATH.blend_width
         beta = np.array((np.cos(angle), -np.sin(angle)))
         (a, b), (wanted_a, wanted_b) = (tick.g[[0, 2]] @ velocity, tick.g[[0, 2]] @ beta)
@@ -143,7 +146,7 @@ def test_velocity_ratio_brakes_the_joint_of_two_that_is_too_fast():
     assert braked == {"ratio A", "ratio B", "none"}
 
 
-@pytest.mark.parametrize("kind", ["velocity-ratio", "damper"])
+@pytest.mark.parametrize("kind", ["velocity_ratio.py", "damper.py"])
 def test_a_velocity_that_trembles_by_less_than_its_noise_moves_no_current_and_one_that_falls_does(kind):
     device, rng = load_device("four-brake"), np.random.default_rng(34)
     _, tick, controller = one_tick(device, kind, (0.05, 0.03), (5.0, 2.0))
@@ -157,7 +160,7 @@ def test_a_velocity_that_trembles_by_less_than_its_noise_moves_no_current_and_on
 
 
 def test_direct_force_cancels_an_outward_push_where_it_can_and_leaves_an_inward_one_alone():
-    words, tick, _ = one_tick(load_device("four-brake"), "direct-force", (0.1, 0.02), (2.0, 12.0))
+    words, tick, _ = one_tick(load_device("four-brake"), "direct_force.py", (0.1, 0.02), (2.0, 12.0))
     assert words.startswith("direct") and tick.current.any()
-    words, tick, _ = one_tick(load_device("four-brake"), "direct-force", (0.1, 0.02), (2.0, -12.0))
+    words, tick, _ = one_tick(load_device("four-brake"), "direct_force.py", (0.1, 0.02), (2.0, -12.0))
     assert (words, tick.current.any()) == ("none", False)

@@ -383,9 +383,9 @@ def test_energy_per_metre_is_work_over_progress_and_chatter_counts_steps_of_curr
 def test_of_a_controller_that_never_braked_shares_and_rates_are_0_and_without_control_none():
     names = ("chatter_per_s", "unreachable_share", "locked_share", "released_share")
     found = {}
-    for kind in ("none", "direct-force", None):  # None: a blind session names no controller
+    for kind in ("none", "reflect", None):  # None: a blind session names no controller
         recording = hand_made()
         recording.metadata.pop("preset", None)
         recording.metadata.update({} if kind is None else {"preset": {"name": "", "kind": kind}})
         found[kind] = {getattr(measured(recording), name) for name in names}
-    assert found == {"none": {None}, "direct-force": {0.0}, None: {None}}
+    assert found == {"none": {None}, "reflect": {0.0}, None: {None}}

@@ -4,6 +4,7 @@ import json
 import pickle
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,8 @@ from core.control.controllers import CODED, DECISIONS, Preset, make_controller, 
 from core.control.own_file import read_own
 from core.files import InputError
 from experiments.plan import PlannedTrial
-from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import Variant, save_variant
+from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol_writer import Variant, save_protocol, save_variant
 from experiments.recording.reader import read_recording
 from experiments.session.metadata import preset_from_json, preset_to_json
 from experiments.session.session import Participant, Session
@@ -112,6 +113,19 @@ def test_a_saved_variant_takes_the_file_along(file: Path, tmp_path: Path):
     save_variant(other / "again.toml", protocol, variant)
     again = load_protocol(other / "again.toml").controllers[1]
     assert again.own and again.own.text == DAMPER and again.values == protocol.controllers[1].values
+
+
+def test_a_shipped_file_is_found_from_everywhere_and_one_beside_the_protocol_comes_first(tmp_path: Path):
+    text = PROTOCOL.replace("my_damper.py", "damper.py")
+    (tmp_path / "mine.toml").write_text(text)
+    (shipped,) = load_protocol(tmp_path / "mine.toml").controllers.values()
+    assert shipped.own and shipped.own.text == (SHIPPED_FOLDER / "damper.py").read_text()
+    save_protocol(tmp_path / "arena.toml", tomllib.loads(load_protocol("arena").text) | {"blocks": 2})
+    again = load_protocol(tmp_path / "arena.toml")
+    assert again.blocks == 2 and again.controllers == load_protocol("arena").controllers
+    (tmp_path / "damper.py").write_text(DAMPER)
+    (own,) = load_protocol(tmp_path / "mine.toml").controllers.values()
+    assert own.own and own.own.text == DAMPER
 
 
 WILD = """

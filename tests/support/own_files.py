@@ -1,9 +1,44 @@
-"""Files of one's own beside a protocol: the shipped example of a controller, and a protocol that names it."""
+"""Files of one's own beside a protocol: a small controller, the shipped example of measures, and their protocol."""
 
 from pathlib import Path
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "docs/examples/protocols"
-DAMPER, MEASURE = ((EXAMPLES / name).read_text(encoding="utf-8") for name in ("my_damper.py", "my_measure.py"))
+ROOT = Path(__file__).resolve().parents[2]
+MEASURE = (ROOT / "docs/examples/protocols/my_measure.py").read_text(encoding="utf-8")
+DAMPER = '''\
+"""A controller of one's own: a damper that brakes whatever moves off the path.
+
+Simpler than the shipped one: the sense of a joint that hardly turns is that of the noise, and each tick begins anew, so
+currents tremble as the velocity does.
+"""
+
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, actuate
+from core.kernels import kernel
+
+DAMPING = Parameter("damping_N_s_m", "damping", "N s/m", 1.0, 200.0, (10.0, 2000.0))
+DAMPED = OWN  # its own decision
+
+
+@kernel
+def decide(controller, field, tick):
+    """Asks the brake that opposes the motion off the path most for a force of damping times that speed."""
+    damping, seen = controller.values[1], tick.seen
+    off_path = seen.vx * field.n_x + seen.vy * field.n_y  # m/s, towards the path; negative away from it
+    best, most = -1, 0.0
+    for i in range(4):
+        g_x, g_y = tick.g[i, 0], tick.g[i, 1]  # 1/m, of joint i: a brake there pulls along -sign(g . v) g
+        turning = g_x * seen.vx + g_y * seen.vy
+        sense = 1.0 if turning > 0.0 else -1.0
+        against = sense * (g_x * field.n_x + g_y * field.n_y) * (1.0 if off_path > 0.0 else -1.0)
+        if tick.brakes.present[i] != 0.0 and against > most:
+            best, most = i, against
+    if best < 0:
+        return NONE
+    actuate(tick, best, damping * abs(off_path))
+    return DAMPED
+
+
+ALGORITHM = Algorithm("my_damper", (GAP_M, DAMPING), ("damped",), decide)
+'''
 PROTOCOL = """
 name = "dampers"
 provenance = "assumed"

@@ -18,11 +18,25 @@ oscillates where encoders give the velocity, which is then 8 ms old (docs/arena.
 
 import math
 
-from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, ask_within
+from core.brake import current_for_torque
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter
 from core.control.proportional import push_of, sense_of
+from core.control.velocity_field import KEPT
 from core.kernels import kernel
 
 GAIN = Parameter("ratio_gain_N_m_s", "rate gain", "N m s", 1.0, 25.0, (1.0, 1000.0))
+
+
+@kernel
+def ask_within(tick, i, least, most):
+    """Command brake i to the torque (N m) within two bounds that is nearest to its last one; returns that torque.
+
+    It is at least 0. Noise of the bounds that is smaller than the distance between them changes no current.
+    """
+    torque = max(min(max(tick.memory[KEPT + i], least), most), 0.0)
+    tick.memory[KEPT + i] = torque
+    tick.current[i] = current_for_torque(tick.brakes, i, torque)
+    return torque
 
 
 @kernel

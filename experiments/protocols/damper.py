@@ -8,11 +8,25 @@ nearest to the last one, c the rules' `back_speed` (four times the velocity's no
 a current.
 """
 
-from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, ask_within, torque_for_force
+from core.brake import current_for_torque
+from core.control.algorithm import GAP_M, NONE, OWN, Algorithm, Parameter, torque_for_force
 from core.control.proportional import push_of, sense_of
+from core.control.velocity_field import KEPT
 from core.kernels import kernel
 
 DAMPING = Parameter("damping_N_s_m", "damping", "N s/m", 1.0, 200.0, (10.0, 2000.0))
+
+
+@kernel
+def ask_within(tick, i, least, most):
+    """Command brake i to the torque (N m) within two bounds that is nearest to its last one; returns that torque.
+
+    It is at least 0. Noise of the bounds that is smaller than the distance between them changes no current.
+    """
+    torque = max(min(max(tick.memory[KEPT + i], least), most), 0.0)
+    tick.memory[KEPT + i] = torque
+    tick.current[i] = current_for_torque(tick.brakes, i, torque)
+    return torque
 
 
 @kernel

@@ -7,19 +7,24 @@ push the right way one after the other, the one that takes the least power for e
 there. Where the brakes cannot have it, they come as near as they can.
 
 Our reconstruction: the idea of taking little from the hand is in every comparison of passive displays; we know of no
-text with this programme. What is wanted is that of `direct_force`. Our choice: of brakes at one price (at rest every
+text with this programme. What is wanted is that of direct_force.py. Our choice: of brakes at one price (at rest every
 price is 0) the strongest comes first, so that few brakes act.
 """
 
 import math
 
 from core.control.algorithm import GAP_M, NONE, OWN, Algorithm
-from core.control.direct_force import outward_push
 from core.control.reflect import MISSED_N, ROUNDING, available, shown_by
 from core.control.velocity_field import WANTED
 from core.kernels import kernel
 
 WHOLE, IN_PART = OWN, OWN + 4
+
+
+@kernel
+def outward_push(seen, field):
+    """What the hand pushes away from the path, N; 0 where it pushes towards it."""
+    return max(-(seen.fx * field.n_x + seen.fy * field.n_y), 0.0)
 
 
 @kernel
