@@ -113,8 +113,3 @@ class OwnDevice:
         if name in ("report", "end_record") and not isinstance(result, dict):
             raise TypeError(f"{name}() must give a dict, not {type(result).__name__}")
         return result
-
-
-def own_failure(device: RealDevice) -> str:
-    """The error of a driver's file, one sentence; "": none, or the device has no such file."""
-    return device.failed if isinstance(device, OwnDevice) else ""

@@ -25,11 +25,11 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 #: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
 LONG = (
-    "test_bring_up", "test_worlds", "test_fault_matrix", "test_plain_numba", "test_sandbox", "test_power",
+    "test_worlds", "test_fault_matrix", "test_plain_numba", "test_sandbox", "test_power",
     "test_texts_on_screen", "test_app_process", "test_compile_kernels",
     "test_paper_figures", "test_tutorial", "test_kernel_cache", "test_analyse_page",
     "test_said_plainly", "test_from_python", "test_guard", "test_kill",
-    "test_emulate", "test_firmware", "test_launcher", "test_bring_up_verb", "test_kernel_cache_own",
+    "test_emulate", "test_firmware", "test_launcher", "test_kernel_cache_own",
     "test_followed_paths", "test_random_scenes", "test_cli", "test_examples", "test_identify", "test_study",
     "test_replay_equal", "test_bench", "test_real_trial", "test_findings", "test_odd_values", "test_export",
     "test_resume", "test_hard_cases", "test_main_window", "test_firmware_faults", "test_live_board",

@@ -120,8 +120,7 @@ class Confirm(NamedTuple):
 class PrepareDevice(NamedTuple):
     """Do a step that makes the device on the bench ready, between two trials."""
 
-    step: str  # CONNECT, HOME, ZERO; BRING_UP, and while that goes on GO_ON, BREAK_OFF
-    by: str = ""  # who signs the record of BRING_UP
+    step: str  # CONNECT, HOME, ZERO
 
 
 class Unblind(NamedTuple):
@@ -220,9 +219,8 @@ NOT_NOW = {
 
 #: steps that make a device on the bench ready; DONE: there is none to do
 CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
-BRING_UP, GO_ON, BREAK_OFF = "bring up", "go on", "break off"
 #: step -> what is shown while it is being done, on the button that asked for it
-WAITS = {CONNECT: "Connecting …", HOME: "Homing …", ZERO: "Zeroing …", BRING_UP: "Bringing up …"}
+WAITS = {CONNECT: "Connecting …", HOME: "Homing …", ZERO: "Zeroing …"}
 
 DISK_WAIT = "Waiting for the disk"  # beginning of the notice while a command waits for it
 BRAKES_OFF = "brakes off"  # text of the check "Device" while a device is connected and no current may flow
@@ -438,26 +436,13 @@ class TakeZero(NamedTuple):
     """Take the present readings as zero: the handle is free."""
 
 
-class BringUp(NamedTuple):
-    """Check the device step by step; `home`: of its jig, m. `by`: who signs the record."""
-
-    home: tuple[float, float]
-    by: str
-
-
-class BringUpAnswer(NamedTuple):
-    """The person at the bench has done what a step asked for, or breaks the bring-up off."""
-
-    goes_on: bool
-
-
 class Reset(NamedTuple):
     """Reset the faults of the board and the brakes-off, unless it was pressed again since."""
 
     presses: int  # of the brakes-off, so far (`Ring.presses`)
 
 
-LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset | BringUp | BringUpAnswer
+LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset
 
 
 # -------------------------------------------------------------------------------------- answers: loop -> session server
@@ -489,16 +474,6 @@ class TrialReturned(NamedTuple):
     state: "TrialState"  # for `Trial.take_back`
 
 
-class BringUpShown(NamedTuple):
-    """How far the bring-up of a device is."""
-
-    title: str  # of the present step
-    ask: str
-    confirmed: bool  # the person says when it is done
-    results: tuple[tuple[str, str, str, str], ...]  # title, "passed" .., what was seen, what to do
-    steps: tuple[str, ...] = ()  # titles of all, in their order
-
-
 class DeviceStatus(NamedTuple):
     """The state of a real device, about ten times a second while no trial runs."""
 
@@ -519,7 +494,6 @@ class DeviceStatus(NamedTuple):
     homed_at: float = 0.0  # s since 1970, when it was last homed by this loop; 0: never
     zeroed_at: float = 0.0
     reported_s: float = 0.0  # monotonic clock
-    bring_up: BringUpShown | None = None  # None: none is going on
 
 
 class ConnectEnded(NamedTuple):
@@ -530,13 +504,6 @@ class HomeSet(NamedTuple):
     """The encoders were set with the handle at `tip`, m."""
 
     tip: tuple[float, float]
-
-
-class BroughtUp(NamedTuple):
-    """A bring-up is over: its record (`experiments.bring_up.record`), and joint -> the steps of its brake, as CSV."""
-
-    record: dict
-    steps: dict[str, str]
 
 
 class Zeroed(NamedTuple):
@@ -552,14 +519,5 @@ class NotDone(NamedTuple):
 
 
 LoopAnswer = (
-    Compiling
-    | Prepared
-    | TimingChecked
-    | TrialReturned
-    | DeviceStatus
-    | ConnectEnded
-    | HomeSet
-    | Zeroed
-    | BroughtUp
-    | NotDone
+    Compiling | Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | NotDone
 )

@@ -18,8 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from importlib import import_module
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -43,9 +42,6 @@ from experiments.trial.real_trial import RealTrial, load_kernels
 from experiments.trial.tick import RUN
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 from hardware.serial_device import device_at
-
-if TYPE_CHECKING:
-    from app.loop.guided_bring_up import GuidedBringUp
 
 NO_CURRENT = (0.0, 0.0, 0.0, 0.0)
 REPORT_S = 0.1  # between two reports of how a real device is
@@ -76,7 +72,6 @@ class Loop:
         self._problem = "not connected yet"
         self._homed_at = self._zeroed_at = 0.0
         self._reported_s = self._tried_s = 0.0
-        self._bring_up: GuidedBringUp | None = None
         self._searching = False  # for a board, and what was found is not reported yet
         ring.rows.max()  # every page is in memory before the first tick
 
@@ -84,7 +79,6 @@ class Loop:
         """Compile and touch everything that a trial needs, then take the best scheduling that is allowed."""
         watchers[:] = [self._tell_compiling]
         if self.port:
-            import_module("app.loop.guided_bring_up")  # seconds that no board waits for, nor a simulated device
             load_kernels()
             row = np.zeros(tick_log.BENCH_WIDTH)
             put(new_record(CONTROL), np.zeros((2 * ROOM, tick_log.BENCH_WIDTH)), row)
@@ -115,8 +109,6 @@ class Loop:
                     return
                 self.do(job)
         finally:
-            if self._bring_up is not None:
-                self._bring_up.end()
             if self.device is not None:
                 self.device.close()
 
@@ -161,12 +153,6 @@ class Loop:
                     record = self._reached().zero()
                     self._zeroed_at = time.time()
                     self._answer(m.Zeroed(record))
-                case m.BringUp():
-                    from app.loop.guided_bring_up import GuidedBringUp
-
-                    self._bring_up = GuidedBringUp(self._reached(), job, self._sleep)
-                case m.BringUpAnswer(goes_on):
-                    self._answer_bring_up(goes_on)
                 case m.Reset(presses):
                     self._reset(presses)
         except (DeviceError, InputError) as error:
@@ -209,8 +195,6 @@ class Loop:
         device = self.device
         if device is None:
             self._connect()
-        elif self._bring_up is not None:
-            self._go_on_bringing_up(self._bring_up)
         else:
             self.sample = device.exchange(NO_CURRENT) or self.sample
             device.samples()
@@ -219,29 +203,9 @@ class Loop:
             elif self.sample is not None:
                 self._latch(device, self.sample)
         self.ring.control.loop_beat = self._now_ns()
-        known = device is None or device.problem or self.sample is not None or self._bring_up is not None
+        known = device is None or device.problem or self.sample is not None
         if known and self._clock() - self._reported_s >= REPORT_S:
             self.report_device()
-
-    def _go_on_bringing_up(self, guided: "GuidedBringUp") -> None:
-        """A tick of the bring-up, which latches and forgets faults of its own; a brakes-off ends it."""
-        if self.ring.control.brakes_off:
-            self._answer_bring_up(False)
-        elif (done := guided.tick()) is not None:
-            self._bring_up, self.sample = None, None
-            self._answer(done)
-        elif guided.sample is not None:
-            self.sample = guided.sample._replace(fault="")  # one that comes is wanted, or the step's finding
-
-    def _answer_bring_up(self, goes_on: bool) -> None:
-        if self._bring_up is None:
-            return
-        if goes_on:
-            self._bring_up.go_on()
-        else:
-            self._bring_up.end()
-            self._bring_up, self.sample = None, None
-            self._answer(m.NotDone("the bring-up was broken off"))
 
     def report_device(self) -> None:
         """Send the state of the device to the server."""
@@ -314,7 +278,6 @@ class Loop:
             device.device.name, report.get("board", ""), device.problem, zeroed=device.zeroed, encoders=device.encoders,
             force_channels=device.force_channels, report=report, port=device.port, homed_at=self._homed_at,
             zeroed_at=self._zeroed_at if device.zeroed else 0.0, reported_s=self._clock(),
-            bring_up=self._bring_up.shown if self._bring_up else None,
         )  # fmt: skip
         if sample is None:
             return status

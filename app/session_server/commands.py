@@ -196,7 +196,7 @@ def _prepare_device(state: ServerState, command: m.PrepareDevice) -> None:
         raise InputError("The device is simulated: there is nothing to make ready.")
     if state.storage.open.coming is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(state.storage.open, command.step, command.by)
+    state.device.do(state.storage.open, command.step)
 
 
 def _unblind(state: ServerState, command: m.Unblind) -> None:

@@ -6,7 +6,6 @@ reports how it is; a person's hand moves it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -18,13 +17,12 @@ from app.session_server.session_progress import SessionProgress
 from core.device import Device
 from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.bring_up.record import newest_record, problem_of, write_record
 from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording.schema import Sensors
 from experiments.recording.writer import RecordingWriter
-from experiments.session.journal import BROUGHT_UP, HOMED, RERIGGED, ZEROED
+from experiments.session.journal import HOMED, RERIGGED, ZEROED
 from experiments.session.session import Session
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
@@ -113,8 +111,6 @@ class RealSetup:
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
         self._send, self._connect = send, m.Connect(tuple(protocol.devices))
         self._home = home_of(protocol.devices[0], protocol.paths)
-        self._data_dir = Path()  # of the session in which the device is brought up
-        self._journalled: tuple[Path, str] | None = None  # the session and board whose bring-up its journal has
         self.reconnect()
 
     def reconnect(self) -> None:
@@ -156,21 +152,16 @@ class RealSetup:
         """The experimenter has confirmed the step: the loop does its part."""
         self.do(progress, self.step(self._device(progress)))
 
-    def do(self, progress: SessionProgress, step: str, by: str = "") -> None:
-        """Let the loop do a step, again if need be; nothing while one is being done. by: who signs a bring-up."""
-        if step in (m.GO_ON, m.BREAK_OFF):
-            self._send(m.BringUpAnswer(step == m.GO_ON))
-            return
+    def do(self, progress: SessionProgress, step: str) -> None:
+        """Let the loop do a step, again if need be; nothing while one is being done."""
         if not step or self.doing:
             return
         device = self._device(progress)
         if step == CONNECT:
             self._connect = m.Connect((device,))
-        place, self._data_dir = home_of(device, progress.session.protocol.paths), progress.session.data_dir
         self.doing = step
-        jobs: dict[str, m.LoopJob] = {
-            CONNECT: self._connect, HOME: m.HomeAt(place), ZERO: m.TakeZero(), m.BRING_UP: m.BringUp(place, by),
-        }  # fmt: skip
+        place = home_of(device, progress.session.protocol.paths)
+        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: m.HomeAt(place), ZERO: m.TakeZero()}
         self._send(jobs[step])
 
     def _device(self, progress: SessionProgress) -> Device:
@@ -192,8 +183,6 @@ class RealSetup:
                     write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
                 case m.Zeroed(record):
                     write(ZEROED, **record._asdict())
-                case m.BroughtUp(record, steps):
-                    notify(*store_record(self._data_dir, record, steps))
                 case m.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
@@ -217,9 +206,6 @@ class RealSetup:
         """Open a trial of the session. InputError: the device is busy with a step."""
         self._refuse_while_busy()
         assert self.status is not None
-        if self._journalled != (session_and_board := (session.folder, self.status.board)):
-            session.journal(BROUGHT_UP, **record_fields(session.data_dir, self.status))
-            self._journalled = session_and_board
         return session.begin(planned, Sensors(self.status.encoders, self.status.force_channels))
 
     def sandbox_device(self, protocol: Protocol, try_device: SimulatedDevice | None) -> Device:
@@ -241,33 +227,6 @@ class RealSetup:
 
     def close(self) -> None:
         """Nothing to do: the loop releases the board."""
-
-
-def store_record(data_dir: Path, record: dict, steps: dict[str, str]) -> tuple[str, bool]:
-    """Write the record of a bring-up. Returns the notice to the experimenter, and whether it is bad news."""
-    try:
-        write_record(data_dir, record, steps)
-    except (InputError, OSError) as error:
-        return f"The record of the bring-up is lost: {error}. Repeat it.", True
-    passed = bool(record["passed"])
-    return f"{'Every' if passed else 'Not every'} step has passed: the record is written.", not passed
-
-
-def record_fields(data_dir: Path, status: DeviceStatus) -> dict[str, str]:
-    """The fields of the journal event `BROUGHT_UP`: the newest record of this board, and what is wrong with it."""
-    found, problem = None, ""
-    try:
-        found = newest_record(data_dir, status.board)
-    except InputError as error:
-        problem = str(error)
-    return {
-        "board": status.board,
-        "file": found.file if found else "",
-        "checksum": found.checksum if found else "",
-        "signed_by": found.by if found else "",
-        "signed_at": found.time if found else "",
-        "problem": problem or problem_of(found, str(status.report.get("firmware", ""))),
-    }
 
 
 def same_files(a: Device, b: Device) -> bool:

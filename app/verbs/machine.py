@@ -14,7 +14,6 @@ from app.ipc.scheduling import leave_core, program_cores, take_scheduling
 from app.progress import watch_compiling
 from app.verbs.common import DATA_DIR, DEFAULT_DEVICES, PORTS, add_verb, print_result, whole_number_of
 from core.device import load_device, shipped_devices
-from core.files import InputError
 from core.path import Segment, build_path
 from experiments.protocol import load_protocol
 from hardware.emulated_board.line_faults import read_fault
@@ -57,11 +56,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         help="the device behind it (default: the shipped one that a session asks for, as if the bench were re-rigged)",
     )  # fmt: skip
     option(
-        "--hand", choices=("operator", "still", "none", "builder"), default="still",
+        "--hand", choices=("operator", "still", "none"), default="still",
         help="what holds the handle: a simulated operator who goes to and fro on the path, a hand that holds it still "
-        "on a spring, nothing, or one that does what phd bring-up asks (default: still)",
+        "on a spring, or nothing (default: still)",
     )  # fmt: skip
-    option("--mistake", default="", metavar="NAME", help="with --hand builder: a mistake of wiring (docs/bring-up.md)")
     path = "m, from start to end; the handle is at the start at first (default: segment 1)"
     option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
     fault = "KIND[=VALUE][@START][+LENGTH]"
@@ -127,19 +125,13 @@ def emulate(args: argparse.Namespace) -> None:
     tip = (path.x0, path.y0)
     watch_compiling()
     from app.emulated_operator import drawn_operator
-    from hardware.emulated_board.builder import MISTAKES, BuilderHand
     from hardware.emulated_board.device import EmulatedHand, HeldHand
     from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 
-    if args.mistake and (args.hand != "builder" or args.mistake not in MISTAKES):
-        raise InputError(f"--mistake {args.mistake}: must be one of {', '.join(MISTAKES)}, with --hand builder")
     hand: EmulatedHand = HeldHand(tip, holds=args.hand == "still")
     if args.hand == "operator":
         hand = drawn_operator(path, args.seed)
-    elif args.hand == "builder":
-        hand = BuilderHand(tip)
-    faults += [read_fault(line)] if (line := MISTAKES[args.mistake].line if args.mistake else "") else []
-    settings = EmulatorSettings(args.seed, not args.not_homed, args.socket, args.mistake)
+    settings = EmulatorSettings(args.seed, not args.not_homed, args.socket)
     emulator = Emulator(devices, hand, tip, faults, settings, log)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -51,8 +51,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "step_index (tells repeats apart, which are averaged), in the order in which they were measured. Steps at one\n"
         "speed give Eq. (2) and a constant time constant. With some\n"
         "steps turned the other way (speed and torque below 0) the torque sensor's zero is found. Eq. (4) takes the\n"
-        "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5. Steps\n"
-        "between two currents alone, as those of phd bring-up, give the torque between them and two time constants.",
+        "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
     ).add_argument  # fmt: skip
     option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
@@ -151,18 +150,11 @@ def simulate_cobot_verb(args: argparse.Namespace) -> None:
 def identify_verb(args: argparse.Namespace) -> None:
     from experiments.identify.identification import ByHand
     from experiments.identify.identify import identify, summary_of_fit, with_zero
-    from experiments.identify.two_currents import NOT_SEEN, TwoCurrents, summary_of
 
     by_hand = ByHand(args.omega_0, args.backlash_deg, args.knee)
-    done = with_progress("identifying", identify, args.steps, args.out, args.name, args.figures, by_hand)
-    if isinstance(done, TwoCurrents):
-        summary = summary_of(done)
-        lines = [f"{args.steps}: {done.steps} steps between two currents; no brake file comes of them"]
-        lines += table_of(summary["numbers"], 24)
-        lines += ["intervals are of the scatter of the steps; an error that all share is not in them"]
-        lines += [f"not seen: {names} ({why})" for names, why in NOT_SEEN.items()]
-        return print_result(args, summary, "\n".join(lines))
-    found, brake, figures = done
+    found, brake, figures = with_progress(
+        "identifying", identify, args.steps, args.out, args.name, args.figures, by_hand
+    )
     fit = summary_of_fit(found)
     lines = [f"{args.out or args.steps}: {brake.name}, {fit['steps']} steps, averaged to {fit['averaged_steps']}"]
     lines += table_of(fit["parameters"], 12)

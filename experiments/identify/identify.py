@@ -20,7 +20,6 @@ from core.files import InputError, StrangeInput
 from experiments.identify.fit import A_NAMES, K_NAMES
 from experiments.identify.identification import GIVEN, IDENTIFIED, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
-from experiments.identify.two_currents import TwoCurrents, has_two_currents, identify_two_currents
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -37,10 +36,10 @@ def identify(
     figures: Path | None,
     given: ByHand,
     progress: Progress = no_progress,
-) -> tuple[Identification, BrakeFile, list[Path]] | TwoCurrents:
+) -> tuple[Identification, BrakeFile, list[Path]]:
     """Read the steps, fit, and write the brake file (out) and the figures (a folder), both or neither.
 
-    Returns the fit, the brake and the files of the figures; for steps between two currents alone, what they show.
+    Returns the fit, the brake and the files of the figures.
     InputError, and nothing written, if a file exists already or the steps do not determine a number.
     """
     if out is not None:
@@ -49,13 +48,6 @@ def identify(
             raise InputError(f"{out}: cannot be created (its folder does not exist)")
     steps = read_steps(steps_path)
     progress(0.4)
-    if has_two_currents(steps):
-        if out is not None or figures is not None:
-            raise InputError(
-                f"{steps_path}: steps between two currents alone make no brake file and no figure (Eq. (2) takes four "
-                "currents); without --out and --figures phd identify prints what they show"
-            )
-        return identify_two_currents(steps, steps_path.name)
     found = identify_steps(steps, steps_path.name, given)
     text = brake_text(found, (out or steps_path).stem if name is None else name)
     progress(0.6)

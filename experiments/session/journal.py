@@ -84,9 +84,6 @@ CONTROLLER_ANSWERS = Event(
 RERIGGED = Event("re-rigged", {"configuration": str})
 HOMED = Event("homed", {"tip_m": list[float], "board": str})
 ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": _Count})
-BROUGHT_UP = Event(  # the record of phd bring-up that holds for the board; problem: why none does
-    "bring-up named", dict.fromkeys(("board", "file", "checksum", "signed_by", "signed_at", "problem"), str)
-)
 BRAKES_OFF = Event("brakes off", {"cause": str})
 BRAKES_ALLOWED = Event("brakes allowed", {})
 MOVED = Event("moved", {"from": str})  # the session goes on in this folder

@@ -18,8 +18,7 @@ from typing import NamedTuple
 from core.device import Device
 from core.files import InputError
 from core.tick_log import TICK_S
-from hardware.emulated_board.board import ZERO
-from hardware.emulated_board.builder import MISTAKES, BuilderHand, BuiltDevice, board_with
+from hardware.emulated_board.board import ZERO, Board
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, hello_of
 from hardware.emulated_board.line_faults import POWER, Line, LineFault, read_fault
 from hardware.emulated_board.plug import CONTROL, EMULATED, FOLDER, LOOPBACK, TcpPort, Terminal
@@ -36,7 +35,6 @@ class EmulatorSettings(NamedTuple):
     seed: int = 1  # of noise and faults
     homed: bool = True  # as if its encoders had been homed since power-up
     tcp: int | None = None  # number of the TCP port that a host opens (0: a free one); None: a pseudo-terminal
-    mistake: str = ""  # of `builder.MISTAKES`, with a builder's hand
 
 
 class Emulator:
@@ -51,7 +49,7 @@ class Emulator:
         InputError: the handle cannot be at `tip`; another program has the TCP port.
         """
         self._devices = {device.name: device for device in devices}
-        self._seed, self._homed, self._tcp, self._mistake = settings
+        self._seed, self._homed, self._tcp = settings
         self._wire(devices[0], hand, tip)
         self.faults = faults
         self.to_host, self.to_board = Line(faults, self._seed, 0), Line(faults, self._seed, 1)
@@ -88,11 +86,8 @@ class Emulator:
     def _wire(self, device: Device, hand: EmulatedHand, tip: tuple[float, float]) -> None:
         """Wire a device to a board that was just powered up; tip: of the handle, m."""
         hello = hello_of(device, f"{EMULATED}{self._seed}")
-        self.board, self._home = board_with(hello, self._mistake), self._homed
-        if isinstance(hand, BuilderHand):
-            self.device: EmulatedDevice = BuiltDevice(device, hello, hand, tip, self._mistake)
-        else:
-            self.device = EmulatedDevice(device, hello, hand, tip, self._seed)
+        self.board, self._home = Board(hello), self._homed
+        self.device = EmulatedDevice(device, hello, hand, tip, self._seed)
 
     def rewire(self, name: str) -> None:
         """Emulate a re-rig to another device, with the handle where it was. InputError: it cannot be emulated here."""
@@ -159,8 +154,7 @@ class Emulator:
         self.ticks += 1
 
     def _board_us(self, now: float) -> int:
-        pace = MISTAKES[self._mistake].clock if self._mistake else 1.0
-        return round((now - self._powered_s) * 1e6 * pace)
+        return round((now - self._powered_s) * 1e6)
 
     def _receive(self, now: float) -> None:
         """Give the board what the host sent, by way of the wire and its faults."""

@@ -6,7 +6,6 @@ address; `control` holds the number of the UDP port that takes orders.
 """
 
 import contextlib
-import json
 import os
 import socket
 import tempfile
@@ -22,7 +21,6 @@ PORT = "port"
 CONTROL = "control"
 LOOPBACK = "127.0.0.1"
 PIECE = 4096  # bytes read at once
-ANSWER_S = 0.5  # of an emulated board; one that hears no command for a second ends the connection
 
 
 def emulated_ports() -> dict[str, int]:
@@ -35,18 +33,6 @@ def emulated_ports() -> dict[str, int]:
             if port and _is_taken(orders):
                 found[port] = orders
     return found
-
-
-def give_order(control: int, order: dict[str, Any]) -> dict[str, Any]:
-    """The answer of the emulated board whose orders go to this UDP port. InputError: there is none."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as orders:
-        orders.settimeout(ANSWER_S)
-        orders.connect((LOOPBACK, control))
-        try:
-            orders.send(json.dumps(order).encode())
-            return json.loads(orders.recv(1 << 16))
-        except OSError as error:
-            raise InputError(f"the emulated board does not take orders: {error}") from None
 
 
 def _is_taken(orders: int) -> bool:

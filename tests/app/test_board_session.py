@@ -12,12 +12,7 @@ from simulated_loop import LocalWindow, local_window
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus, Setup
-from experiments.bring_up.bring_up import Result
-from experiments.bring_up.checks import judge_board
-from experiments.bring_up.record import make_record, write_record
-from experiments.bring_up.step import Finding, Step
 from experiments.recording.reader import read_recording
-from experiments.session.journal import BROUGHT_UP, read_journal
 from hardware.emulated_board.device import HeldHand
 from hardware.wire.messages import State
 
@@ -133,18 +128,3 @@ def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_ben
     on_bench.send(m.AllowBrakes())
     on_bench.until(lambda s: not s.brakes_off)
     on_bench.zero()
-
-
-def test_a_session_names_the_record_of_the_bring_up_of_its_board(on_bench: OnBench, tmp_path: Path) -> None:
-    result = Result(Step("board", "Version", judge_board, 1.0), True, Finding(True, "a board"), 1.0)
-    about = {"board": "TEST", "firmware": "1.0.0"}
-    record = make_record([result], DEVICE, about, "A. Builder", "2026-01-01T00:00:00.000+00:00")
-    (file,) = write_record(tmp_path / "data", record, {})
-    on_bench.open()
-    on_bench.zero()
-    on_bench.send(m.Start())
-    on_bench.until(lambda s: s.rows)
-    entries = read_journal(tmp_path / "data" / "sub-01" / "ses-01").entries
-    (named,) = (entry.about for entry in entries if entry.event == BROUGHT_UP)
-    assert named["board"] == "TEST" and named["signed_by"] == "A. Builder" and named["problem"] == ""
-    assert tmp_path / "data" / named["file"] == file

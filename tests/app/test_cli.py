@@ -120,12 +120,6 @@ WRONG_ARGUMENTS = {
         "--input operator: on the bench the force sensor",
     ),
     "no port": (["run", "--link", "serial:/dev/none"], r"serial:/dev/none: there is no such port \(phd devices lists"),
-    "bring-up, simulated": (["bring-up", "--link", "sim", "--by", "A"], "only a real device is brought up"),
-    "bring-up, no port": (["bring-up", "--link", "serial:/dev/none", "--by", "A"], "there is no such port"),
-    "bring-up, device": (
-        ["bring-up", "--link", "serial:/dev/none", "--by", "A", "--device", "nowhere.toml"], r"nowhere\.toml",
-    ),
-    "bring-up, nobody": (["bring-up", "--link", "serial:/dev/none", "--by", " "], "--by: must be the name"),
 }  # fmt: skip
 
 

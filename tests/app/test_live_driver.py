@@ -8,7 +8,7 @@ from own_files import PROTOCOL, own_experiment
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
-from experiments.session.journal import BROUGHT_UP, HOMED, ZEROED, read_journal
+from experiments.session.journal import HOMED, ZEROED, read_journal
 
 TEMPLATE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "own_device.py"
 #: begins at once where the handle is held, and goes on for half a second
@@ -60,4 +60,4 @@ def test_a_session_runs_on_a_driver_with_a_controller_of_ones_own(tmp_path: Path
         recording = window.recording(row.run)
         assert recording.whole and (recording.text("decision") == "damped").sum() > 100
     events = [entry.event for entry in read_journal(data / "sub-01" / "ses-01").entries]
-    assert [event for event in (HOMED, ZEROED, BROUGHT_UP) if event not in events] == []
+    assert [event for event in (HOMED, ZEROED) if event not in events] == []

@@ -37,7 +37,7 @@ from app.window.analyse import analyse_page
 from app.window.home.home_page import BOARD
 from app.window.main_window import SMALLEST
 from app.window.widgets import theme
-from app.window.widgets.page import ANALYSE, DEVICE, HOME, TRY
+from app.window.widgets.page import ANALYSE, HOME, TRY
 from core.faults import cause
 from experiments.protocol_file import Consent
 from experiments.session.overview import DataOverview, SessionOverview
@@ -177,14 +177,6 @@ def ports(screens: Screens) -> None:
     home.ports._show_found((BoardFound("/dev/ttyACM0", "B-7", "four-brake", 1, "1.0.0"), BoardFound("/dev/ttyUSB0")))
 
 
-def bring_up(screens: Screens) -> None:
-    results = ("Limits", "passed", "As in the device file.", ""), ("Brakes", "failed", "B takes no current.", LONG)
-    steps = ("Limits", "Brakes", "Emergency stop", "Supply after the emergency stop", "Brakes at their joints")
-    shown = m.BringUpShown("Emergency stop", "Press the emergency stop, wait, and release it.", True, results, steps)
-    device(ready(3, checks=WELL), status(bring_up=shown))(screens)
-    screens.main.pages[DEVICE].ask_bring_up.click()
-
-
 def consent(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
@@ -201,7 +193,7 @@ STATES: dict[str, Callable[[Screens], None]] = {
     **{f"run, {state}": run(state) for state in RUN_STATES},
     "home": page(HOME, opened(""), before()), "home, red": page(HOME, opened(""), before(checks=RED)),
     **{name: card(name) for name in ("settings", "controllers", "files", "about")},
-    "long names": long_names, "home, sessions": sessions, "home, ports": ports, "device, bring-up": bring_up,
+    "long names": long_names, "home, sessions": sessions, "home, ports": ports,
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "home, in a session": page(HOME, opened(), ready(3)),
     "device": device(ready(3, checks=WELL), status()), "device, no zero": device(ready(3, checks=NOT_ZEROED), status()),

@@ -20,7 +20,6 @@ from experiments.identify.identification import ByHand, identify_steps
 from experiments.identify.identify import brake_text, summary_of_fit
 from experiments.identify.linear import fit_linear, undetermined
 from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
-from experiments.identify.two_currents import identify_two_currents
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
@@ -447,23 +446,6 @@ def test_another_knee_is_found_where_it_is_told(quiet):
     assert found.gain.fit.values == pytest.approx(other.k, rel=1e-4)
     brake = parse_brake(brake_text(found, "it"), "it")
     assert brake.knee_A == 0.4 and "knee_A = 0.4" in brake_text(found, "it") and "given" in brake_text(found, "it")
-
-
-def test_steps_between_two_currents_give_what_they_hold_and_no_more(folder, capsys):
-    """Of 30 benches at least 90 % of the intervals hold the true number."""
-    bench = BENCH._replace(noise_N_m=0.1, ripple_N_m=0.1, duration_s=1.0)
-    true = np.array([BRAKE.torque_gain(0.1) - BRAKE.torque_gain(0.0), BRAKE.rise.a_avg_s, BRAKE.fall.a_avg_s])
-    held = []
-    for seed in range(30):
-        steps = synthetic_steps(BRAKE, seed, bench, (16.0,), ((0.0, 0.1), (0.1, 0.0)), repeats=4)
-        numbers = identify_two_currents(steps, "steps.csv").numbers
-        held += [number.low <= value <= number.high for number, value in zip(numbers, true.tolist(), strict=True)]
-    assert np.mean(held) >= 0.9
-    write_steps(steps, folder / "steps.csv")
-    assert main(["identify", "steps.csv", "--out", "brake.toml"]) == 2
-    assert "Eq. (2) takes four currents" in capsys.readouterr().err and not Path("brake.toml").exists()
-    write_steps([step for step in steps if step.rising], folder / "up.csv")
-    assert main(["identify", "up.csv"]) == 2 and "no step to the lower current" in capsys.readouterr().err
 
 
 def test_without_out_the_numbers_are_printed_and_nothing_is_written(folder, quiet, capsys):

@@ -1,12 +1,12 @@
-"""The template of docs/write-your-own-device.md: with its bus filled in, it is brought up and runs a trial."""
+"""The template of docs/write-your-own-device.md: with its bus filled in, it senses, stops and runs a trial."""
 
+import math
 import pickle
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bring_up_bench import HOME, ScriptedBuilder, TimedHand
 from protocols import PAPER
 from real_bench import PATH, TIP, Late, drawn
 
@@ -14,15 +14,13 @@ from app.emulated_operator import EmulatedOperator
 from core import tick_log
 from core.device import load_device
 from core.device_interface import AnyDevice, DeviceError, RealDevice
+from core.faults import cause
 from core.files import InputError
 from core.path import build_path
-from experiments.bring_up.bring_up import BringUp
-from experiments.bring_up.steps import steps_for
 from experiments.plan import PlannedTrial
 from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions
-from hardware.emulated_board.builder import BuilderHand, BuiltDevice
-from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, hello_of
+from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand, hello_of
 from hardware.own_driver import load_driver
 from hardware.serial_device import device_at
 from hardware.wire.messages import Fault
@@ -35,11 +33,7 @@ class EmulatedBus:
     """A bus in simulated time: a device with a watchdog that is no board of ours."""
 
     def __init__(self, hand: EmulatedHand) -> None:
-        hello = hello_of(DEVICE)
-        built = isinstance(hand, BuilderHand)
-        self.device = (
-            BuiltDevice(DEVICE, hello, hand, TIP, "") if built else EmulatedDevice(DEVICE, hello, hand, TIP, 1)
-        )
+        self.device = EmulatedDevice(DEVICE, hello_of(DEVICE), hand, TIP, 1)
         self.ticks = self.heard = 0
         self.fault, self.currents = Fault.NONE, (0, 0, 0, 0)
 
@@ -77,21 +71,32 @@ def test_the_template_has_every_method_of_a_real_device_and_is_short() -> None:
         device.bus.exchange([0] * 4)
 
 
-def test_the_template_is_brought_up() -> None:
-    hand = TimedHand(TIP)
-    device, bus = own_device(hand)
-    reset = device.reset
+def test_the_template_senses_where_the_handle_is_and_takes_the_zero() -> None:
+    device, bus = own_device(HeldHand(TIP))
+    device.exchange((0.0,) * 4)
+    device.home(TIP)
+    assert not device.zeroed
+    device.zero()
+    sample = device.exchange((0.0,) * 4)
+    assert device.zeroed and sample.homed and sample.closed and sample.tip == pytest.approx(TIP, abs=1e-4)
+    assert math.hypot(*sample.hand_force) < 0.1 and len(device.samples()) > 500
 
-    def forget() -> None:
-        bus.fault = Fault.NONE
-        reset()
 
-    device.reset = forget
-    runner = BringUp(device, ScriptedBuilder(hand), lambda seconds: [bus.tick() for _ in range(round(1e3 * seconds))])
-    for _ in runner.run(steps_for(DEVICE, device.encoders, True, HOME, latency_s=1.0)):
-        pass
-    assert [result.finding for result in runner.results if not result.finding.passed] == []
-    assert not any(bus.currents)
+def test_a_stop_and_a_host_that_falls_silent_take_the_currents_off_the_template() -> None:
+    device, bus = own_device(HeldHand(TIP))
+    wanted = (0.1, 0.2, 0.3, 5.0)
+    device.exchange(wanted)
+    most = [round(1e3 * current) for current in DEVICE.brakes.current_max]
+    assert bus.currents == (100, 200, 300, most[3])
+    device.stop()
+    assert device.exchange(wanted).fault == cause("host-request") and not any(bus.currents)
+    device.reset()
+    device.exchange(wanted)
+    assert any(bus.currents)
+    for _ in range(50):
+        bus.tick()
+    assert bus.fault is Fault.WATCHDOG and not any(bus.currents)
+    assert device.exchange(wanted).fault and not any(bus.currents)
 
 
 def test_the_template_runs_a_trial_of_the_paper() -> None:

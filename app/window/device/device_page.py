@@ -4,12 +4,11 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QShowEvent
+from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QGridLayout
 
 from app.ipc import messages as m
 from app.window.device import figures
-from app.window.device.bring_up_panel import BringUpPanel
 from app.window.device.device_view import DeviceView
 from app.window.device.figures import ENCODERS, FORCE, READY_BOARD
 from app.window.widgets import theme
@@ -26,7 +25,6 @@ from app.window.widgets.parts import (
     panel,
     row,
     scrolled,
-    stack,
     text_label,
     wrapped_label,
 )
@@ -48,8 +46,7 @@ STEPS = {
     FORCE: ("Take the zero …", m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
 }
 LINES_PX = (660, 400)  # the rows at most
-NEW_BENCH = "New bench"
-CHECKED = "Check it step by step once it is wired."
+VIEW_PX = 120  # the height of the picture at least: in a small window the figures scroll
 
 
 class DevicePage(Page):
@@ -65,21 +62,17 @@ class DevicePage(Page):
         self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.view = DeviceView()
-        self.rows = {name: (text_label(), wrapped_label()) for name in (*figures.READINESS, NEW_BENCH)}  # mark, words
+        self.rows = {name: (text_label(), wrapped_label()) for name in figures.READINESS}  # mark, words
         named = (name for names, _ in figures.GROUPS.values() for name in names)
         self.values = {name: wrapped_label(figures.NOTHING) for name in named}
-        self.bring_up = BringUpPanel(send)
         self.steps = {name: button(text, partial(self._ask, name)) for name, (text, _, _) in STEPS.items()}
-        self.ask_bring_up = button("Bring up …", lambda: self._show_bring_up(True))
-        self.bring_up.closed.connect(lambda: self._show_bring_up(False))
         self._lay_out()
         self._refresh()
 
     def _lay_out(self) -> None:
         lines = grid(10, 4, stretched=2)
-        buttons = {**self.steps, NEW_BENCH: self.ask_bring_up}
         for down, (name, (mark, words)) in enumerate(self.rows.items()):
-            pressed = buttons.get(name)
+            pressed = self.steps.get(name)
             lines.addWidget(mark, down, 0)
             lines.addWidget(text_label(name, bold=True), down, 1)
             lines.addWidget(words, down, 2, 1, 1 if pressed else 2)
@@ -90,17 +83,17 @@ class DevicePage(Page):
         state = Panel()
         state.setLayout(column(self.title, (scrolled(self._lines), 1), self.why, spacing=8, margins=PANEL_MARGINS))
         self.follow_text()
-        self._left = stack(state, self.bring_up)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
         panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
-        self._figures = holder(row(*panels, spacing=theme.GAP))
-        top = row((self._left, 5), (seen, 4), spacing=theme.GAP)
+        top = row((state, 5), (seen, 4), spacing=theme.GAP)
+        self._figures = scrolled(holder(row(*panels, spacing=theme.GAP)))
         self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1)))
 
     def follow_text(self) -> None:
         """In a large window the rows and their buttons stay together."""
         self._lines.setMaximumSize(theme.text_px(LINES_PX[0]), theme.text_px(LINES_PX[1]))
+        self.view.setMinimumHeight(theme.text_px(VIEW_PX))
 
     def _grid_of(self, names: tuple[str, ...]) -> QGridLayout:
         lines = grid(8, 4, stretched=1)
@@ -141,10 +134,13 @@ class DevicePage(Page):
         super().showEvent(event)
         self._refresh()
 
-    def _show_bring_up(self, shown: bool) -> None:
-        """The steps of the bring-up in place of the rows and figures."""
-        self._left.setCurrentIndex(int(shown))
-        self._refresh()
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit_figures()
+
+    def _fit_figures(self) -> None:
+        """The figures take no more room than their lines need."""
+        self._figures.setMaximumHeight(self._figures.widget().heightForWidth(self.width()))
 
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
@@ -152,16 +148,15 @@ class DevicePage(Page):
         self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
         self.no_figures.setVisible(not on_bench)
         self.bench.setVisible(on_bench)
-        self._figures.setVisible(self._left.currentWidget() is not self.bring_up)
         if opened is None or not on_bench or not self.isVisible():
             return
         values = figures.figures_of(status, opened.protocol) if status else {}
         for name, label in self.values.items():
             label.setText(breakable(values.get(name) or figures.NOTHING))
+        self._fit_figures()
         why = why_no_step(opened, snapshot)
         self.why.setText(why)
         free = not why and not snapshot.step  # one step at a time
-        self.bring_up.show_status(status, free and status is not None and not status.problem)
         self._show_rows(figures.readiness(snapshot, status, self._rates), free)
         runs = snapshot.stage == m.RUNNING
         self.view.show_device(status if figures.is_reached(status) else None, opened.protocol, runs)
@@ -179,9 +174,8 @@ class DevicePage(Page):
             pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
             pressed.setEnabled(can[name])
             theme.set_style(pressed, "main" if name == due else "")
-        self.ask_bring_up.setEnabled(self.bring_up.can_open)
         for name, (mark, words) in self.rows.items():
-            check = found.get(name, m.Check(name, m.WAITING, CHECKED))
+            check = found[name]
             shape, look = MARKS[check.state]
             mark.setText(shape)
             theme.set_style(mark, look)
